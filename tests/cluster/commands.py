@@ -4,21 +4,35 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import sys
+from asyncio.subprocess import DEVNULL, PIPE
+from pathlib import Path
 from typing import Any
 
 from tests.cluster.network_under_test import NetworkUnderTest
 
-COMMAND_TIMEOUT_S = 60
+COMMAND_TIMEOUT_S = 120
+
+
+async def run(*arguments: object, home: Path | None = None) -> tuple[int, dict[str, Any]]:
+    """Run a command that prints JSON; return its exit code and its answer. In a home is a passphrase for its wallets."""
+    own = {"BLOCKROBOT_HOME": str(home), "BLOCKROBOT_PASSPHRASE_FILE": str(home / "passphrase")} if home else {}
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "network.cli.main", *map(str, arguments)),
+        env=os.environ | own,
+        stdin=DEVNULL,
+        stdout=PIPE,
+        stderr=PIPE,
+    )
+    output, said = await asyncio.wait_for(process.communicate(), COMMAND_TIMEOUT_S)
+    assert output, said.decode()
+    return process.returncode or 0, json.loads(output)
 
 
 async def blockrobot(network: NetworkUnderTest, *arguments: str) -> tuple[int, dict[str, Any]]:
-    """Run a command with --json; return its exit code and its answer."""
-    command = [sys.executable, "-m", "network.cli.main", *arguments, "--dir", str(network.folder), "--json"]
-    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
-    output, _ = await asyncio.wait_for(process.communicate(), COMMAND_TIMEOUT_S)
-    answer: dict[str, Any] = json.loads(output)
-    return process.returncode or 0, answer
+    """Run a command on the network with --json; return its exit code and its answer."""
+    return await run(*arguments, "--dir", network.folder, "--json")
 
 
 async def must(network: NetworkUnderTest, *arguments: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pytest_asyncio
 
 from network.bench.custody.custody_clips import ClipRobot
 from network.bench.fresh_network import FreshNetwork
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.cluster.story import Story
 from tests.json_answers import answers_of_processes, noted_differences
 from tests.offchain import secantus
@@ -20,23 +20,15 @@ from tests.offchain import secantus
 @pytest.fixture
 async def network(tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
     """Four running nodes of two organisations."""
-    network = NetworkUnderTest(tmp_path / "network", nodes=4)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(tmp_path / "network", nodes=4)) as network:
         yield network
-    finally:
-        await network.close()
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def shared_network(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[NetworkUnderTest]:
     """Four running nodes for all tests of a module, none of which breaks them."""
-    network = NetworkUnderTest(tmp_path_factory.mktemp("shared") / "network", nodes=4)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(tmp_path_factory.mktemp("shared") / "network", nodes=4)) as network:
         yield network
-    finally:
-        await network.close()
 
 
 @pytest.fixture

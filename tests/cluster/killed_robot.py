@@ -43,8 +43,8 @@ from consensus.primitives.encoding import decode
 from consensus.records.clips import check_clip_download
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.robot_to_kill import NO_STEP
-from tests.unit.clients.wallet.conftest import CHEAP
 from tests.walking_alone import UID, walking_alone
+from tests.world.dicts import CHEAP
 
 ROOT = Path(__file__).resolve().parents[2]
 LIFE_TIMEOUT_S = 120.0

@@ -8,9 +8,10 @@ import secrets
 import socket
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import aiohttp
 import msgspec
@@ -79,6 +80,27 @@ def require_documented(status: dict[str, Any]) -> None:
     """Hold what a node says of itself against what `blockrobot status --json` tells programs."""
     told = {"name": "", "running": True, **status}
     assert msgspec.to_builtins(msgspec.convert(told, NodeStatus)) == told
+
+
+class Runs(Protocol):
+    """A network, or what stands around one."""
+
+    async def start(self) -> None: ...
+
+    async def close(self) -> None: ...
+
+
+T = TypeVar("T", bound=Runs)
+
+
+@asynccontextmanager
+async def running(made: T) -> AsyncIterator[T]:
+    """While inside, it runs."""
+    try:
+        await made.start()
+        yield made
+    finally:
+        await made.close()
 
 
 class NetworkUnderTest:

@@ -14,7 +14,7 @@ import pytest
 from network.cli.main import main as command_line
 from node.consensus.journal import Journal
 from node.snapshot.form import SnapshotFolder, read_manifest
-from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
+from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest, running
 
 BLOCKS_COUNT = 600
 KEPT_COUNT = 256
@@ -74,9 +74,7 @@ def log_of(network: NetworkUnderTest, name: str) -> list[dict[str, Any]]:
 
 
 async def test_a_new_node_takes_blocks_where_there_are_some_and_a_snapshot_where_there_are_none(tmp_path: Path) -> None:
-    network = NetworkUnderTest(tmp_path / "network", nodes=4)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(tmp_path / "network", nodes=4)) as network:
         await make_blocks(network, BLOCKS_COUNT)
         for name in ("node-1", "node-2"):
             await run_command(network, "prune", name, "--keep", str(KEPT_COUNT))
@@ -103,8 +101,6 @@ async def test_a_new_node_takes_blocks_where_there_are_some_and_a_snapshot_where
         await network.finalize("node-4", network.transaction())
         await wait_caught_up(network, "node-4", FINAL_TIMEOUT_S)
         await assert_same(network, "node-2", "node-3", "node-4")
-    finally:
-        await network.close()
 
 
 async def test_a_custodian_is_restored_from_a_snapshot_of_another_node_that_runs(
@@ -170,9 +166,7 @@ async def test_a_snapshot_that_was_damaged_or_is_of_another_network_is_refused_b
 @pytest.mark.long
 @pytest.mark.timeout(1_800)
 async def test_a_node_that_missed_ten_thousand_blocks_catches_up_while_the_chain_goes_on(tmp_path: Path) -> None:
-    network = NetworkUnderTest(tmp_path / "network", nodes=4)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(tmp_path / "network", nodes=4)) as network:
         await make_blocks(network, 20)
         network.cluster.stop("node-4")
         old = tmp_path / "ledger.old"
@@ -193,5 +187,3 @@ async def test_a_node_that_missed_ten_thousand_blocks_catches_up_while_the_chain
             await asyncio.gather(loading, return_exceptions=True)
             await wait_caught_up(network, "node-4", 60)
             await assert_same(network, "node-4")
-    finally:
-        await network.close()

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from contracts.lifecycle.registry import read_source
+from tests.cluster.commands import blockrobot, must
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 from tests.cluster.test_catching_up import assert_same, make_blocks, run_command, wait_caught_up
-from tests.cluster.test_governance import blockrobot, must
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2
 
 DELAY_BLOCKS = 40

@@ -8,9 +8,9 @@ import signal
 import time
 from pathlib import Path
 
+from tests.cluster.commands import must
 from tests.cluster.story import Story
 from tests.cluster.test_contract_lifecycle import decide, write_source
-from tests.cluster.test_governance import must
 
 WEAK_MIB = 6
 """Less than the modelled budget of a call (8 MiB), so that a call within the rules uses it up."""

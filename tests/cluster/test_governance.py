@@ -3,32 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
 import time
 from typing import Any
 
 from consensus.chain.messages import VOTE_TAG, vote_parts
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from tests.cluster.commands import COMMAND_TIMEOUT_S, blockrobot, must
 from tests.cluster.network_under_test import NetworkUnderTest
-
-COMMAND_TIMEOUT_S = 60
-
-
-async def blockrobot(network: NetworkUnderTest, *arguments: str) -> tuple[int, dict[str, Any]]:
-    """Run a command as a user would, with --json; return its exit code and its answer."""
-    command = [sys.executable, "-m", "network.cli.main", *arguments, "--dir", str(network.folder), "--json"]
-    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
-    output, _ = await asyncio.wait_for(process.communicate(), COMMAND_TIMEOUT_S)
-    answer: dict[str, Any] = json.loads(output)
-    return process.returncode or 0, answer
-
-
-async def must(network: NetworkUnderTest, *arguments: str) -> dict[str, Any]:
-    code, answer = await blockrobot(network, *arguments)
-    assert (code, answer["ok"]) == (0, True), answer
-    return answer
 
 
 async def _agreement(network: NetworkUnderTest) -> set[str]:

@@ -12,19 +12,15 @@ from urllib.parse import urlsplit
 import pytest
 from pymongo import MongoClient
 
-from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
+from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest, running
 
 
 @pytest.fixture
 async def mongo_network(mongo_uri: str, tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
     """Four running nodes, two of them custodians on the server."""
     own_name = f"test-{secrets.token_hex(4)}"  # a server given by MONGO_URI may hold other networks' databases
-    network = NetworkUnderTest(tmp_path / "network", nodes=4, store=mongo_uri, network=own_name)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(tmp_path / "network", nodes=4, store=mongo_uri, network=own_name)) as network:
         yield network
-    finally:
-        await network.close()
         with MongoClient(mongo_uri) as client:
             for name in _databases(network).values():
                 client.drop_database(name)

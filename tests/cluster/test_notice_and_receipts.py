@@ -15,9 +15,9 @@ from clients.registrar.desk import Desk
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import draw_words
 from network.notices.demo_notice import demo_notice, demo_notice_text
-from tests.cluster.commands import must
+from tests.cluster.commands import must, run
 from tests.cluster.network_under_test import NetworkUnderTest
-from tests.unit.clients.wallet.conftest import CHEAP
+from tests.world.dicts import CHEAP
 
 UID = "E200001D8914AB12"
 TIMEOUT_S = 60
@@ -77,12 +77,8 @@ async def test_she_is_told_consents_has_receipts_and_is_told_again_when_it_chang
     withdrawn = await ann.ask("consent", "withdraw")
     quiet = await ann.ask("records")
     listed = await ann.ask("consent", "receipts", "--out", str(tmp_path / "receipts.json"))
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "network.cli.main", "verify", str(tmp_path / "receipts.json")),
-        *("--genesis", genesis.block_id.hex(), "--json"),
-        stdout=asyncio.subprocess.PIPE,
-    )
-    checked = json.loads((await process.communicate())[0])
+    receipts = str(tmp_path / "receipts.json")
+    _, checked = await run("verify", receipts, "--genesis", genesis.block_id.hex(), "--json")
     register = await must(network, "notice", "activities", "--as", "hospital")
 
     assert [(each["version"], each["is_new"]) for each in (first, second)] == [(1, True), (2, True)]

@@ -17,7 +17,7 @@ import pytest
 
 from network.faults.actions import Kill, Restart
 from tests.cluster.commands import must
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.cluster.story import Story
 
 RETURN_TIMEOUT_S = 60.0
@@ -25,12 +25,8 @@ RETURN_TIMEOUT_S = 60.0
 
 @pytest.fixture
 async def network(tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
-    under_test = NetworkUnderTest(tmp_path / "network", nodes=4)
-    try:
-        await under_test.start()
+    async with running(NetworkUnderTest(tmp_path / "network", nodes=4)) as under_test:
         yield under_test
-    finally:
-        await under_test.close()
 
 
 async def _work(network: NetworkUnderTest, name: str, count: int) -> None:

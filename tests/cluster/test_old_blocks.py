@@ -25,11 +25,11 @@ from network.faults.actions import FillDisk, Skew
 from node.config import KEEP_BLOCKS_COUNT, KEEP_BLOCKS_MIN_COUNT
 from node.ledger.pruning import PRUNE_SLACK_COUNT
 from node.ledger.retention import BLOCKS_KEPT_MS
+from tests.cluster.commands import run
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 from tests.cluster.story import Client, Story
 from tests.cluster.test_catching_up import assert_same, forget_chain, log_of, make_blocks, wait_caught_up
-from tests.cluster.test_taking_data_along import run
-from tests.unit.clients.wallet.conftest import CHEAP
+from tests.world.dicts import CHEAP
 
 YEAR_MS = BLOCKS_KEPT_MS + 24 * 3600 * 1000
 PRUNED_TIMEOUT_S = 90.0

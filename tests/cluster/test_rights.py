@@ -17,7 +17,7 @@ from clients.officer.breaches import Breaches
 from clients.registrar.desk import Desk
 from clients.robot.identity.robot_enrolment import register_robot
 from clients.robot.identity.robot_keys import create_identity
-from clients.robot.run.run_summary import FrameCounts
+from clients.robot.run.run_summary import FrameCounts, RunSummary
 from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import parse_scenario
@@ -33,8 +33,8 @@ from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.rights.right_codes import commit_correction
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
-from tests.unit.clients.wallet.conftest import CHEAP
 from tests.walking_alone import UID, walking_alone
+from tests.world.dicts import CHEAP
 
 SCENE = walking_alone("pace", 3.0, [(0.0, -0.5, 2.5), (3.0, 0.5, 2.0)], [0.1, 0.5, 0.9, 1.3, 1.7, 2.1, 2.5])
 
@@ -71,27 +71,32 @@ class Ward:
         for name in up:
             await self.network.wait_height(name, newest)
 
-    async def prepare_robot(self) -> None:
+    async def prepare_robot(self, scene: str = SCENE) -> None:
         self.bag = await asyncio.to_thread(
-            make_bag, parse_scenario(SCENE), {"ann": UID}, self.folder / "bags", workers=1
+            make_bag, parse_scenario(scene), {"ann": UID}, self.folder / "bags", workers=1
         )
         self.robot = self.folder / "robot"
-        identity = create_identity(self.robot)
-        await register_robot(self.robot, identity, self.desk.issue("0BADF00D", "robot"), self.genesis)
+        identity, code = create_identity(self.robot), self.desk.issue("0BADF00D", "robot")
+        first, again = [await register_robot(self.robot, identity, code, self.genesis) for _ in "12"]
+        assert (len(first.txid), again.txid, again.member) == (32, b"", first.member), "twice is harmless"
         sealed, _ = await self.desk.make_roster(identity.identity.public_key)
         (self.robot / "roster.sealed").write_bytes(sealed)
 
-    async def record(self) -> FrameCounts:
+    async def replay(self, progress: Any = nobody, *, real_time: bool = False) -> RunSummary:
+        """Let the robot see the scene once."""
         options = ReplayOptions(
             roster=self.robot / "roster.sealed",
             purpose="demo",
             clip_ms=500,
             events=self.folder / "events.jsonl",
-            at_once=True,
-            real_time=False,
+            at_once=not real_time,
+            real_time=real_time,
             approver=self.network.approver,
         )
-        summary = await replay_recording(self.robot, BagSource(self.bag), self.genesis, options, nobody)
+        return await replay_recording(self.robot, BagSource(self.bag), self.genesis, options, progress)
+
+    async def record(self) -> FrameCounts:
+        summary = await self.replay()
         await self.told_everywhere()
         return summary.frames
 

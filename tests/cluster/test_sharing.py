@@ -20,7 +20,7 @@ from clients.wallet.recovery.key_rotation import Rotating
 from clients.wallet.sharing.incoming_shares import IncomingShares, Receipt
 from clients.wallet.sharing.outgoing_shares import Share, Shared, Sharing, place_end
 from consensus.errors import BlockRobotError
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.cluster.test_rights import Ward
 from tests.walking_alone import UID
 
@@ -31,12 +31,8 @@ DAY_MS = 24 * 3600 * 1000
 @pytest.fixture
 async def three_custodians(tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
     """Four running nodes, three of them custodians of three organisations."""
-    network = NetworkUnderTest(tmp_path / "network", nodes=4, organisations=3)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(tmp_path / "network", nodes=4, organisations=3)) as network:
         yield network
-    finally:
-        await network.close()
 
 
 class Sides:

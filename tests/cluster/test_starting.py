@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from network.provisioning.network_layout import create_network
-from tests.cluster.network_under_test import NetworkUnderTest, find_base_port
+from tests.cluster.network_under_test import NetworkUnderTest, find_base_port, running
 
 
 async def _run_node(data_dir: Path) -> tuple[int, str]:
@@ -86,9 +86,5 @@ async def test_a_directory_without_a_node_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.smoke
 async def test_a_node_alone_is_a_network(tmp_path: Path) -> None:
-    network = NetworkUnderTest(tmp_path / "network", nodes=1)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(tmp_path / "network", nodes=1)) as network:
         assert (await network.finalize("node-1", network.transaction()))["status"] == "finalized"
-    finally:
-        await network.close()

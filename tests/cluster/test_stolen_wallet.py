@@ -25,11 +25,11 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.sharing import GRANT_STEP_MS
 from consensus.state.access import GRANT
+from tests.cluster.commands import run
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward, settle
-from tests.cluster.test_taking_data_along import run
-from tests.unit.clients.wallet.conftest import CHEAP
 from tests.walking_alone import UID
+from tests.world.dicts import CHEAP
 
 
 def quiet(_: int, __: int, ___: float) -> None:

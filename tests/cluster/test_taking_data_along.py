@@ -4,79 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import sys
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from clients.registrar.desk import Desk
-from clients.robot.identity.robot_enrolment import register_robot
-from clients.robot.identity.robot_keys import create_identity
-from clients.robot.run.runner import ReplayOptions, replay_recording
-from clients.robot.sources.recordings.bag_source import BagSource
-from clients.robot.synthetic.scenario import parse_scenario
-from clients.robot.synthetic.scenario_bag import make_bag
 from clients.sdk.pictures.rendition_picture import decode_colour_png, decode_depth_png
 from clients.wallet.consent.consent_choices import Consenting
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.records.erasure import Erasing
-from clients.wallet.store.keystore import Keystore
-from clients.wallet.store.member_keys import draw_words
+from tests.cluster.commands import run
 from tests.cluster.network_under_test import NetworkUnderTest
-from tests.unit.clients.wallet.conftest import CHEAP
-from tests.walking_alone import UID, walking_alone
-
-SECONDS = 5.0
-SCENARIO = walking_alone(
-    "short",
-    SECONDS,
-    [(0.0, -0.5, 2.5), (SECONDS, 0.5, 2.0)],
-    [round(0.1 + 0.4 * number, 1) for number in range(12)],
-)
-
-
-async def run(*arguments: object, home: Path) -> tuple[int, dict[str, Any]]:
-    """Run a command in a process of its own and return its exit code and what it printed as JSON."""
-    environment = {**os.environ, "BLOCKROBOT_HOME": str(home), "BLOCKROBOT_PASSPHRASE_FILE": str(home / "passphrase")}
-    child = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-m",
-        "network.cli.main",
-        *map(str, arguments),
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        env=environment,
-    )
-    output, errors = await child.communicate()
-    assert output, errors.decode()
-    return child.returncode or 0, json.loads(output)
-
-
-async def _record(network: NetworkUnderTest, wallet: Wallet, folder: Path) -> None:
-    genesis = network.genesis
-    bag = await asyncio.to_thread(make_bag, parse_scenario(SCENARIO), {"ann": UID}, folder / "bags", workers=1)
-    desk = Desk(network.folder / "organisations" / genesis.organisations[0].name, genesis)
-    await wallet.register(desk.issue(UID, "subject"), ["demo"])
-    robot = folder / "robot"
-    identity = create_identity(robot)
-    await register_robot(robot, identity, desk.issue("0BADF00D", "robot"), genesis)
-    sealed, _ = await desk.make_roster(identity.identity.public_key)
-    (robot / "roster.sealed").write_bytes(sealed)
-    options = ReplayOptions(
-        roster=robot / "roster.sealed",
-        purpose="demo",
-        clip_ms=500,
-        events=robot / "events.jsonl",
-        at_once=False,
-        real_time=True,
-        approver=network.approver,
-    )
-    summary = await replay_recording(robot, BagSource(bag), genesis, options, lambda figures, *, last=False: None)
-    assert summary.frames.kept > 0
+from tests.cluster.test_rights import Ward
+from tests.walking_alone import UID
 
 
 async def _erase_one(wallet: Wallet) -> str:
@@ -108,9 +48,11 @@ async def test_a_bundle_outlives_the_network_it_is_from(network: NetworkUnderTes
     (home / "wallets").mkdir(parents=True)
     (home / "passphrase").write_text("tea\n")
     genesis_file.write_bytes((network.folder / "genesis.json").read_bytes())
-    store = Keystore.create(home / "wallets" / "default.wallet", draw_words(), "tea", CHEAP)
-    async with Wallet(store, network.genesis) as wallet:
-        await _record(network, wallet, tmp_path)
+    ward = Ward(network, home / "wallets")
+    async with ward.wallet("default") as wallet:
+        await wallet.register(ward.desk.issue(UID, "subject"), ["demo"])
+        await ward.prepare_robot()
+        assert (await ward.record()).kept > 0
         await Consenting(wallet).give(["care"], ["rgb"])
         await Consenting(wallet).withdraw(["care"], ["rgb"])
         erased = await _erase_one(wallet)

@@ -20,8 +20,8 @@ from tests.fuzz.target import FlipBytes, Target, refusing
 from tests.fuzz.trees import change_json
 from tests.unit.clients.bundle.conftest import make_story
 from tests.unit.clients.bundle.repacking import Files, list_anew, pack, sign_anew
-from tests.unit.clients.bundle.ward import Ward
 from tests.unit.node.small_nodes import make_genesis
+from tests.world.ward import Ward
 
 
 def open_bundle() -> Target:

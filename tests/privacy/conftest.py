@@ -1,4 +1,4 @@
-"""What the articles on taking data along share: somebody who was recorded, and the bundle that her wallet made."""
+"""What the articles share: a hospital with a person who was recorded, and the bundle that her wallet makes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,36 @@ from pathlib import Path
 
 import pytest
 
+from consensus.primitives.keys import PrivateKey
+from network.notices.demo_notice import demo_notice
 from tests.unit.clients.bundle.conftest import make
-from tests.unit.clients.bundle.ward import Ward
+from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
+from tests.world.notices import NoticeWard
+from tests.world.ward import Ward
+
+
+@pytest.fixture
+def hospital() -> Hospital:
+    return Hospital()
+
+
+@pytest.fixture
+def anna(hospital: Hospital) -> Person:
+    return hospital.enrol("anna")
+
+
+@pytest.fixture
+def visit(hospital: Hospital, anna: Person) -> Visit:
+    """A visit of hers with two records."""
+    visit = hospital.open_visit(anna)
+    for _ in range(2):
+        hospital.record(visit)
+    return visit
+
+
+@pytest.fixture
+def officer(hospital: Hospital) -> PrivateKey:
+    return hospital.enrol("officer", "officer").identity
 
 
 @pytest.fixture
@@ -29,3 +57,11 @@ async def ward(tmp_path: Path) -> Ward:
 @pytest.fixture
 def bundle(ward: Ward, tmp_path: Path) -> zipfile.ZipFile:
     return zipfile.ZipFile(tmp_path / "mine.zip")
+
+
+@pytest.fixture
+def published(tmp_path: Path) -> NoticeWard:
+    """A ward with a notice in force."""
+    ward = NoticeWard(tmp_path)
+    ward.publish(demo_notice())
+    return ward

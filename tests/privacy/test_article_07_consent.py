@@ -6,7 +6,6 @@ way; (4) it does not undo what was lawful before; (5) silence, and being registe
 
 from __future__ import annotations
 
-import pytest
 from click.testing import CliRunner
 
 from clients.wallet.commands.consent_commands import consent
@@ -17,16 +16,6 @@ from contracts.lifecycle.changes import GOVERNING
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
 
 EVERYTHING = (sorted(PURPOSES), sorted(SENSORS))
-
-
-@pytest.fixture
-def hospital() -> Hospital:
-    return Hospital()
-
-
-@pytest.fixture
-def anna(hospital: Hospital) -> Person:
-    return hospital.enrol("anna")
 
 
 def _gas(hospital: Hospital, person: Person, entry: str, *arguments: object) -> int:
@@ -65,16 +54,6 @@ def test_2_it_takes_no_more_than_giving_did(hospital: Hospital, anna: Person) ->
     parameters = {name: len(consent.commands[name].params) for name in ("give", "withdraw")}
     assert parameters["withdraw"] < parameters["give"]
     assert "consent withdraw" in CliRunner().invoke(consent, ["--help"]).output
-
-
-def test_2_nobody_must_know_what_stands_there_to_say_no(hospital: Hospital, anna: Person) -> None:
-    """Taking back what is not given, or not yet final, is no mistake; and a giving that comes late does not count."""
-    late = hospital.sign(anna.identity, "consent", "give", anna.handle, ["research"], ["rgb"], 0, 0, 0, hospital.height)
-    for _ in range(3):
-        _gas(hospital, anna, "withdraw", [], [])
-    assert hospital.block([late])[0].code == "WORD_OLDER"
-    hospital.block([])
-    assert _allowed(hospital, anna) == []
 
 
 def test_3_nobody_stands_in_the_way(hospital: Hospital, anna: Person) -> None:

@@ -24,18 +24,6 @@ RIGHTS = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def hospital() -> Hospital:
-    return Hospital()
-
-
-@pytest.fixture
-def visit(hospital: Hospital) -> Visit:
-    visit = hospital.open_visit(hospital.enrol("anna"))
-    hospital.record(visit)
-    return visit
-
-
 def test_1_every_code_that_a_person_meets_has_a_sentence() -> None:
     lists = (
         PURPOSES,

@@ -5,46 +5,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import msgspec
-import pytest
-
 from clients.wallet.consent.notice_reading import Notices
-from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.store.keystore import Keystore
-from clients.wallet.store.member_keys import draw_words
-from consensus.errors import BlockRobotError
 from consensus.members.vouchers import encode_card_code
-from consensus.rights.notices import SOURCES, encode_notice
+from consensus.rights.notices import SOURCES
 from network.notices.demo_notice import demo_notice
-from tests.unit.clients.bundle.receipting import NoticeWard
-from tests.unit.clients.wallet.conftest import CHEAP
+from tests.world.notices import NoticeWard
 
 
-@pytest.fixture
-def ward(tmp_path: Path) -> NoticeWard:
-    ward = NoticeWard(tmp_path)
-    ward.publish(demo_notice())
-    return ward
-
-
-async def test_14_1_d_and_2_f_each_category_names_its_source(ward: NoticeWard) -> None:
-    text = "\n".join((await Notices(ward.wallet).current()).lines())
+async def test_14_1_d_and_2_f_each_category_names_its_source(published: NoticeWard) -> None:
+    text = "\n".join((await Notices(published.wallet).current()).lines())
     for category in demo_notice().categories:
         assert f"Data: {category.what} From: {category.origin}" in text
     assert {category.source for category in demo_notice().categories} == set(SOURCES)
 
 
-def test_14_2_f_a_notice_that_is_silent_on_the_registrar_is_never_published() -> None:
-    own = [each for each in demo_notice().categories if each.source != "registrar"]
-    with pytest.raises(BlockRobotError, match=r"Art\. 14"):
-        encode_notice(msgspec.structs.replace(demo_notice(), categories=own))
-
-
-async def test_14_what_the_registrar_gives_is_what_the_notice_says(ward: NoticeWard) -> None:
+async def test_14_what_the_registrar_gives_is_what_the_notice_says(published: NoticeWard) -> None:
     """The chain holds of who registers what came from the card, and nothing that the notice does not name."""
-    row = ward.chain.value("identity", b"member/" + ward.wallet.keys.identity.public_key)
+    row = published.chain.value("identity", b"member/" + published.wallet.keys.identity.public_key)
     said = {"handle", "role", "org", "since", "status"}
     keys = {"spend", "view", "sealing"}
     assert set(row) == said | keys
@@ -54,12 +31,11 @@ async def test_14_what_the_registrar_gives_is_what_the_notice_says(ward: NoticeW
         assert named in words
 
 
-async def test_14_3_it_is_there_at_the_first_contact_without_any_account(ward: NoticeWard, tmp_path: Path) -> None:
+async def test_14_3_it_is_there_at_the_first_contact_without_any_account(published: NoticeWard) -> None:
     """A card was issued, nothing more: its holder reads what its issuer knows of her, in nobody's session."""
-    holder = Wallet(Keystore.create(tmp_path / "holder.wallet", draw_words(), "tea", CHEAP), ward.genesis)
-    holder.network = ward.network  # type: ignore[assignment]
-    asked = len(ward.network.asked)
-    told = await Notices(holder).for_card(encode_card_code(ward.chain.card("holder")))
+    holder = published.open_wallet("holder")
+    asked = len(published.network.asked)
+    told = await Notices(holder).for_card(encode_card_code(published.chain.card("holder")))
     assert told.organisation == "ward"
     assert any("registration desk" in line for line in told.lines())
-    assert len(ward.network.asked) == asked, "no question was asked in anybody's name"
+    assert len(published.network.asked) == asked, "no question was asked in anybody's name"

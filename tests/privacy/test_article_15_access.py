@@ -10,7 +10,7 @@ import json
 import zipfile
 from typing import Any
 
-from tests.unit.clients.bundle.ward import Ward
+from tests.world.ward import Ward
 
 
 def told(bundle: zipfile.ZipFile, name: str) -> Any:

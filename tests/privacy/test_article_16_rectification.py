@@ -2,30 +2,16 @@
 
 (1) a person says what is wrong, without anybody's leave; (2) it stands beside the record for as long as that is known;
 (3) nothing that was recorded is changed by it; (4) nobody learns from the chain what she said; (5) whom she hands it to
-can check that it was she who said it, and when; (6) the last word is linked to those before.
+can check that it was she who said it, and when. That the last word is linked to those before:
+`unit/contracts/privacy/test_rights.py`.
 """
 
 from __future__ import annotations
 
 import secrets
 
-import pytest
-
 from consensus.rights.right_codes import CORRECTION_SALT_BYTES, Correction, commit_correction
 from tests.unit.contracts.privacy.hospital import Hospital, Visit, key_of
-
-
-@pytest.fixture
-def hospital() -> Hospital:
-    return Hospital()
-
-
-@pytest.fixture
-def visit(hospital: Hospital) -> Visit:
-    visit = hospital.open_visit(hospital.enrol("anna"))
-    for _ in range(2):
-        hospital.record(visit)
-    return visit
 
 
 def _correction(visit: Visit, text: str, salt: bytes | None = None) -> Correction:
@@ -80,10 +66,3 @@ def test_5_whom_she_hands_it_to_can_check_it(hospital: Hospital, visit: Visit) -
     assert (row["commitment"], row["time"]) == (commit_correction(correction), hospital.time_ms)
     forged = Correction(correction.kind, "That is me.", correction.salt, correction.visit, correction.record_ids)
     assert commit_correction(forged) != row["commitment"]
-
-
-def test_6_the_last_word_is_linked_to_those_before(hospital: Hospital, visit: Visit) -> None:
-    for number in range(3):
-        _say(hospital, visit, _correction(visit, f"Statement {number}."))
-    rows = hospital.view("rights", "corrections", visit.owner, 0, 10)
-    assert [row["previous"] for row in rows] == [b"", rows[0]["txid"], rows[1]["txid"]]

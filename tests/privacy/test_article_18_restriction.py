@@ -1,9 +1,10 @@
 """GDPR Article 18: a person may have what was recorded of her restricted.
 
 (1) on each of the four grounds of paragraph 1; (2) nothing but storing is done with it from then on, but for her own
-purposes; (3) what she restricts for a claim, or in place of erasure, is not erased because its time is over; (4) nobody
-but she lifts it, so there is nothing to inform her of before (paragraph 3); (5) it does not keep her from erasing; (6)
-keeping has an end, lest a lost key keep a person's pictures for ever.
+purposes; (3) what she restricts for a claim, or in place of erasure, is not erased because its time is over; (4) no
+majority can switch it off; (6) keeping has an end, lest a lost key keep a person's pictures for ever. That nobody but she
+lifts it (paragraph 3), and that she can still erase: `security/test_authorisation_entries.py`,
+`unit/contracts/privacy/test_rights.py`; that the custodian keeps it: `offchain/test_standing.py`.
 """
 
 from __future__ import annotations
@@ -15,22 +16,9 @@ from consensus.rights.right_codes import GROUNDS, KEEP_MS, KEEPING_GROUNDS, OWN_
 from contracts.lifecycle.changes import GOVERNING
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
 from tests.offchain.house import ACCESS_ID, House, refused
-from tests.offchain.small_chain import ALICE, EXPIRES_MS, START_MS, access, record_clip
+from tests.offchain.small_chain import ALICE, access
 from tests.offchain.test_standing import restricted
-from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit, key_of
-
-
-@pytest.fixture
-def hospital() -> Hospital:
-    return Hospital()
-
-
-@pytest.fixture
-def visit(hospital: Hospital) -> Visit:
-    visit = hospital.open_visit(hospital.enrol("anna"))
-    for _ in range(2):
-        hospital.record(visit)
-    return visit
+from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit
 
 
 @pytest.mark.parametrize("ground", sorted(GROUNDS))
@@ -38,6 +26,10 @@ def test_1_there_are_the_four_grounds_of_the_law(hospital: Hospital, visit: Visi
     hospital.must(visit.key, "rights", "restrict", visit.records[:1], ground)
     assert "Art. 18(1)" in GROUNDS[ground]
     assert len(GROUNDS) == 4
+
+
+def test_4_no_majority_can_switch_it_off() -> None:
+    assert "rights" in GOVERNING
 
 
 def test_2_nobody_else_has_it_released(hospital: Hospital, visit: Visit) -> None:
@@ -50,8 +42,7 @@ def test_2_nobody_else_has_it_released(hospital: Hospital, visit: Visit) -> None
 @pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
 async def test_2_a_request_that_was_open_ends_with_it_and_storing_goes_on(house: House) -> None:  # noqa: F811
     async with house.open() as custodian:
-        clip = record_clip()
-        await house.keep(clip)
+        clip = await house.keep()
         await house.follow(access(ACCESS_ID, clip))
         await house.follow(restricted(clip))
         await refused("ACCESS_ENDED", custodian.download(clip.record_id, ACCESS_ID, ALICE))
@@ -64,30 +55,6 @@ def test_3_what_she_needs_is_kept_and_the_rest_is_not(hospital: Hospital, visit:
     hospital.time_ms += 31 * DAY_MS
     receipt = hospital.send(hospital.custodians[0], "erasure", "expired", visit.records, bytes(32))
     assert receipt.ok == (ground not in KEEPING_GROUNDS)
-
-
-@pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
-async def test_3_the_custodian_keeps_it(house: House) -> None:  # noqa: F811
-    async with house.open():
-        clip = record_clip()
-        await house.keep(clip)
-        await house.follow(restricted(clip, until_ms=START_MS + KEEP_MS))
-        await house.follow(at_ms=EXPIRES_MS + 1)
-        assert (await house.store.clips([clip.record_id]))[clip.record_id].status == "confirmed"
-        assert len(await house.store.frames(clip.record_id)) == 3
-
-
-def test_4_nobody_else_lifts_it(hospital: Hospital, visit: Visit) -> None:
-    hospital.must(visit.key, "rights", "restrict", [], "accuracy")
-    officer = hospital.enrol("officer", "officer").identity
-    for key in (officer, hospital.admin, hospital.registrar, hospital.robot.identity, key_of("stranger")):
-        assert not hospital.send(key, "rights", "lift", []).ok
-    assert "rights" in GOVERNING, "nor can a majority switch it off"
-
-
-def test_5_she_can_erase_it_all_the_same(hospital: Hospital, visit: Visit) -> None:
-    hospital.must(visit.key, "rights", "restrict", [], "legal-claim")
-    hospital.must(visit.key, "erasure", "request", visit.records, [])
 
 
 def test_6_keeping_has_an_end_and_can_be_said_again(hospital: Hospital, visit: Visit) -> None:

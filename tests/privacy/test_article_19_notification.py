@@ -15,11 +15,11 @@ import pytest
 from click.testing import CliRunner
 
 from clients.wallet.cli import main
-from clients.wallet.commands import erase_command
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.sharing.incoming_shares import Notice, Receipt
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.commands import open_for_commands
+from tests.world.sharing import SharedWard
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_5_who_erases_is_told_who_had_received_it(
         await receiving.look(receipt, ids[0], access_id)
 
     asyncio.run(share_and_look())
-    monkeypatch.setattr(erase_command, "run_with_wallet", lambda _, action: asyncio.run(action(ward.wallet)))
+    open_for_commands(monkeypatch, lambda: ward.wallet)
     told = CliRunner().invoke(main.wallet, ["erase", ids[0].hex(), "--yes"])
     assert told.exit_code == 0, told.output
     for part in ("Dr Weber", "looked", "is told", "wallet shares"):

@@ -13,7 +13,7 @@ from pathlib import Path
 import jsonschema
 
 from clients.bundle.checks.bundle_check import verify_bundle
-from tests.unit.clients.bundle.ward import Ward
+from tests.world.ward import Ward
 
 
 def test_20_1_structured_commonly_used_and_machine_readable(bundle: zipfile.ZipFile) -> None:

@@ -2,7 +2,8 @@
 
 (1) nothing more is recorded of her for it, by whatever sensor, whatever she or anybody said before; (2) nothing that was
 recorded is released for it any more; (3) other purposes are untouched; (4) it needs no reason, and no consent that could
-be withdrawn; (5) nothing that she says joins her to her visits; (6) she cannot be led to lock herself out.
+be withdrawn: `unit/contracts/privacy/test_rights.py`; (5) nothing that she says joins her to her visits; (6) she cannot
+be led to lock herself out.
 """
 
 from __future__ import annotations
@@ -15,23 +16,6 @@ from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import OWN_PURPOSES
 from consensus.rights.sensors import SENSORS
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
-
-
-@pytest.fixture
-def hospital() -> Hospital:
-    return Hospital()
-
-
-@pytest.fixture
-def anna(hospital: Hospital) -> Person:
-    return hospital.enrol("anna")
-
-
-@pytest.fixture
-def visit(hospital: Hospital, anna: Person) -> Visit:
-    visit = hospital.open_visit(anna)
-    hospital.record(visit)
-    return visit
 
 
 def _consented(hospital: Hospital, person: Person) -> set[str]:
@@ -56,13 +40,6 @@ def test_2_and_3_nothing_is_released_for_it_and_everything_else_is(hospital: Hos
     for purpose in PURPOSES:
         receipt = hospital.send(visit.key, "access", "request", [], purpose)
         assert receipt.ok == (purpose != "research"), purpose
-
-
-def test_4_it_needs_no_consent_that_could_be_withdrawn(hospital: Hospital, anna: Person) -> None:
-    hospital.must(anna.identity, "consent", "withdraw", anna.handle, [], [])
-    late = hospital.sign(anna.identity, "consent", "give", anna.handle, ["teaching"], ["rgb"], 0, 0, 0, hospital.height)
-    hospital.must(anna.identity, "rights", "object_to", anna.handle, ["teaching"])
-    assert hospital.block([late])[0].code == "WORD_OLDER", "nor does one that somebody held back undo it"
 
 
 def test_5_nothing_joins_her_to_her_visit(hospital: Hospital, anna: Person, visit: Visit) -> None:

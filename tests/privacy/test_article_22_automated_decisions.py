@@ -1,28 +1,15 @@
 """GDPR Article 22: nothing is decided about a person by a machine alone.
 
 What programs decide is whether a picture is kept, and they withhold it in doubt. (1) what is decided about a denial is
-decided by an officer, and time alone decides nothing; (2) a robot decides nothing beyond its own visits; (3) what it got
-wrong she contests by herself, and a person answers, with a reason from a published list.
+decided by an officer, and time alone decides nothing; (2) a robot decides nothing beyond its own visits:
+`security/test_authorisation_entries.py`; (3) what it got wrong she contests by herself, and a person answers, with a
+reason from a published list.
 """
 
 from __future__ import annotations
 
-import pytest
-
 from consensus.rights.right_codes import BREACH_NOTIFY_MS, REASONS
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit
-
-
-@pytest.fixture
-def hospital() -> Hospital:
-    return Hospital()
-
-
-@pytest.fixture
-def visit(hospital: Hospital) -> Visit:
-    visit = hospital.open_visit(hospital.enrol("anna"))
-    hospital.record(visit)
-    return visit
 
 
 def test_1_time_alone_decides_nothing_about_a_denial(hospital: Hospital, visit: Visit) -> None:
@@ -33,17 +20,6 @@ def test_1_time_alone_decides_nothing_about_a_denial(hospital: Hospital, visit: 
         hospital.block([])
         assert hospital.view("rights", "breach", breach_id) == before
         assert hospital.send(visit.key, "access", "request", [], "own-access").code == "VISIT_QUARANTINED"
-
-
-def test_2_no_robot_or_node_decides_it(hospital: Hospital, visit: Visit) -> None:
-    breach_id = hospital.must(visit.key, "rights", "wrong_person").txid
-    for key in (hospital.robot.identity, *hospital.custodians):
-        for entry, more in (
-            ("assess", ["none", "matched-wrongly"]),
-            ("close", ["released", "owner-confirmed"]),
-            ("order_erasure", [visit.records]),
-        ):
-            assert hospital.send(key, "rights", entry, breach_id, *more).code == "NOT_AN_OFFICER"
 
 
 def test_3_she_contests_it_and_a_person_answers_with_a_reason(hospital: Hospital, visit: Visit) -> None:

@@ -2,14 +2,13 @@
 
 By design: (1) nothing on the chain joins two visits of one person; (2) no function of a card's number leaves the desk of
 the registrar. By default: (3) who says nothing is not recorded; (4) who registers is recorded by the depth camera alone,
-for what she named; (5) a robot that does not know keeps nothing; (6) nobody's records are open to anybody unless she acts.
+for what she named: `unit/contracts/privacy/test_consent.py`; (5) a robot that does not know keeps nothing; (6) nobody's
+records are open to anybody unless she acts.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-
-import pytest
 
 from clients.registrar.desk import Desk
 from clients.robot.consent.consent_view import Refusal
@@ -20,11 +19,6 @@ from tests.unit.clients.robot.test_consents import ANN, Ward, story
 from tests.unit.contracts.privacy.hospital import Hospital, Person
 
 UID = "E2801160600002054A1B2C3D"
-
-
-@pytest.fixture
-def hospital() -> Hospital:
-    return Hospital()
 
 
 def _allowed(hospital: Hospital, person: Person) -> list[tuple[str, str]]:
@@ -67,10 +61,6 @@ def test_2_a_cards_code_says_nothing_of_its_number(hospital: Hospital, tmp_path:
 
 def test_3_who_says_nothing_is_not_recorded(hospital: Hospital) -> None:
     assert _allowed(hospital, _register(hospital, "anna", [])) == []
-
-
-def test_4_who_registers_for_a_purpose_is_recorded_by_the_least_sensor(hospital: Hospital) -> None:
-    assert _allowed(hospital, _register(hospital, "anna", ["care"])) == [("care", "depth")]
 
 
 @story()

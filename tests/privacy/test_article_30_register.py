@@ -15,7 +15,7 @@ from consensus.state.membership import NodeRow, OrganisationRow
 from network.cli.governance.notice_commands import activities_answer
 from network.notices.demo_notice import demo_notice
 from network.notices.processing_register import OPEN, Activities, read_activities, tell_activities
-from tests.unit.clients.bundle.receipting import NoticeWard
+from tests.world.notices import NoticeWard
 
 
 def membership(ward: NoticeWard) -> MembershipView:
@@ -73,6 +73,5 @@ async def test_30_what_no_program_knows_is_named_as_open(ward: NoticeWard) -> No
 
 
 async def test_30_without_a_notice_there_is_no_register(ward: NoticeWard) -> None:
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^NOTICE_NOT_FOUND:"):
         await read_activities(ward.network, "ward", membership(ward))  # type: ignore[arg-type]
-    assert caught.value.code == "NOTICE_NOT_FOUND"

@@ -17,27 +17,9 @@ from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import BREACH_NOTIFY_MS, REASONS
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
 from tests.offchain.house import ACCESS_ID, House, refused
-from tests.offchain.small_chain import ALICE, access, record_clip
+from tests.offchain.small_chain import ALICE, access
 from tests.offchain.test_standing import denied
 from tests.unit.contracts.privacy.hospital import Hospital, Visit, key_of
-
-
-@pytest.fixture
-def hospital() -> Hospital:
-    return Hospital()
-
-
-@pytest.fixture
-def visit(hospital: Hospital) -> Visit:
-    visit = hospital.open_visit(hospital.enrol("anna"))
-    for _ in range(3):
-        hospital.record(visit)
-    return visit
-
-
-@pytest.fixture
-def officer(hospital: Hospital) -> PrivateKey:
-    return hospital.enrol("officer", "officer").identity
 
 
 @pytest.fixture
@@ -58,8 +40,7 @@ def test_1_no_purpose_opens_it_for_anybody(hospital: Hospital, visit: Visit, bre
 @pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
 async def test_1_no_custodian_hands_it_out_under_what_was_open(house: House) -> None:  # noqa: F811
     async with house.open() as custodian:
-        clip = record_clip()
-        await house.keep(clip)
+        clip = await house.keep()
         await house.follow(access(ACCESS_ID, clip))
         await house.follow(denied())
         await refused("CLIP_QUARANTINED", custodian.download(clip.record_id, ACCESS_ID, ALICE))
@@ -92,15 +73,6 @@ def test_4_whom_it_concerns_is_told_before_it_is_closed(
     assert _step(hospital, officer, *ending) == "RECORDS_LEFT"
     hospital.must(officer, "rights", "order_erasure", breach_id, visit.records)
     assert _step(hospital, officer, *ending) == "OK"
-
-
-def test_4_a_risk_is_not_said_to_be_lower_to_tell_fewer(
-    hospital: Hospital, officer: PrivateKey, breach_id: bytes
-) -> None:
-    hospital.must(officer, "rights", "assess", breach_id, "high", "released-before")
-    hospital.must(officer, "rights", "notify", breach_id, "authority", "")
-    assert _step(hospital, officer, "assess", breach_id, "none", "owner-confirmed") == "RISK_LOWERED"
-    assert _step(hospital, officer, "close", breach_id, "released", "owner-confirmed") == "BREACH_NOT_NOTIFIED"
 
 
 def test_4_a_risk_that_turns_out_higher_is_told_to_more(

@@ -1,33 +1,15 @@
 """GDPR Article 34: where the risk is high, the people themselves are told, and nobody can leave that out.
 
 (1) a breach of high risk does not end before it is on the chain that they were told, by whom; (2) they can look it up in
-the trail of the visit; (3) where the risk is not high it is not demanded. The letter itself is written by people.
+the trail of the visit; (3) where the risk is not high it is not demanded: `unit/contracts/privacy/test_rights.py`. The
+letter itself is written by people.
 """
 
 from __future__ import annotations
 
-import pytest
-
 from consensus.primitives.keys import PrivateKey
 from consensus.rights.right_codes import RECIPIENTS, RISKS
 from tests.unit.contracts.privacy.hospital import Hospital, Visit
-
-
-@pytest.fixture
-def hospital() -> Hospital:
-    return Hospital()
-
-
-@pytest.fixture
-def visit(hospital: Hospital) -> Visit:
-    visit = hospital.open_visit(hospital.enrol("anna"))
-    hospital.record(visit)
-    return visit
-
-
-@pytest.fixture
-def officer(hospital: Hospital) -> PrivateKey:
-    return hospital.enrol("officer", "officer").identity
 
 
 def _assessed(hospital: Hospital, visit: Visit, officer: PrivateKey, risk: str) -> bytes:
@@ -60,10 +42,3 @@ def test_2_they_can_look_it_up_in_the_trail(hospital: Hospital, visit: Visit, of
     assert {entry["data"]["officer"] for entry in told} == {officer.public_key}
     assert "Art. 34" in RECIPIENTS["subjects"]
     assert "Art. 33 and 34" in RISKS["high"]
-
-
-@pytest.mark.parametrize("risk", ["none", "risk"])
-def test_3_otherwise_it_is_not_demanded(hospital: Hospital, visit: Visit, officer: PrivateKey, risk: str) -> None:
-    breach_id = _assessed(hospital, visit, officer, risk)
-    hospital.must(officer, "rights", "order_erasure", breach_id, visit.records)
-    hospital.must(officer, "rights", "close", breach_id, "erased", "matched-wrongly")

@@ -47,9 +47,9 @@ from tests.offchain.small_chain import (
     recorded,
 )
 from tests.unit.clients.robot.hiding.test_hider import OWNERS, Clip, pixels, play
-from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, key_of
 from tests.unit.node.api.small_network import RECORD_ID, SmallLedger, SmallNode
+from tests.world.dicts import CHEAP
 
 ROOT = Path(__file__).parents[2]
 WORDS = " ".join(["abandon"] * 11 + ["about"])

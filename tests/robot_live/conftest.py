@@ -7,19 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.robot_live.tag_readers import TagReaders
 
 
 @pytest.fixture
 async def network(tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
     """Four running nodes of two organisations."""
-    network = NetworkUnderTest(tmp_path / "network", nodes=4)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(tmp_path / "network", nodes=4)) as network:
         yield network
-    finally:
-        await network.close()
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ import pytest
 from clients.robot.identity.robot_keys import load_identity
 from clients.robot.recording.unclosed_visits import OpenVisits
 from tests.cluster.killed_robot import killed_robot
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.robot_live.live_robot import LiveRobot
 from tests.robot_live.own_network import run_in_own_network
 from tests.robot_live.ros2_graph import DEPTH, RFID, Ros2Graph, ros2_graph
@@ -42,12 +42,8 @@ SCENE = walking_alone(
 @asynccontextmanager
 async def running_network(folder: Path) -> AsyncIterator[NetworkUnderTest]:
     """Four running nodes of two organisations."""
-    network = NetworkUnderTest(folder, nodes=4)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(folder, nodes=4)) as network:
         yield network
-    finally:
-        await network.close()
 
 
 def test_what_ros_2_publishes_at_30_hz_is_recorded_whole_and_is_in_the_wallet(tmp_path: Path) -> None:

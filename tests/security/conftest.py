@@ -7,19 +7,15 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.security.intruder import Intruder
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def network(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[NetworkUnderTest]:
     """Four running nodes of two organisations."""
-    network = NetworkUnderTest(tmp_path_factory.mktemp("security") / "network", nodes=4)
-    try:
-        await network.start()
+    async with running(NetworkUnderTest(tmp_path_factory.mktemp("security") / "network", nodes=4)) as network:
         yield network
-    finally:
-        await network.close()
 
 
 @pytest_asyncio.fixture(loop_scope="module")

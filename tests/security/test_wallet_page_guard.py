@@ -7,19 +7,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import aiohttp
 import pytest
 
-from clients.sdk.connections import NodeAddress
-from clients.wallet.page.page import make_page
-from clients.wallet.page.session import PageSession
-from consensus.errors import BlockRobotError
-from pages.local_page import LINK_LIFETIME_MS, LocalPage
-from tests.unit.clients.wallet.shared_ward import WEEK_MS, SharedWard
+from pages.local_page import LINK_LIFETIME_MS
 from tests.wallet_page_client import SESSION_HEADER, WalletPage, read_link
+from tests.world.served import ServedWard, serve_ward
+from tests.world.sharing import WEEK_MS, SharedWard
 
 pytestmark = pytest.mark.smoke
 
@@ -36,14 +34,11 @@ class Clock:
         return self.now_ms
 
 
-class House:
-    """A recorded person's page, and where its files are."""
+@dataclass
+class House(ServedWard):
+    """A recorded person's page, and the clock of its links."""
 
-    def __init__(self, ward: SharedWard, session: PageSession, served: LocalPage, clock: Clock) -> None:
-        self.ward = ward
-        self.session = session
-        self.served = served
-        self.clock = clock
+    clock: Clock
 
     @property
     def url(self) -> str:
@@ -63,20 +58,10 @@ class House:
 @pytest.fixture
 async def house(tmp_path: Path) -> AsyncIterator[House]:
     ward = SharedWard(tmp_path)
-    ward.wire.nodes = (NodeAddress("node-1", "http://127.0.0.1:2"),)  # type: ignore[attr-defined]
-    ward.wire.troubles = dict[str, BlockRobotError]()  # type: ignore[attr-defined]
     ward.record_visit()
-    session = PageSession(
-        ward.wallet, "ann", tmp_path / ".ann.page", now_ms=lambda: ward.chain.time_ms, read_every_s=3_600.0
-    )
     clock = Clock()
-    async with session:
-        served = make_page(session, now_ms=clock)
-        async with session.lock:
-            await session.read()
-        await served.start()
-        yield House(ward, session, served, clock)
-        await served.stop()
+    async with serve_ward(ward, now_ms=clock) as served:
+        yield House(ward, served.session, served.served, served.file, clock)
 
 
 async def _answer(method: str, url: str, headers: dict[str, str], body: Any = None) -> tuple[int, str, Any]:

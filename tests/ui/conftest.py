@@ -13,6 +13,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Browser, Page, async_playwright, expect
 
+from tests.cluster.network_under_test import running
 from tests.ui.chromium import open_chromium
 from tests.ui.console_page import open_healed
 from tests.ui.console_under_test import ConsoleUnderTest
@@ -65,23 +66,15 @@ async def page(pages: Pages) -> Page:
 @pytest_asyncio.fixture(scope="module", loop_scope="session")
 async def recorded_network(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[RecordedNetwork]:
     """Four real nodes and one recorded person, once for each file of tests."""
-    made = RecordedNetwork(tmp_path_factory.mktemp("recorded"))
-    try:
-        await made.start()
+    async with running(RecordedNetwork(tmp_path_factory.mktemp("recorded"))) as made:
         yield made
-    finally:
-        await made.close()
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="session")
 async def console(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ConsoleUnderTest]:
     """A network that always has work, once for each file of tests, and the console's command beside it."""
-    made = ConsoleUnderTest(tmp_path_factory.mktemp("console"))
-    try:
-        await made.start()
+    async with running(ConsoleUnderTest(tmp_path_factory.mktemp("console"))) as made:
         yield made
-    finally:
-        await made.close()
 
 
 @pytest_asyncio.fixture(loop_scope="session")

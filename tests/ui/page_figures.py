@@ -18,6 +18,7 @@ from playwright.async_api import Browser, Page, async_playwright, expect
 
 from network.cli.cluster.explore_command import find_entrance
 from network.cli.contract.contract_signers import find_signers
+from tests.cluster.network_under_test import running
 from tests.ui.chromium import open_chromium
 from tests.ui.console_under_test import ConsoleUnderTest
 from tests.ui.full_day import measure_full_day, serve_full_day, weigh_all_views
@@ -45,14 +46,10 @@ async def _explorer(network: RecordedNetwork, page: Page) -> dict[str, float]:
 
 
 async def _console(page: Page, folder: Path) -> dict[str, float]:
-    console = ConsoleUnderTest(folder)
-    try:
-        await console.start()
+    async with running(ConsoleUnderTest(folder)) as console:
         await console.open(page)
         await expect(page.get_by_text("All is well")).to_be_visible(timeout=SETTLED_MS)
         return await weigh(page)
-    finally:
-        await console.close()
 
 
 async def measure(browser: Browser, folder: Path) -> dict[str, Any]:

@@ -8,30 +8,19 @@ from dataclasses import dataclass
 
 from playwright.async_api import Page, expect
 
-from clients.wallet.page.page import make_page
-from clients.wallet.page.session import PageSession
-from pages.local_page import LocalPage
 from tests.ui.watched_page import TIMEOUT_MS, move_to
-from tests.unit.clients.wallet.page.conftest import dress
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.served import ServedWard, serve_ward
+from tests.world.sharing import SharedWard
 
 SOON_MS = TIMEOUT_MS
 COMMAND = "blockrobot wallet --profile ann --wallet-dir '/srv/my wallets' serve"
 
 
 @dataclass
-class Shown:
+class Shown(ServedWard):
     """A person's page in a browser, and what stands behind it."""
 
-    ward: SharedWard
-    session: PageSession
-    served: LocalPage
     page: Page
-
-    async def read(self) -> None:
-        """Have the session read the chain once."""
-        async with self.session.lock:
-            await self.session.read()
 
     async def record(self) -> None:
         """Have the robot meet her once more, and the session read it."""
@@ -54,24 +43,10 @@ class Shown:
 @asynccontextmanager
 async def show_ward(ward: SharedWard, page: Page) -> AsyncIterator[Shown]:
     """Serve the page of a ward's patient, and open it; what was recorded before is on it."""
-    dress(ward)
-    session = PageSession(
-        ward.wallet,
-        "ann",
-        ward.folder / ".ann.page",
-        now_ms=lambda: ward.chain.time_ms,
-        read_every_s=3_600.0,
-        command=COMMAND,
-    )
-    async with session:
-        served = make_page(session)
-        where = await served.start()
-        shown = Shown(ward, session, served, page)
-        await shown.read()
+    async with serve_ward(ward, command=COMMAND) as served:
         try:
-            await page.goto(where.redirect_file.as_uri())
+            await page.goto(served.file.as_uri())
             await expect(page.locator(".lead")).to_contain_text("recording", timeout=SOON_MS)
-            yield shown
+            yield Shown(ward, served.session, served.served, served.file, page)
         finally:
             await page.goto("about:blank")  # who still listens when the page ends complains
-            await served.stop()

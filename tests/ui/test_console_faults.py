@@ -21,6 +21,7 @@ from network.console.looking import parse_counts
 from network.faults.control import FaultControl
 from network.faults.plan import STEP_FIELDS
 from node.config import OPERATOR_HOST, reading_headers
+from tests.cluster.network_under_test import running
 from tests.cluster.test_membership import until
 from tests.ui.console_page import LONG_MS, choose, expect_cell, expect_done, expect_state, expect_told, open_healed
 from tests.ui.console_under_test import ConsoleUnderTest
@@ -453,9 +454,7 @@ async def test_a_liar_who_contradicts_itself_is_seen_suspended_and_stays_so_when
     page: Page, tmp_path: Path
 ) -> None:
     """On a network of its own: a suspension is no fault, and no healing ends it."""
-    console = ConsoleUnderTest(tmp_path)
-    try:
-        await console.start()
+    async with running(ConsoleUnderTest(tmp_path)) as console:
         await open_healed(console, page)
         await let_lie(page, "node-4", ["equivocate"], 7)
         await expect_told(page, "On at node-4: byzantine: equivocate.")
@@ -486,5 +485,3 @@ async def test_a_liar_who_contradicts_itself_is_seen_suspended_and_stays_so_when
             blockrobot = [sys.executable, "-m", "network.cli.main", "fault", *typed, *where]
             said = await asyncio.to_thread(subprocess.check_output, blockrobot, text=True)
         assert "Restarted, for only so does a liar become honest: node-3." in said
-    finally:
-        await console.close()

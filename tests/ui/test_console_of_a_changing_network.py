@@ -11,7 +11,7 @@ import pytest
 from playwright.async_api import Page, expect
 
 from tests.cluster.commands import agree, must
-from tests.cluster.network_under_test import find_base_port
+from tests.cluster.network_under_test import find_base_port, running
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.console_page import row_of
 from tests.ui.console_under_test import ConsoleUnderTest
@@ -79,9 +79,7 @@ async def _expect_not_chosen(page: Page) -> None:
 async def test_a_run_in_which_a_node_joins_and_leaves_shows_each_moment_with_the_nodes_of_its_time(
     page: Page, pages: Pages, tmp_path: Path
 ) -> None:
-    console = ConsoleUnderTest(tmp_path)
-    try:
-        await console.start()
+    async with running(ConsoleUnderTest(tmp_path)) as console:
         await console.open(page)
         await _expect_nodes(page, 4, FOUR)
         await page.get_by_role("slider").focus()
@@ -106,8 +104,6 @@ async def test_a_run_in_which_a_node_joins_and_leaves_shows_each_moment_with_the
         file = tmp_path / "run.html"
         await (await waiting.value).save_as(file)
         await page.goto("about:blank")
-    finally:
-        await console.close()
     replay = await pages.open()
     await replay.goto(file.as_uri())
     await _expect_nodes(replay, 4, FOUR)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.async_api import Page, expect
 
+from tests.cluster.network_under_test import running
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.console_under_test import ConsoleUnderTest
 from tests.ui.watched_page import NARROW, WIDE
@@ -41,9 +42,7 @@ _CUT = """() => [...document.querySelectorAll('table, svg, dl, ul')].filter((one
 
 @pytest.mark.timeout(240)
 async def test_seven_nodes_are_told_apart_seen_at_work_and_printed(page: Page, tmp_path: Path) -> None:
-    console = ConsoleUnderTest(tmp_path, NODES_COUNT)
-    try:
-        await console.start()
+    async with running(ConsoleUnderTest(tmp_path, NODES_COUNT)) as console:
         await console.open(page)
         await expect(page.get_by_text("All is well")).to_be_visible(timeout=LONG_MS)
         await expect(page.locator(".topology .node")).to_have_count(NODES_COUNT)
@@ -63,5 +62,3 @@ async def test_seven_nodes_are_told_apart_seen_at_work_and_printed(page: Page, t
         )
         assert await page.locator(".break").is_hidden(), "nothing is broken on paper"
         await page.goto("about:blank")
-    finally:
-        await console.close()

@@ -13,7 +13,7 @@ import pytest_asyncio
 from playwright.async_api import Page, expect
 
 from node.config import CONFIG_FILE
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.explorer_page import enter, go
 from tests.ui.watched_page import SERVER_ENDED, Watch
@@ -33,11 +33,8 @@ async def network(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Net
     made = NetworkUnderTest(tmp_path_factory.mktemp("explorer") / "network", nodes=4)
     path = made.cluster.config(PUBLIC_NODE).data_dir / CONFIG_FILE
     path.write_text(path.read_text() + "\n[explorer]\npublic = true\n")
-    try:
-        await made.start()
+    async with running(made):
         yield made
-    finally:
-        await made.close()
 
 
 async def kill(network: NetworkUnderTest, name: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, Route, expect
 
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.explorer_page import enter
 from tests.ui.watched_page import NARROW, ZOOMED
@@ -18,12 +18,8 @@ from tests.ui.watched_page import NARROW, ZOOMED
 @pytest_asyncio.fixture(scope="module", loop_scope="session")
 async def network(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[NetworkUnderTest]:
     """Four nodes."""
-    made = NetworkUnderTest(tmp_path_factory.mktemp("explorer") / "network", nodes=4)
-    try:
-        await made.start()
+    async with running(NetworkUnderTest(tmp_path_factory.mktemp("explorer") / "network", nodes=4)) as made:
         yield made
-    finally:
-        await made.close()
 
 
 async def test_settings_are_told_in_plain_words_with_their_units(page: Page, network: NetworkUnderTest) -> None:

@@ -15,7 +15,7 @@ from clients.wallet.recovery.slip39_shares import read_share, split_words
 from clients.wallet.store.keystore import Keystore
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.typed import CONTROL, ROWS, WIPED, Typed, at_terminal, plain
-from tests.unit.clients.wallet.conftest import CHEAP
+from tests.world.dicts import CHEAP
 
 WORDS = " ".join(["abandon"] * 23 + ["art"])
 PASSPHRASE = "violet kettle orbit sandwich"
@@ -41,12 +41,10 @@ def split_at(home: Path, *group: str, passphrase: str = PASSPHRASE, **terminal: 
     """Split at a terminal, answer what is asked back, and return every guardian's words."""
     named = [part for name in NAMES for part in ("--guardian", name)]
     typed = at_terminal(home, *group, "guardians", "split", *named, **terminal)
-    typed.expect("(?i)(pass|frase)[^:]*: ")
-    typed.sendline(passphrase)
+    typed.answer("(?i)(pass|frase)[^:]*: ", passphrase)
     shares = []
     for number in range(1, len(NAMES) + 1):
-        typed.expect(rf"\({number} (?:of|de) 3\)[^:]*Enter: ")
-        typed.sendline("")
+        typed.answer(rf"\({number} (?:of|de) 3\)[^:]*Enter: ", "")
         typed.expect(WRITTEN)
         assert WIPED in typed.before
         shares.append(words_shown(typed))
@@ -67,14 +65,12 @@ def begin_recovery(home: Path, *group: str, options: tuple[str, ...] = (), **ter
 def type_words(typed: Typed, words: list[str], a_line: int = 11) -> None:
     """Type words, some in a line, each line after it was asked for."""
     for start in range(0, len(words), a_line):
-        typed.expect(r"(?:Word|Palavra) \d+: ")
-        typed.sendline(" ".join(words[start : start + a_line]))
+        typed.answer(r"(?:Word|Palavra) \d+: ", " ".join(words[start : start + a_line]))
 
 
 def choose_passphrase(typed: Typed, passphrase: str = PASSPHRASE) -> None:
     for _ in range(2):
-        typed.expect("(?i)(?:passphrase|frase-passe|again|outra vez)[^:]*: ")
-        typed.sendline(passphrase)
+        typed.answer("(?i)(?:passphrase|frase-passe|again|outra vez)[^:]*: ", passphrase)
 
 
 @pytest.fixture
@@ -108,10 +104,8 @@ def test_each_guardian_s_words_are_shown_alone_and_asked_back(home: Path, termin
 
 def test_a_terminal_that_cannot_wipe_gets_so_many_lines_that_no_word_is_left_on_it(home: Path) -> None:
     typed = at_terminal(home, "guardians", "split", "--guardian", "Ann", "--guardian", "Ben", term="dumb")
-    typed.expect("(?i)pass[^:]*: ")
-    typed.sendline(PASSPHRASE)
-    typed.expect("Enter: ")
-    typed.sendline("")
+    typed.answer("(?i)pass[^:]*: ", PASSPHRASE)
+    typed.answer("Enter: ", "")
     typed.expect(WRITTEN)
     words = words_shown(typed)
     typed.sendline("")
@@ -125,10 +119,8 @@ def test_a_terminal_that_cannot_wipe_gets_so_many_lines_that_no_word_is_left_on_
 
 def test_the_words_are_off_the_screen_when_they_are_asked_back_and_come_again_when_wished(home: Path) -> None:
     typed = at_terminal(home, "guardians", "split", "--guardian", "Ann", "--guardian", "Ben")
-    typed.expect("(?i)pass[^:]*: ")
-    typed.sendline(PASSPHRASE)
-    typed.expect("Enter: ")
-    typed.sendline("")
+    typed.answer("(?i)pass[^:]*: ", PASSPHRASE)
+    typed.answer("Enter: ", "")
     typed.expect(WRITTEN)
     words = words_shown(typed)
     typed.sendline("")
@@ -144,8 +136,7 @@ def test_the_words_are_off_the_screen_when_they_are_asked_back_and_come_again_wh
         typed.expect(f"Word number {number}: ")
     typed.sendline("wrong")
     typed.expect("is not word")
-    typed.expect(f"Word number {number}: ")
-    typed.sendline(words[int(number) - 1])
+    typed.answer(f"Word number {number}: ", words[int(number) - 1])
     for _ in range(2):
         typed.expect(r"Word number (\d+): ")
         typed.sendline(words[int(typed.match[1]) - 1])
@@ -155,31 +146,26 @@ def test_the_words_are_off_the_screen_when_they_are_asked_back_and_come_again_wh
 
 def test_ctrl_c_wipes_the_screen_and_the_wallet_says_that_the_set_is_not_whole(home: Path) -> None:
     typed = at_terminal(home, "guardians", "split", *[part for name in NAMES for part in ("--guardian", name)])
-    typed.expect("(?i)pass[^:]*: ")
-    typed.sendline(PASSPHRASE)
-    typed.expect("Enter: ")
-    typed.sendline("")
+    typed.answer("(?i)pass[^:]*: ", PASSPHRASE)
+    typed.answer("Enter: ", "")
     typed.expect(WRITTEN)
     words = words_shown(typed)
     typed.sendline("")
     answer_check(typed, words)
-    typed.expect("Enter: ")
-    typed.sendline("")
+    typed.answer("Enter: ", "")
     typed.expect(WRITTEN)
     typed.press_ctrl_c(re.escape(WIPED))
     typed.expect("Cut short after 1 of 3")
     assert typed.ended() == 1
     told = at_terminal(home, "guardians")
-    told.expect("(?i)pass[^:]*: ")
-    told.sendline(PASSPHRASE)
+    told.answer("(?i)pass[^:]*: ", PASSPHRASE)
     told.expect("Cut short: 1 of 3 have their words")
     assert told.ended() == 0
 
 
 def test_ctrl_c_before_any_word_was_shown_leaves_nothing(home: Path) -> None:
     typed = at_terminal(home, "guardians", "split", "--guardian", "Ann", "--guardian", "Ben")
-    typed.expect("(?i)pass[^:]*: ")
-    typed.sendline(PASSPHRASE)
+    typed.answer("(?i)pass[^:]*: ", PASSPHRASE)
     typed.expect("All 2 are needed")
     typed.expect("Enter: ")
     assert typed.ended_by_ctrl_c() == 1
@@ -192,11 +178,9 @@ def test_a_wrong_word_another_set_and_the_same_guardian_twice_are_told_at_once(h
     Keystore.create(home / "wallets" / "other.wallet", WORDS, PASSPHRASE, CHEAP)
     others = split_at(home, "--profile", "other")
     typed = begin_recovery(home, "--profile", "again")
-    typed.expect("Word 1: ")
-    typed.sendline(" ".join([*shares[0][:4], "acadmic", *shares[0][5:]]))
+    typed.answer("Word 1: ", " ".join([*shares[0][:4], "acadmic", *shares[0][5:]]))
     typed.expect('Word 5, "acadmic", is on no sheet. Did you mean academic, ')
-    typed.expect("Word 5: ")
-    typed.sendline(" ".join(shares[0][4:]))
+    typed.answer("Word 5: ", " ".join(shares[0][4:]))
     typed.expect_exact(WIPED)
     typed.expect("sheet 1 of set .*1 more guardian is needed")
     type_words(typed, shares[0])
@@ -207,13 +191,10 @@ def test_a_wrong_word_another_set_and_the_same_guardian_twice_are_told_at_once(h
     type_words(typed, swapped, 33)
     typed.expect("but not together")
     for place in (6, 7):
-        typed.expect("Number of a wrong word[^:]*: ")
-        typed.sendline(str(place + 1))
-        typed.expect(f"Word {place + 1} is: ")
-        typed.sendline(shares[1][place])
+        typed.answer("Number of a wrong word[^:]*: ", str(place + 1))
+        typed.answer(f"Word {place + 1} is: ", shares[1][place])
     typed.expect("lead to one wallet")
-    typed.expect("does not fit: sheet 2 of set.*Go on with these")
-    typed.sendline("y")
+    typed.answer("does not fit: sheet 2 of set.*Go on with these", "y")
     choose_passphrase(typed)
     assert typed.ended() == 0, typed.rest()
     assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
@@ -238,8 +219,7 @@ def test_a_guardian_who_lies_is_made_up_for_by_one_more(home: Path, said: dict[s
     typed.expect(f"(?s){told}")
     type_words(typed, shares[2], 33)
     typed.expect(f"does not fit: sheet {lie.index + 1} of set")
-    typed.expect("any 2 guardians are enough.*Go on with these")
-    typed.sendline("y")
+    typed.answer("any 2 guardians are enough.*Go on with these", "y")
     choose_passphrase(typed)
     assert typed.ended() == 0, typed.rest()
     assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
@@ -252,16 +232,14 @@ def test_who_remembers_that_more_were_needed_than_liars_say_makes_no_wallet_of_t
     typed = begin_recovery(home, "--profile", "again")
     for share in (honest, *theirs):
         type_words(typed, share.split(), 33)
-    typed.expect("(?s)does not fit: sheet 1 of set.*any 2 guardians are enough.*Go on with these")
-    typed.sendline("n")
+    typed.answer("(?s)does not fit: sheet 1 of set.*any 2 guardians are enough.*Go on with these", "n")
     assert typed.ended() == 1
     assert not (home / "wallets" / "again.wallet").exists()
 
 
 def test_ctrl_c_while_words_are_typed_wipes_them_and_makes_nothing(home: Path) -> None:
     typed = begin_recovery(home, "--profile", "again")
-    typed.expect("Word 1: ")
-    typed.sendline("academic acid")
+    typed.answer("Word 1: ", "academic acid")
     typed.expect("Word 3: ")
     typed.press_ctrl_c(re.escape(WIPED))
     assert typed.ended() == 1

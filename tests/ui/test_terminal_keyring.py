@@ -12,7 +12,7 @@ import pytest
 
 from clients.wallet.store.keystore import Keystore
 from tests.ui.typed import Typed, at_terminal, plain
-from tests.unit.clients.wallet.conftest import CHEAP
+from tests.world.dicts import CHEAP
 
 WORDS = " ".join(["abandon"] * 23 + ["art"])
 PASSPHRASE = "violet kettle orbit sandwich"
@@ -37,8 +37,7 @@ class Home:
     def store(self, passphrase: str = PASSPHRASE, keyring: str | None = FILE_KEYRING) -> Typed:
         """Begin to put the passphrase into the keyring, and type it."""
         typed = self.type("keyring", "store", keyring=keyring)
-        typed.expect("Passphrase: ")
-        typed.sendline(passphrase)
+        typed.answer("Passphrase: ", passphrase)
         return typed
 
 

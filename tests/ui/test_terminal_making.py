@@ -18,8 +18,7 @@ ABANDON = " ".join(["abandon"] * 23 + ["art"])
 
 def type_passphrase(typed: Typed) -> None:
     for _ in range(2):
-        typed.expect("(?im)^.*(pass|frase)[^:\r\n]*: $")
-        typed.sendline("tea and lemon cake")
+        typed.answer("(?im)^.*(pass|frase)[^:\r\n]*: $", "tea and lemon cake")
 
 
 def make(home: Path, *arguments: str, language: str = "en", **terminal: object) -> Typed:
@@ -55,8 +54,7 @@ def test_new_asks_three_words_back_until_they_are_right(tmp_path: Path, columns:
     typed = make(tmp_path, "new", "--fast-passphrase", columns=columns)
     words = write_down(typed)
     typed.expect("(?s)To see that")
-    typed.expect(r"Word number (\d+): ")
-    typed.sendline("wrong")
+    typed.answer(r"Word number (\d+): ", "wrong")
     typed.expect("Look again")
     for _ in range(3):
         typed.expect(r"Word number (\d+): ")
@@ -155,11 +153,9 @@ def test_wrong_words_end_after_a_while_with_no_wallet(tmp_path: Path) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase")
     write_down(typed)
     for left in ("4 tries are", "3 tries are", "2 tries are", "1 try is"):
-        typed.expect(r"Word number (\d+): ")
-        typed.sendline("wrong")
+        typed.answer(r"Word number (\d+): ", "wrong")
         typed.expect(f"{left} left")
-    typed.expect(r"Word number (\d+): ")
-    typed.sendline("wrong")
+    typed.answer(r"Word number (\d+): ", "wrong")
     typed.expect_exact(WIPED)
     typed.expect("No wallet was made. The words that were shown are nobody's")
     typed.expect("WORDS_NOT_CHECKED. Next step: ")
@@ -171,13 +167,10 @@ def test_a_weak_passphrase_is_told_why_and_asked_for_again(tmp_path: Path) -> No
     typed = at_terminal(tmp_path, "new", "--fast-passphrase", "--no-check")
     typed.expect("Choose a passphrase: 15 letters or more")
     for passphrase, why in (("a", "1 letter, too short"), ("passwordpassword1", "made of what is tried first")):
-        typed.expect("Passphrase: ")
-        typed.sendline(passphrase)
+        typed.answer("Passphrase: ", passphrase)
         typed.expect(why)
-    typed.expect("Passphrase: ")
-    typed.sendline("tea and lemon cake")
-    typed.expect("once more: ")
-    typed.sendline("tea and lemon cakes")
+    typed.answer("Passphrase: ", "tea and lemon cake")
+    typed.answer("once more: ", "tea and lemon cakes")
     typed.expect("two different ones")
     type_passphrase(typed)
     typed.expect("Taken. It is long enough")
@@ -187,8 +180,7 @@ def test_a_weak_passphrase_is_told_why_and_asked_for_again(tmp_path: Path) -> No
 def test_five_weak_passphrases_are_enough(tmp_path: Path) -> None:
     typed = at_terminal(tmp_path, "--language", "pt", "new", "--fast-passphrase")
     for _ in range(5):
-        typed.expect("Frase-passe: ")
-        typed.sendline("chá")
+        typed.answer("Frase-passe: ", "chá")
         typed.expect("3 letras: curta demais")
     typed.expect("PASSPHRASE_WEAK. Próximo passo: Escolha uma mais comprida")
     assert typed.ended() == 4
@@ -218,8 +210,7 @@ def test_no_check_asks_nothing_and_the_words_restore_the_wallet_in_portuguese(tm
     words = words_shown(typed)
     assert typed.ended() == 0
     again = at_terminal(tmp_path, "--language", "pt", "--profile", "again", "restore", "--fast-passphrase")
-    again.expect("As 24 palavras: ")
-    again.sendline(" ".join(words[number] for number in range(1, 25)))
+    again.answer("As 24 palavras: ", " ".join(words[number] for number in range(1, 25)))
     type_passphrase(again)
     again.expect("blockrobot wallet --profile again records")
     assert again.ended() == 0
@@ -239,11 +230,9 @@ def test_words_that_are_typed_wrong_are_asked_for_again(tmp_path: Path) -> None:
     right = "abandon " * 23 + "art"
     typed = at_terminal(tmp_path, "restore", "--fast-passphrase")
     for wrong, sentence in (("abandon " * 23, "There are 23 words"), ("zebro " + "abandon " * 23, "number 1.")):
-        typed.expect("The 24 words: ")
-        typed.sendline(wrong)
+        typed.answer("The 24 words: ", wrong)
         typed.expect(sentence)
-    typed.expect("The 24 words: ")
-    typed.sendline(right)
+    typed.answer("The 24 words: ", right)
     type_passphrase(typed)
     typed.expect("records")
     assert typed.ended() == 0
@@ -255,8 +244,7 @@ def test_new_words_of_a_change_are_wiped_too_and_ctrl_c_says_that_they_wait(home
     store.content.next_words = " ".join(["zoo"] * 23 + ["vote"])
     store.save()
     typed = at_terminal(home, "rotate")
-    typed.expect("Passphrase: ")
-    typed.sendline("tea and lemon cake")
+    typed.answer("Passphrase: ", "tea and lemon cake")
     typed.expect("press Enter: ")
     assert WIPED in typed.before
     assert CONTROL.sub("", str(typed.before)).count("zoo") == 23
@@ -279,7 +267,7 @@ def home(tmp_path: Path) -> Path:
     typed = make(tmp_path, "restore", "--words-file", str(tmp_path / "words.txt"), "--fast-passphrase")
     assert typed.ended() == 0
     from consensus.chain.genesis import genesis_to_json
-    from tests.unit.clients.wallet.conftest import make_genesis
+    from tests.world.dicts import make_genesis
 
     (tmp_path / "network").mkdir()
     (tmp_path / "network" / "genesis.json").write_text(genesis_to_json(make_genesis()))
@@ -289,16 +277,14 @@ def home(tmp_path: Path) -> Path:
 @pytest.mark.smoke
 def test_a_wrong_passphrase_is_refused_with_its_own_exit_code(home: Path) -> None:
     typed = at_terminal(home, "records")
-    typed.expect("Passphrase: ")
-    typed.sendline("coffee")
+    typed.answer("Passphrase: ", "coffee")
     typed.expect("WALLET_PASSPHRASE_WRONG. Next step: Try again")
     assert typed.ended() == 4
 
 
 def test_the_same_in_portuguese_and_without_utf8(home: Path) -> None:
     typed = at_terminal(home, "--language", "pt", "records", environment={"LC_ALL": "C"})
-    typed.expect("Frase-passe: ")
-    typed.sendline("coffee")
+    typed.answer("Frase-passe: ", "coffee")
     typed.expect("A frase-passe nao abre esta carteira.")
     typed.expect("WALLET_PASSPHRASE_WRONG. Proximo passo: Tente outra vez")
     assert typed.ended() == 4
@@ -311,8 +297,7 @@ def test_a_damaged_wallet_is_called_so_and_left_as_it_is(home: Path, place: int)
     data[place] ^= 0x55
     file.write_bytes(data)
     typed = at_terminal(home, "records")
-    typed.expect("Passphrase: ")
-    typed.sendline("tea and lemon cake")
+    typed.answer("Passphrase: ", "tea and lemon cake")
     typed.expect("WALLET_DAMAGED. Next step: Restore the wallet from its 24 words")
     assert typed.ended() == 1
     assert file.read_bytes() == bytes(data)
@@ -340,7 +325,6 @@ def test_without_wallet_and_network_it_is_the_wallet_that_comes_first(tmp_path: 
 
 def test_a_network_that_nobody_reaches_is_named_with_what_to_do(home: Path) -> None:
     typed = at_terminal(home, "records")
-    typed.expect("Passphrase: ")
-    typed.sendline("tea and lemon cake")
+    typed.answer("Passphrase: ", "tea and lemon cake")
     typed.expect("NODE_UNREACHABLE. Next step: ")
     assert typed.ended() == 1

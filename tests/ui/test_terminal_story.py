@@ -281,10 +281,8 @@ async def test_new_words_are_shown_asked_back_and_in_force_after_a_theft(day: Da
 
     def rotate() -> str:
         typed = at_terminal(day.network.folder, "--profile", ann.profile, "rotate", "--over-minutes", "0")
-        typed.expect(PASSPHRASE)
-        typed.sendline(day.network.passphrase)
-        typed.expect(ASKED)
-        typed.sendline("y")
+        typed.answer(PASSPHRASE, day.network.passphrase)
+        typed.answer(ASKED, "y")
         typed.expect("When all of it is written down, press Enter: ")
         shown = dict(re.findall(r"(\d+) ([a-z]+)", CONTROL.sub("", str(typed.before))))
         assert len(shown) == 24

@@ -20,8 +20,7 @@ def begin(network: RecordedNetwork, *arguments: str, **terminal: Any) -> Typed:
     """Begin a command of her wallet, and give the passphrase."""
     group = network.wallet_arguments[1:]
     typed = at_terminal(network.folder, *group, *arguments, **terminal)
-    typed.expect("(?i)(pass|frase)[^:]*: ")
-    typed.sendline(network.passphrase)
+    typed.answer("(?i)(pass|frase)[^:]*: ", network.passphrase)
     return typed
 
 
@@ -93,8 +92,7 @@ async def test_erasing_says_what_goes_asks_and_shows_receipts(recorded_network: 
 
     def refuse() -> int:
         typed = begin(ann, "erase", name[:12])
-        typed.expect("(?s)Gone will be.*What remains.*Erase. " + r"\[y/N\]: ")
-        typed.sendline("n")
+        typed.answer("(?s)Gone will be.*What remains.*Erase. " + r"\[y/N\]: ", "n")
         return typed.ended()
 
     assert await asyncio.to_thread(refuse) == 1
@@ -102,8 +100,7 @@ async def test_erasing_says_what_goes_asks_and_shows_receipts(recorded_network: 
 
     def agree() -> str:
         typed = begin(ann, "erase", name[:12], "--wait")
-        typed.expect(r"\[y/N\]: ")
-        typed.sendline("y")
+        typed.answer(r"\[y/N\]: ", "y")
         typed.expect("2 of 2 receipts have come in")
         assert typed.ended() == 0, typed.rest()
         return typed.rest()

@@ -12,7 +12,7 @@ from tests.ui.accessible import find_accessibility_faults
 from tests.ui.shown_page import SOON_MS, show_ward
 from tests.ui.watched_page import Watch
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.sharing import SharedWard
 
 
 @pytest.mark.parametrize("by", ["keyboard", "mouse"])

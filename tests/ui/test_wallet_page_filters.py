@@ -11,7 +11,7 @@ from playwright.async_api import Page, expect
 from consensus.records.renditions import ENCODING_LABEL, RENDITION_VERSION, Rendition
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.shown_page import SOON_MS, Shown, show_ward
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.sharing import SharedWard
 
 DAY_MS = 24 * 60 * 60 * 1_000
 FIRST_DAY, SECOND_DAY = "2023-11-14", "2023-11-15"

@@ -23,7 +23,7 @@ from consensus.rights.notices import encode_notice
 from network.notices.demo_notice import demo_notice
 from tests.ui.shown_page import COMMAND, SOON_MS, Shown, show_ward
 from tests.ui.watched_page import SERVER_ENDED, Watch
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.sharing import SharedWard
 
 
 @pytest_asyncio.fixture(loop_scope="session")

@@ -13,7 +13,7 @@ from consensus.limits import CLIP_FRAMES_MAX_COUNT
 from consensus.primitives.hashing import sha256
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
 from tests.ui.shown_page import show_ward
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.sharing import SharedWard
 
 FRAMES_COUNT = 5_000
 RECORDS_COUNT = -(-FRAMES_COUNT // CLIP_FRAMES_MAX_COUNT)

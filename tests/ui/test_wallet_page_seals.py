@@ -10,7 +10,7 @@ from playwright.async_api import Page, expect
 from tests.miscounting_robot import committing_otherwise, miscounting
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.shown_page import SOON_MS, show_ward
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.sharing import SharedWard
 
 
 async def test_a_robot_that_counted_others_than_it_committed_to_gets_no_green_seal(

@@ -17,7 +17,7 @@ from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.renditions import ENCODING_LABEL, ENCODING_WAV, RENDITION_VERSION, Rendition
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.shown_page import SOON_MS, Shown, show_ward
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.sharing import SharedWard
 
 NO_PICTURES = "This recording has no pictures."
 RATE_HZ, SOUNDS_S = 8_000, (0.5, 0.25)

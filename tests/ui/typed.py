@@ -22,6 +22,11 @@ ROWS = 40
 class Typed(pexpect.spawn):
     """A wallet's command behind a pseudo-terminal."""
 
+    def answer(self, question: str, said: str) -> None:
+        """Wait until it is asked, and type the answer."""
+        self.expect(question)
+        self.sendline(said)
+
     def press_ctrl_c(self, until: Any) -> None:
         """Press Ctrl-C once, as soon as a key is waited for; expect what it must bring: a pattern, or the end."""
         wait_for_reading(self.pid)

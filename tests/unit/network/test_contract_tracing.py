@@ -33,8 +33,8 @@ from contracts.worker.sandbox import REQUIRED_PARTS
 from network.cli.contract.contract_commands import contract
 from network.contracts import contract_tracing
 from network.contracts.contract_tracing import SandboxedTracer, trace_transaction
-from tests.unit.clients.bundle.ward import answer_block
 from tests.unit.contracts.system.consortium import Consortium, admin_of
+from tests.world.ward import answer_block
 
 NODE = NodeAddress("node-01", "http://127.0.0.1:1")
 

@@ -14,7 +14,7 @@ from clients.wallet.records.viewing import Viewing
 from consensus.chain.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
 from tests.unit.clients.bundle.repacking import Files, list_anew, pack, sign_anew, unpack
-from tests.unit.clients.bundle.ward import Ward
+from tests.world.ward import Ward
 
 NOW_MS = 1_900_000_000_000
 
@@ -37,9 +37,13 @@ class Made:
         return pack(sign_anew(list_anew(files), self.genesis, lambda key: self.keys[key]))
 
 
-async def make(ward: Ward, path: Path, wanted: ExportChoice | None = None) -> Contents:
+async def collect(ward: Ward, wanted: ExportChoice | None = None, now_ms: int = NOW_MS) -> Contents:
     exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
-    contents = await exporting.collect(await exporting.plan(wanted or ExportChoice()), NOW_MS)
+    return await exporting.collect(await exporting.plan(wanted or ExportChoice()), now_ms)
+
+
+async def make(ward: Ward, path: Path, wanted: ExportChoice | None = None) -> Contents:
+    contents = await collect(ward, wanted)
     write_bundle(path, contents)
     return contents
 
@@ -55,6 +59,11 @@ async def make_story(ward: Ward, path: Path) -> Made:
     contents = await make(ward, path)
     keys = {key: contents.find_key(key) for key in (first.owner, second.owner, ward.patient.identity.public_key)}
     return Made(path, contents, ward.genesis, keys)
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Ward:
+    return Ward(tmp_path)
 
 
 @pytest.fixture(scope="package")

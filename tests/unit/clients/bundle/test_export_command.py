@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
 
-import click
 import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet.commands import export_command
 from clients.wallet.commands.export_command import export
-from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.present.translations import LANGUAGE_VARIABLE, section
-from tests.unit.clients.bundle.ward import Ward
+from tests.world.commands import open_for_commands
+from tests.world.ward import Ward
 
 DAY_MS = 24 * 3_600_000
 NOW_MS = 1_900_000_000_000
@@ -25,11 +22,7 @@ NOW_MS = 1_900_000_000_000
 @pytest.fixture
 def ward(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ward:
     ward = Ward(tmp_path)
-
-    def run_with_wallet(_: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
-        return asyncio.run(action(ward.wallet))  # type: ignore[arg-type]
-
-    monkeypatch.setattr(export_command, "run_with_wallet", run_with_wallet)
+    open_for_commands(monkeypatch, lambda: ward.wallet)
     return ward
 
 

@@ -23,8 +23,8 @@ from clients.wallet.store.kept_proofs import receipt_proof
 from consensus.errors import BlockRobotError
 from tests.unit.clients.bundle.conftest import make
 from tests.unit.clients.bundle.repacking import unpack
-from tests.unit.clients.bundle.ward import Ward
 from tests.unit.contracts.privacy.hospital import Person
+from tests.world.ward import Ward
 
 NO_PICTURES = ExportChoice(pictures=False)
 

@@ -17,23 +17,13 @@ from clients.bundle.checks.bundle_check import unproved
 from clients.bundle.cli import verify
 from clients.bundle.writing import Contents, write_bundle
 from clients.robot.recording.sealing import VisitChain
-from clients.wallet.export.export_building import ExportChoice, Exporting
 from clients.wallet.export.proof_collection import PersonProofs, collect_person
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.records.viewing import Viewing
-from clients.wallet.store.keystore import Keystore
-from clients.wallet.store.member_keys import draw_words
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.state.rights import RESTRICTION
-from tests.unit.clients.bundle.conftest import NOW_MS
-from tests.unit.clients.bundle.ward import Patient, Ward
-from tests.unit.clients.wallet.conftest import CHEAP
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> Ward:
-    return Ward(tmp_path)
+from tests.unit.clients.bundle.conftest import collect
+from tests.world.ward import Ward
 
 
 @pytest.fixture
@@ -42,11 +32,6 @@ def visit(ward: Ward) -> VisitChain:
     visit = ward.open_visit()
     ward.record(visit)
     return visit
-
-
-async def collect(ward: Ward) -> Contents:
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
-    return await exporting.collect(await exporting.plan(ExportChoice()), NOW_MS)
 
 
 def opened_by(newer: Contents, older: Contents) -> Contents:
@@ -81,15 +66,9 @@ async def test_a_record_of_a_quarantined_visit_that_was_kept_is_refused(
     assert caught.value.code == "BUNDLE_UNPROVEN"
 
 
-async def register_bob(ward: Ward, folder: Path) -> tuple[Wallet, PersonProofs]:
+async def register_bob(ward: Ward) -> tuple[Wallet, PersonProofs]:
     """Another member of the same network, and what proves who he is."""
-    store = Keystore.create(folder / "bob.wallet", draw_words(), "tea", CHEAP)
-    wallet = Wallet(store, ward.genesis)
-    wallet.network = ward.network  # type: ignore[assignment]
-    card = ward.chain.card("bob")
-    patient = Patient("bob", keys=wallet.keys)
-    ward.chain.must(patient.identity, "identity", "register", *ward.chain.register_arguments(patient, card))
-    store.content.handle = card.handle
+    wallet = ward.come_in("bob")
     return wallet, await collect_person(wallet)
 
 
@@ -106,7 +85,7 @@ async def test_the_visits_of_one_are_never_called_those_of_another_who_signed_to
 ) -> None:
     """Two who agree can put both their keys under one file: only what a robot sealed says whose a visit is."""
     anns = await collect(ward)
-    bob, person = await register_bob(ward, tmp_path)
+    bob, person = await register_bob(ward)
     openings = [msgspec.structs.replace(row, box_key="") for row in anns.proofs.openings.records]
     proofs = dataclasses.replace(
         anns.proofs,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from clients.bundle.checks.bundle_check import verify_bundle
 from tests.unit.clients.bundle.conftest import make
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.sharing import SharedWard
 
 
 async def test_what_was_shared_is_in_the_bundle_by_its_trail_and_a_stranger_can_check_it(tmp_path: Path) -> None:

@@ -12,15 +12,12 @@ from clients.bundle.checks.bundle_check import Verdict, verify_bundle
 from clients.wallet.export.export_building import ExportChoice
 from clients.wallet.export.proof_collection import StateCollector
 from clients.wallet.ledger.visit_scan import find_own_visits
-from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.recovery.key_rotation import Rotating
-from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.state.audit import ENTRY
 from consensus.state.records import CURRENT
 from tests.unit.clients.bundle.conftest import make
-from tests.unit.clients.bundle.ward import Ward
-from tests.unit.clients.wallet.conftest import CHEAP
+from tests.world.ward import Ward
 
 TRAIL_ONLY = ExportChoice(pictures=False, identity=False)
 
@@ -28,12 +25,10 @@ TRAIL_ONLY = ExportChoice(pictures=False, identity=False)
 class Thief(Ward):
     """Who has the words that were in force before, and every proof that he asks for."""
 
-    def __init__(self, ward: Ward, words: str, folder: Path) -> None:
+    def __init__(self, ward: Ward, words: str) -> None:
         self.chain, self.patient, self.network = ward.chain, ward.patient, ward.network
-        store = Keystore.create(folder / "thief.wallet", words, "x", CHEAP)
-        store.content.handle = ward.patient.handle
-        self.wallet = Wallet(store, ward.genesis)
-        self.wallet.network = ward.network  # type: ignore[assignment]
+        self.wallet = ward.open_wallet("thief", words)
+        self.wallet.store.content.handle = ward.patient.handle
 
     async def learn(self) -> None:
         """Find her visits as they were opened, and look no further."""
@@ -47,12 +42,12 @@ class Thief(Ward):
         self.wallet.scan = scan  # type: ignore[assignment,method-assign]
 
 
-async def steal(ward: Ward, folder: Path) -> Thief:
+async def steal(ward: Ward) -> Thief:
     """A visit with a record, moved away from the words that a thief has."""
     visit = ward.open_visit()
     ward.record(visit)
     ward.close_visit(visit)
-    thief = Thief(ward, ward.wallet.store.content.words, folder)
+    thief = Thief(ward, ward.wallet.store.content.words)
     await thief.learn()
     rotating = Rotating(ward.wallet)
     rotating.prepare()
@@ -71,13 +66,8 @@ async def judged(ward: Ward, thief: Thief, path: Path) -> str:
     return "OK"
 
 
-@pytest.fixture
-def ward(tmp_path: Path) -> Ward:
-    return Ward(tmp_path)
-
-
 async def test_the_new_key_signs_for_a_transferred_visit(ward: Ward, tmp_path: Path) -> None:
-    await steal(ward, tmp_path)
+    await steal(ward)
     await make(ward, tmp_path / "hers.zip", TRAIL_ONLY)
     assert isinstance(verify_bundle(tmp_path / "hers.zip", ward.genesis), Verdict)
 
@@ -89,7 +79,7 @@ def without_current(keys: Callable[[bytes], list[bytes]]) -> Callable[[bytes], l
 async def test_old_words_sign_no_bundle_by_leaving_out_which_key_decides(
     ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    thief = await steal(ward, tmp_path)
+    thief = await steal(ward)
     monkeypatch.setattr(visit_check, "trail_keys", without_current(visit_check.trail_keys))
     assert await judged(ward, thief, tmp_path / "his.zip") == "BUNDLE_UNPROVEN"
 
@@ -97,7 +87,7 @@ async def test_old_words_sign_no_bundle_by_leaving_out_which_key_decides(
 async def test_nor_by_leaving_out_the_entry_that_tells_of_it_as_well(
     ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    thief = await steal(ward, tmp_path)
+    thief = await steal(ward)
     monkeypatch.setattr(visit_check, "trail_keys", without_current(visit_check.trail_keys))
     document = StateCollector.document
 
@@ -123,7 +113,7 @@ async def test_nor_by_a_proof_from_before(ward: Ward, tmp_path: Path, monkeypatc
         await before["it"].read([CURRENT.key(visit.owner)])
 
     monkeypatch.setattr(Thief, "learn", keep)
-    thief = await steal(ward, tmp_path)
+    thief = await steal(ward)
     document = StateCollector.document
 
     def mixed(collector: StateCollector) -> object:

@@ -25,7 +25,7 @@ from consensus.members.vouchers import decode_card_code, recover_registrar
 from consensus.primitives.keys import PrivateKey
 from consensus.state.identity import HANDLE, MEMBER, MemberRow
 from consensus.state.keys import to_value
-from tests.unit.clients.wallet.conftest import NOW_MS, make_genesis
+from tests.world.dicts import NOW_MS, make_genesis
 
 REGISTRAR = PrivateKey(bytes([2] * 32))
 UID = "E2801160600002054A1B2C3D"

@@ -23,7 +23,7 @@ from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.members.roster import ROSTER_LIFETIME_MAX_MS, ROSTER_VERSION, Roster, RosterRow, roster_tag, seal_roster
 from consensus.primitives.keys import PrivateKey
-from tests.unit.clients.wallet.conftest import NOW_MS, make_genesis
+from tests.world.dicts import NOW_MS, make_genesis
 
 REGISTRAR = PrivateKey(bytes([2] * 32))
 CHEAP = PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN)

@@ -28,9 +28,9 @@ from clients.wallet.records.viewing import Viewing
 from consensus.members.roster import Roster
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record, stamp
 from tests.unit.clients.robot.test_pipeline import ROBOT, UID, Robot, roster
-from tests.unit.clients.wallet.conftest import World
 from tests.virtual_time import run_virtual
 from tests.walking_alone import walking_alone
+from tests.world.dicts import World
 
 SCENE = walking_alone(
     "senses",

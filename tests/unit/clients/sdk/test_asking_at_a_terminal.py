@@ -1,19 +1,24 @@
-"""A question that already waits, in a real pseudo-terminal: the first Ctrl-C ends it, and nothing goes on after it."""
+"""A question within the event loop: the first Ctrl-C ends it and nothing goes on, also where it was not asked yet."""
 
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+from pathlib import Path
 
 import pexpect
 import pytest
 
+import clients
 from tests.waiting_process import wait_for_reading
 
 _COMMAND = """
-import asyncio
+import asyncio, os, signal
 import click
 from clients.sdk.terminal.terminal import ask, ask_for
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 @click.command()
 def command():
@@ -73,3 +78,27 @@ def test_a_no_ends_it_without_a_traceback() -> None:
     assert child.exitstatus == 1
     assert "went on" not in shown
     assert "Traceback" not in shown
+
+
+def test_an_interrupt_right_before_a_question_leaves_it_unasked() -> None:
+    code = _COMMAND.format(question='os.kill(os.getpid(), signal.SIGINT); ask("Well?")')
+    done = subprocess.run(
+        [sys.executable, "-c", code], input="y\n", capture_output=True, text=True, check=False, timeout=60
+    )
+    assert (done.returncode, "Aborted!" in done.stderr) == (1, True)
+    assert not [said for said in ("Well?", "went on") if said in done.stdout]
+
+
+def test_clients_ask_within_the_loop_only_in_this_way() -> None:
+    early = {
+        "registrar/cli.py",
+        "robot/cli/background_commands.py",
+        "robot/cli/robot_choice.py",
+        "wallet/cli/wallet_context.py",
+        "wallet/commands/account/new_commands.py",
+        "wallet/commands/rights_commands.py",
+    }  # these ask before the loop begins
+    folder = Path(clients.__path__[0])
+    texts = {path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8") for path in folder.rglob("*.py")}
+    asking = {name for name, text in texts.items() if "click.confirm(" in text or "click.prompt(" in text}
+    assert asking == {*early, "sdk/terminal/terminal.py"}

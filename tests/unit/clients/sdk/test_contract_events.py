@@ -56,9 +56,8 @@ async def test_what_one_node_pruned_is_asked_of_the_others(two_nodes: TwoNodes) 
     page = await read_events(client, SUBJECT, Place(2, 0))
     assert len(page.events) == 4
     await whole.store.prune(4, header_of_block)
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^BLOCK_PRUNED:"):
         await read_events(client, SUBJECT, Place(2, 0))
-    assert refusal.value.code == "BLOCK_PRUNED"
 
 
 def answer(*places: str, following: str) -> bytes:
@@ -72,9 +71,8 @@ def answer(*places: str, following: str) -> bytes:
     [(["4:0"], "6:0"), (["5:1", "5:1"], "6:0"), (["5:2", "5:1"], "6:0"), (["5:1"], "5:1"), ([], "4:9")],
 )
 def test_a_node_that_goes_back_or_repeats_is_not_believed(places: list[str], following: str) -> None:
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^ENCODING_INVALID:"):
         _read_page(answer(*places, following=following), Place(5, 0))
-    assert refusal.value.code == "ENCODING_INVALID"
 
 
 def test_a_node_that_has_nothing_leaves_the_reader_where_it_is() -> None:
@@ -104,6 +102,5 @@ async def test_an_old_receipt_comes_from_the_node_that_keeps_it_and_is_not_waite
     client: NetworkClient = two_nodes.client()
     assert (await client.wait_final(call.txid)).height == 1
     await ledgers[1].store.prune(3, header_of_block)
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^BLOCK_PRUNED:"):
         await client.wait_final(call.txid)
-    assert refusal.value.code == "BLOCK_PRUNED"

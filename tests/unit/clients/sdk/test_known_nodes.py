@@ -230,9 +230,8 @@ async def test_nodes_that_came_later_may_be_named_once_a_pin_knows_them(town: To
     client = town.client()
     await client.find_nodes(SUBJECT)
     genesis, only = town.ledger.genesis, {"n4": DEAD_URL}
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID:"):
         NetworkClient(genesis, only, pinned=client.pinned)
-    assert refusal.value.code == "CONFIGURATION_INVALID"
     await town.say((*ACTIVE, "n4"), n4=DEAD_URL)
     town.clock.time_ms += REFRESH_MS
     await client.find_nodes(SUBJECT)

@@ -78,9 +78,8 @@ def test_a_photograph_is_read() -> None:
     ids=["empty", "text", "torn", "blank", "too-large"],
 )
 def test_no_code_is_said_and_never_guessed(data: bytes) -> None:
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^QR_UNREADABLE:"):
         read_qr(data)
-    assert caught.value.code == "QR_UNREADABLE"
 
 
 @pytest.mark.timeout(120)
@@ -124,6 +123,5 @@ def test_a_code_is_given_as_letters_in_a_file_or_in_a_picture(tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", ["missing", "", "a\0b"])
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, name: str) -> None:
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE:"):
         read_given(f"@{tmp_path}/{name}")
-    assert caught.value.code == "FILE_UNUSABLE"

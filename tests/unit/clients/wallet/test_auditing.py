@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from clients.wallet.ledger.visit_audit import audit_all, audit_visit
-from tests.unit.clients.wallet.conftest import NOW_MS, World
+from tests.world.dicts import NOW_MS, World
 
 
 async def test_a_visits_trail_is_read_in_order(world: World) -> None:

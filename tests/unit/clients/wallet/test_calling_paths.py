@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from clients.wallet.cli.invocation import WALLET_COMMAND, called, with_command_prefix
 from clients.wallet.present.translations import LANGUAGES, describe_error, refusal
 from consensus.errors import BlockRobotError
-from tests.unit.clients.wallet.conftest import typed_for
+from tests.world.dicts import typed_for
 
 NAMED_LIKE_IT = Path("/srv/blockrobot wallet")
 PIECES = st.sampled_from(

@@ -30,8 +30,8 @@ from consensus.rights.notices import Notice
 from consensus.state.identity import MEMBER
 from network.notices.demo_notice import demo_notice
 from node.api.services import SignedReceipt
-from tests.unit.clients.bundle.receipting import NoticeWard
 from tests.unit.contracts.privacy.hospital import key_of
+from tests.world.notices import NoticeWard
 
 
 @pytest.fixture
@@ -155,13 +155,11 @@ async def test_a_node_signs_for_nobody_but_whose_word_it_is(ward: NoticeWard) ->
     txid = await say(ward)
     ben = ward.chain.enrol("ben")
     for who, code in ((ben.identity, "NOT_FOUND"), (key_of("stranger"), "CONSENT_RECEIPT_ELSEWHERE")):
-        with pytest.raises(BlockRobotError) as caught:
+        with pytest.raises(BlockRobotError, match=rf"^{code}:"):
             ward.network.issuer.issue(ward.network.ledger, txid, who.public_key)
-        assert caught.value.code == code
     visit = ward.chain.must(ward.wallet.keys.identity, "identity", "authenticate", ward.patient.handle)
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^CONSENT_WORD_MISSING:"):
         ward.network.issuer.issue(ward.network.ledger, visit.txid, ward.wallet.keys.identity.public_key)
-    assert caught.value.code == "CONSENT_WORD_MISSING"
 
 
 @pytest.mark.parametrize(
@@ -178,9 +176,8 @@ async def test_nobody_countersigns_a_consent_beyond_the_notice(
     """Whoever has a program of her own can write it into the chain: the organisation does not sign it, nor does she."""
     txid = (await Consenting(ward.wallet).give([purpose], [sensor])).txid
     issuer, member = ward.network.issuer, ward.wallet.keys.identity.public_key
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=rf"^{code}:"):
         issuer.issue(ward.network.ledger, txid, member)
-    assert caught.value.code == code
     with pytest.MonkeyPatch.context() as node_of_before:
         node_of_before.setattr("node.custody.chain.consent_receipts.require_told", lambda *_: None)
         with pytest.raises(BlockRobotError) as caught:
@@ -211,9 +208,8 @@ async def test_a_receipt_that_names_another_version_of_the_notice_is_refused(war
     assert notice["version"] == 2
     for version in (0, 1, 3):
         ward.network.forge = changed(privacy_notice=notice | {"version": version} if version else None)
-        with pytest.raises(BlockRobotError) as caught:
+        with pytest.raises(BlockRobotError, match=r"^CONSENT_RECEIPT_INVALID:"):
             await seen.obtain(txid)
-        assert caught.value.code == "CONSENT_RECEIPT_INVALID"
     ward.network.forge = lambda signed: signed
     assert (await seen.obtain(txid)).published is not None
 
@@ -425,9 +421,8 @@ async def test_a_receipt_that_could_not_be_had_is_fetched_later(ward: NoticeWard
     txid = await say(ward)
     custodians, ward.network.custody.custodians = ward.network.custody.custodians, ()
     kept = ConsentReceipts(ward.wallet)
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^CONSENT_RECEIPT_ELSEWHERE:"):
         await kept.obtain(txid)
-    assert caught.value.code == "CONSENT_RECEIPT_ELSEWHERE"
     assert [each[0] for each in (await kept.all()).missing] == [txid]
     ward.network.custody.custodians = custodians
     found = await kept.all()

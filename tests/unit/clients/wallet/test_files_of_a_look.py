@@ -15,15 +15,7 @@ from clients.wallet.present.translations import LANGUAGE_VARIABLE
 from clients.wallet.records import album
 from clients.wallet.records.contact_sheet import Tile, draw_sheet
 from clients.wallet.records.picture_files import delete_frames
-from tests.unit.clients.wallet.test_sharing_commands import NAMES, People
-
-
-@pytest.fixture
-def people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> People:
-    made = People(tmp_path, monkeypatch)
-    monkeypatch.setattr(view_commands, "run_with_wallet", made._run_opened)
-    monkeypatch.setitem(NAMES, "view", view_commands.view)
-    return made
+from tests.world.commands import People
 
 
 def names(folder: Path) -> list[str]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import datetime
 import json
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from click.testing import CliRunner, Result
 
 from clients.robot.recording.sealing import ClipContent, seal_clip
 from clients.wallet.cli.main import wallet
-from clients.wallet.commands import erase_command, records_command, view_commands
+from clients.wallet.commands import records_command
 from clients.wallet.ledger import record_filter
 from clients.wallet.ledger.record_filter import Filter, read_days, read_filter, read_minutes, select
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
@@ -26,7 +25,8 @@ from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR, RecordMetadata
 from consensus.state.records import RecordRow
 from tests.json_answers import differences
-from tests.unit.clients.wallet.conftest import NOW_MS, World, rendition
+from tests.world.commands import open_for_commands
+from tests.world.dicts import NOW_MS, World, rendition
 
 TODAY = datetime.date(2027, 1, 31)
 
@@ -137,18 +137,13 @@ def test_an_empty_history_is_one_empty_page() -> None:
 
 @pytest.fixture
 def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
-    def opened(_: Any, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
-        return asyncio.run(action(world.wallet))  # type: ignore[arg-type]
-
     class NoNotices:
         def __init__(self, _: Wallet) -> None: ...
 
         async def changed_since_consent(self) -> None:
             return None
 
-    monkeypatch.setattr(records_command, "run_with_wallet", opened)
-    monkeypatch.setattr(view_commands, "run_with_wallet", opened)
-    monkeypatch.setattr(erase_command, "run_with_wallet", opened)
+    open_for_commands(monkeypatch, lambda: world.wallet)
     monkeypatch.setattr(records_command, "Notices", NoNotices)
     return lambda *arguments: CliRunner().invoke(wallet, list(arguments))
 

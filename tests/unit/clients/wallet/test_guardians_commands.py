@@ -22,8 +22,8 @@ from clients.wallet.store import wallet_lock
 from clients.wallet.store.keystore import Keystore, WalletContent
 from clients.wallet.store.member_keys import derive_keys
 from consensus.errors import BlockRobotError
-from tests.unit.clients.wallet.conftest import CHEAP
-from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
+from tests.world.dicts import CHEAP
+from tests.world.stolen import OLD_WORDS, Desk
 
 WORDS = " ".join(["abandon"] * 23 + ["art"])
 PASSPHRASE = "violet kettle orbit sandwich"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import asyncio
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,14 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet.cli import main as cli
-from clients.wallet.commands import (
-    audit_command,
-    consent_commands,
-    erase_command,
-    records_command,
-    rights_commands,
-    serve_command,
-)
+from clients.wallet.commands import consent_commands, serve_command
 from clients.wallet.commands.account import rotate_commands
 from clients.wallet.consent.notice_reading import NoticeView
 from clients.wallet.consent.receipt_fetching import Receipts
@@ -31,7 +23,6 @@ from clients.wallet.present.former_text import words_lines
 from clients.wallet.present.linking_notice import tell_linked, tell_linked_moves
 from clients.wallet.present.translations import DEFAULT_LANGUAGE, code_text, load, section
 from clients.wallet.present.visit_status_text import standing_lines
-from clients.wallet.recovery.key_rotation import Rotating
 from consensus.errors import BlockRobotError
 from consensus.rights import right_codes as codes
 from consensus.rights.lost_keys import LOST_KEY_REASONS
@@ -40,51 +31,22 @@ from consensus.rights.purposes import PURPOSES
 from consensus.state.rights import RestrictionRow
 from network.cli.main import main
 from network.notices.demo_notice import demo_notice
-from tests.unit.clients.wallet.conftest import NOW_MS, World
-from tests.unit.clients.wallet.test_rights import Saying
-from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
+from tests.world.commands import open_for_commands
+from tests.world.dicts import NOW_MS, World
+from tests.world.stolen import Desk
 
 BREACH = b"\xb1" * 32
 
 
 @pytest.fixture
-def saying(world: World, monkeypatch: pytest.MonkeyPatch) -> Saying:
-    told = {"height": 8, "until_ms": NOW_MS, "number": 0, "breach_id": BREACH, "due_ms": NOW_MS, "org": "hospital"}
-    saying = Saying(told)
-    monkeypatch.setattr(world.network, "call", saying)
-    return saying
-
-
-@pytest.fixture
 def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Run `wallet ...` in Portuguese, on this wallet and network."""
-    for module in (audit_command, erase_command, records_command, rights_commands):
-        monkeypatch.setattr(module, "run_with_wallet", lambda _, action: asyncio.run(action(world.wallet)))
+    open_for_commands(monkeypatch, lambda: world.wallet)
 
     def call(*arguments: str, language: str = "pt") -> Result:
         return CliRunner().invoke(cli.wallet, ["--language", language, *arguments])
 
     return call
-
-
-def test_rights_are_used_in_portuguese(world: World, saying: Saying, run: Any, tmp_path: Path) -> None:
-    assert saying
-    visit = world.open_visit()
-    record_id = world.record(visit).upload.record_id.hex()
-    (tmp_path / "certo.txt").write_text("É a minha irmã.\n", encoding="utf-8")
-    name, right = visit.owner.hex()[:12], str(tmp_path / "certo.txt")
-    for arguments, said in (
-        (("restrict", "--visit", name, "--ground", "legal-claim"), f"Uso limitado: todo o encontro {name}."),
-        (("lift", record_id), f"Limitação levantada: 1 gravação do encontro {name}."),
-        (("object", "--purpose", "demo", "--now"), "1 encontro deixa de ser entregue para isso."),
-        (("correct", "--visit", name, "--text-file", right), f"A correção 1 sobre todo o encontro {name} está"),
-        (("wrong-person", name, "--yes"), "É o caso b1b1b1b1b1b1."),
-    ):
-        spoken = run(*arguments)
-        assert (spoken.exit_code, said in spoken.output) == (0, True), spoken.output
-        assert set(json.loads(run(*arguments, "--json").stdout)) == set(
-            json.loads(run(*arguments, "--json", language="en").stdout)
-        )
 
 
 STANDING = VisitRights(
@@ -113,16 +75,6 @@ def test_what_stands_of_a_visit_is_said_in_the_language_that_is_asked_for() -> N
         "You objected to its release for: research.",
         "It has 2 corrections of yours.",
     ]
-
-
-def test_the_audit_names_what_happened_in_portuguese_and_tells_a_program_the_codes(world: World, run: Any) -> None:
-    visit = world.open_visit()
-    world.append_audit(visit.owner, "restricted", data={"ground": "legal-claim", "until_ms": 5})
-    told = run("audit").output
-    assert "Limitou o seu uso: só você a vê." in told
-    assert "motivo: direito a defender, guardado para além do prazo" in told
-    (entry,) = json.loads(run("audit", "--json").stdout)["entries"]
-    assert (entry["kind"], entry["detail"]) == ("restricted", "ground: legal-claim, kept beyond its time")
 
 
 @pytest.mark.parametrize(
@@ -190,23 +142,6 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
     return Desk(tmp_path, monkeypatch)
 
 
-def test_words_are_changed_and_visits_moved_in_portuguese(desk: Desk) -> None:
-    changed = desk.rotate()
-    assert changed.exit_code == 0, changed.output
-    assert "1 encontro tem uma chave das suas palavras atuais." in changed.output
-    assert "As novas palavras estão em vigor. Guarde também as antigas" in changed.output
-    assert "1 dos seus encontros recebe já uma nova chave" in changed.stderr
-    for number in (2, 3):
-        desk.story.visit(number)
-    told = " ".join(desk.run("records").output.split())
-    assert f"2 encontros ainda obedecem às suas palavras anteriores. Execute: {desk.command} transfer" in told
-    moved = desk.run("transfer", "--now")
-    assert "2 encontros têm uma chave das suas palavras atuais." in moved.output
-    assert (
-        "recebem já uma nova chave: quem lê o registo pode ver, para sempre, que são de uma só pessoa" in moved.stderr
-    )
-
-
 def test_new_words_are_asked_back_in_portuguese(desk: Desk, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     assert desk.folder
     asked: list[str] = []
@@ -225,24 +160,6 @@ def test_new_words_are_asked_back_in_portuguese(desk: Desk, monkeypatch: pytest.
     assert "As suas 24 palavras novas." in said
     assert "Para ver se ficaram bem escritas, uma delas" in said
     assert "Essa não é a palavra" in said
-
-
-def test_leaving_is_told_in_portuguese(desk: Desk) -> None:
-    gone, again = desk.run("leave", "--yes"), desk.run("leave", "--yes")
-    assert "Nenhum robô o grava mais" in gone.output
-    assert f"Saiu, a partir do bloco {desk.story.hospital.height}." in gone.output
-    assert "Já tinha saído." in again.output
-
-
-def test_who_was_too_late_is_warned_in_portuguese(desk: Desk) -> None:
-    assert desk.run("records").exit_code == 0
-    thief = Rotating(desk.story.copy("thief", OLD_WORDS, []))
-    thief.prepare()
-    thief.confirm_shown()
-    asyncio.run(thief.rotate())
-    told = " ".join(desk.run("records").stderr.split())
-    assert told.startswith("AVISO: as palavras desta carteira já não fazem de ninguém um membro.")
-    assert "vá já ao balcão de inscrições. Veja docs/how-to/when-your-wallet-is-stolen.md." in told
 
 
 def test_former_words_are_spoken_of_in_the_language_that_the_page_asks_for(desk: Desk) -> None:

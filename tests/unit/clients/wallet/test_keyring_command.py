@@ -19,7 +19,7 @@ from keyring.errors import KeyringLocked, PasswordDeleteError
 
 from clients.wallet.cli.main import wallet
 from clients.wallet.store.keystore import Keystore
-from tests.unit.clients.wallet.conftest import CHEAP
+from tests.world.dicts import CHEAP
 
 WORDS = " ".join(["abandon"] * 23 + ["art"])
 

@@ -12,8 +12,8 @@ from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.sharing.incoming_shares import IncomingShares, Receipt
 from consensus.errors import BlockRobotError
 from consensus.records.sharing import KeyPart, SharedDownload, seal_package
-from tests.unit.clients.wallet.shared_ward import SharedWard, ThreeCustodians
 from tests.unit.contracts.privacy.hospital import key_of
+from tests.world.sharing import SharedWard, ThreeCustodians
 
 NAMES = ThreeCustodians.custodian_names
 FIRST, SECOND, THIRD = (key_of(name).public_key for name in NAMES)

@@ -18,12 +18,10 @@ from clients.officer import breach_commands, officer_mandates_commands
 from clients.officer.mandate_papers import make_receipt, read_receipt, write_receipt
 from clients.wallet.cli import main as wallet_cli
 from clients.wallet.cli import prompts
-from clients.wallet.commands import consent_commands, mandates_commands, records_command, rights_commands
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.mandates import Mandates
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.store.keystore import Keystore
-from clients.wallet.store.member_keys import draw_words
+from clients.wallet.present.translations import LANGUAGE_VARIABLE, LANGUAGES
 from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
@@ -31,10 +29,10 @@ from consensus.primitives.keys import PrivateKey
 from consensus.rights.consent_receipts import read_word
 from consensus.state.identity import REMOVED
 from tests.json_answers import differences
-from tests.unit.clients.bundle.ward import Patient, Ward
-from tests.unit.clients.wallet.conftest import CHEAP
-from tests.unit.clients.wallet.test_lost_keys import OfficersWire
 from tests.unit.contracts.privacy.hospital import DAY_MS
+from tests.world.commands import open_for_commands, sit_at_terminal
+from tests.world.transcripts import Transcript
+from tests.world.ward import Ward
 
 Run = Callable[..., Result]
 
@@ -43,11 +41,10 @@ class House:
     """A ward in which a child, a mother and two officers have wallets; the papers lie in a folder."""
 
     def __init__(self, folder: Path) -> None:
-        self.chain = Ward(folder).chain
-        self.wire = OfficersWire(self.chain)
-        self.folder = folder
+        ward = Ward(folder)
+        self.chain, self.folder = ward.chain, folder
         self.wallets = {
-            name: self._wallet(name, role)
+            name: ward.come_in(name, role, purposes=())
             for name, role in (
                 *(("child", "subject"), ("mother", "subject"), ("nurse", "staff")),
                 *(("eva", "officer"), ("max", "officer")),
@@ -55,16 +52,6 @@ class House:
         }
         (folder / "birth.pdf").write_bytes(b"Mother: Maria")
         (folder / "court.pdf").write_bytes(b"In the name of the people")
-
-    def _wallet(self, name: str, role: str) -> Wallet:
-        store = Keystore.create(self.folder / f"{name}.wallet", draw_words(), "tea", CHEAP)
-        wallet = Wallet(store, self.chain.genesis)
-        wallet.network = self.wire  # type: ignore[assignment]
-        person, card = Patient(name, role, keys=wallet.keys), self.chain.card(name, role)
-        arguments = self.chain.register_arguments(person, card, purposes=[])
-        self.chain.must(person.identity, "identity", "register", *arguments)
-        store.content.handle, store.content.role = card.handle, role
-        return wallet
 
     def handle(self, name: str) -> str:
         return encode_short(self.wallets[name].store.content.handle)
@@ -90,8 +77,7 @@ def house(tmp_path: Path) -> House:
 def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Call a command as one of the four: officers `officer mandates ...`, the others `wallet ...`."""
     who = ["child"]
-    for module in (consent_commands, mandates_commands, officer_mandates_commands, records_command, rights_commands):
-        monkeypatch.setattr(module, "run_with_wallet", lambda _, action: asyncio.run(action(house.wallets[who[0]])))
+    open_for_commands(monkeypatch, lambda: house.wallets[who[0]])
 
     def call(name: str, *arguments: str) -> Result:
         who[0] = name
@@ -113,46 +99,41 @@ def name(house: House, run: Run) -> str:
     return found
 
 
-def test_the_whole_way_as_it_is_typed(house: House, run: Run) -> None:
-    assert run("eva", *house.proposal()).exit_code == 2, "nobody is there to ask: --yes"
-    spoken = run("eva", *house.proposal("birth.pdf", "court.pdf"), "--yes")
-    assert "On 2 papers: The person is a child, and this is a parent or guardian." in spoken.output, spoken.output
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_whole_way_as_it_is_typed(
+    house: House, run: Run, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
+) -> None:
+    monkeypatch.setenv(LANGUAGE_VARIABLE, language)
+    say, child = transcript.follow(run), house.handle("child")
+    give = ("consent", "give", "--for", child, "--purpose", "care", "--yes")
+    say("eva", *house.proposal())
+    say("eva", *house.proposal("birth.pdf", "court.pdf"), "--yes")
     (place,) = house.folder.glob("mandate-*.json")
-    assert "A second officer has 3 days to agree." in spoken.output
-    assert str(place) in spoken.output.replace("\n", "")
     (listed,) = json.loads(run("max", "list", "--json").stdout)["mandates"]
-    name, receipt = listed["mandate_id"][:12], read_receipt(place)
-    assert (listed["papers"], listed["status"]) == (receipt.commitment.hex(), "proposed")
-    assert "Somebody acts for you, or is to, as an officer proposed" in run("child", "records").output
-    assert f"{name}  proposed: {house.handle('mother')} acts for you until" in run("child", "mandates", "list").output
+    name = listed["mandate_id"][:12]
+    assert (listed["papers"], listed["status"]) == (read_receipt(place).commitment.hex(), "proposed")
+    say("child", "records")
+    say("child", "mandates", "list")
     papers = [word for file in ("court.pdf", "birth.pdf") for word in ("--papers", str(house.folder / file))]
-    agreed = run("max", "approve", name, "--receipt", str(place), *papers, "--yes")
-    assert "The representative has 7 days to accept it." in agreed.output, agreed.output
-    told = run("mother", "mandates", "list").output
-    assert f"approved: you act for {house.handle('child')} until" in told
-    assert f"blockrobot wallet mandates accept {name}" in told
-    assert run("mother", "mandates", "accept", name).exit_code == 2
-    accepted = run("mother", "mandates", "accept", name, "--yes").output
-    assert f"blockrobot wallet consent give --for {house.handle('child')} --purpose CODE" in accepted
-    words = ("consent", "give", "--for", house.handle("child"), "--purpose", "care", "--yes")
-    given = run("mother", *words)
-    assert f"For {house.handle('child')}, by your mandate:" in given.output, given.output
-    assert f"until {house.until}" in given.output
+    say("max", "approve", name, "--receipt", str(place), *papers, "--yes")
+    say("mother", "mandates", "list")
+    say("mother", "mandates", "accept", name)
+    say("mother", "mandates", "accept", name, "--yes")
+    say("mother", *give)
     (row,) = json.loads(run("child", "consent", "list", "--json").stdout)["choices"]
     assert (row["status"], row["mandate_id"]) == ("given", listed["mandate_id"])
-    assert f"under mandate {name}" in run("mother", "consent", "list", "--for", house.handle("child")).output
+    say("mother", "consent", "list", "--for", child)
     assert json.loads(run("mother", "consent", "list", "--json").stdout)["choices"] == [], "nothing of her own"
-    trail = run("child", "mandates", "list").output
-    assert f"in force: {house.handle('mother')} acts for you" in trail
-    assert "given: care by depth (block" in trail, trail
-    assert "withdrawn" in run("child", "mandates", "end", name).output
-    assert run("mother", *words).exit_code == 4
+    say("child", "mandates", "list")
+    say("child", "mandates", "end", name)
+    say("mother", *give)
     (row,) = json.loads(run("child", "consent", "list", "--json").stdout)["choices"]
     assert row["status"] == "withdrawn"
-    assert "Nobody acts for you" in run("child", "mandates", "list").output
+    say("child", "mandates", "list")
     assert json.loads(run("child", "records", "--json").stdout)["mandate_id"] is None
-    assert "There is no mandate." in run("eva", "list").output
+    say("eva", "list")
     assert json.loads(run("eva", "list", "--all", "--json").stdout)["mandates"][0]["status"] == "ended"
+    transcript.compare(f"mandates.{language}")
 
 
 def test_every_answer_is_as_documented(house: House, run: Run, name: str) -> None:
@@ -284,7 +265,7 @@ def test_questions_leave_the_json_alone(house: House, run: Run, monkeypatch: pyt
     receipt, paper = str(house.folder / "r.json"), str(house.folder / "birth.pdf")
     asked: list[bool] = []
     monkeypatch.setattr(prompts, "ask", lambda _, err=False: asked.append(err))
-    monkeypatch.setattr(prompts, "can_ask", lambda: True)
+    sit_at_terminal(monkeypatch)
     proposed = json.loads(run("eva", *house.proposal(), "--receipt", receipt, "--json").stdout)
     found = proposed["mandate_id"][:12]
     assert json.loads(run("max", "approve", found, "--receipt", receipt, "--papers", paper, "--json").stdout)["ok"]
@@ -332,9 +313,8 @@ def test_salt_reason_and_papers_are_all_in_the_commitment(house: House) -> None:
         content | {"more": 1},
     ):
         place.write_text(json.dumps(changed), encoding="utf-8")
-        with pytest.raises(BlockRobotError) as refusal:
+        with pytest.raises(BlockRobotError, match=r"^MANDATE_PAPERS_OTHER:"):
             read_receipt(place)
-        assert refusal.value.code == "MANDATE_PAPERS_OTHER"
 
 
 def standing_as_told(run: Run) -> tuple[list[str], bool]:

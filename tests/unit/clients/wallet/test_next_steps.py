@@ -18,7 +18,7 @@ from clients.wallet.recovery.slip39_shares import split_words
 from clients.wallet.store.guardian_set import GuardianSet
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError
-from tests.unit.clients.wallet.conftest import typed_for
+from tests.world.dicts import typed_for
 
 ANYBODYS = re.compile(rf"{WALLET_COMMAND}(?! --)")
 PLACES = {"wallet_dir": Path("/srv/{my} wallets"), "genesis": Path("/srv/genesis.json")}

@@ -18,7 +18,7 @@ from clients.wallet.cli import wallet_context
 from clients.wallet.cli.main import wallet
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.store import wallet_lock
-from tests.unit.clients.wallet.test_rotating_commands import Desk
+from tests.world.stolen import Desk
 
 READING = {
     "wallet": {
@@ -37,28 +37,28 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
     return Desk(tmp_path, monkeypatch)
 
 
-def test_what_is_read_beside_another_program_leaves_the_file_as_it_was(
+def test_what_is_read_beside_another_program_leaves_the_file_as_it_was_and_what_writes_waits_for_it(
     desk: Desk, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path = desk.story.path
-    before = path.read_bytes()
-    with wallet_lock.claim_wallet(path), caplog.at_level(logging.INFO):
+    """Such as one that waits for a minute until all custodians have erased."""
+    path, late = desk.story.path, desk.story.visit(2)
+    before, busy = path.read_bytes(), f"`{desk.command} erase` (process"
+    with (
+        click.Context(click.Command("erase"), info_name="blockrobot wallet erase"),
+        wallet_lock.claim_wallet(path),
+        caplog.at_level(logging.INFO),
+    ):
         seen = desk.run("records", "--json")
-        assert seen.exit_code == 0, seen.output
-        assert json.loads(seen.stdout)["ok"] is True
-        assert "read beside it" in seen.stderr
+        assert (seen.exit_code, late.owner.hex() in seen.stdout) == (0, True), seen.output
+        assert busy in seen.stderr
+        assert all(words in seen.stderr for words in ("read beside it", "nothing new is noted"))
+        refused = desk.rotate("--json")
+        assert json.loads(refused.stdout)["error"]["code"] == "WALLET_BUSY"
+        assert busy in desk.run("leave", "--yes").stderr
         assert path.read_bytes() == before
     assert "is dropped" in caplog.text
-    assert desk.run("records", "--json").exit_code == 0
+    assert desk.run("records", "--json").stderr == ""
     assert path.read_bytes() != before, "by itself it notes what it found"
-
-
-def test_what_writes_is_not_let_through_beside_another_program(desk: Desk) -> None:
-    before = desk.story.path.read_bytes()
-    with wallet_lock.claim_wallet(desk.story.path):
-        refused = desk.rotate("--json")
-    assert json.loads(refused.stdout)["error"]["code"] == "WALLET_BUSY"
-    assert desk.story.path.read_bytes() == before
 
 
 @pytest.mark.parametrize("is_marked", [False, True])

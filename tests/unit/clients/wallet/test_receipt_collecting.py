@@ -16,7 +16,7 @@ from clients.wallet.recovery.key_rotation import Rotating
 from consensus.errors import BlockRobotError
 from network.notices.demo_notice import demo_notice
 from tests.unit.clients.bundle.conftest import make
-from tests.unit.clients.bundle.receipting import NoticeWard, entry_of
+from tests.world.notices import NoticeWard, entry_of
 
 
 @pytest.fixture

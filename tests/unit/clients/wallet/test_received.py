@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -10,7 +9,6 @@ import pytest
 
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.recovery.key_rotation import Rotating
 from clients.wallet.sharing import chain_grants
 from clients.wallet.sharing.chain_grants import find_by_prefix, find_received, grantee_key
 from clients.wallet.sharing.incoming_shares import (
@@ -27,17 +25,8 @@ from clients.wallet.sharing.incoming_shares import (
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
 from consensus.records.sharing import GRANT_STEP_MS, SharedDownload
-from tests.unit.clients.wallet.shared_ward import SharedWard
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> SharedWard:
-    return SharedWard(tmp_path)
-
-
-@pytest.fixture
-def doctor(ward: SharedWard) -> Wallet:
-    return ward.come_in("doctor", "staff")
+from tests.world.sharing import SharedWard
+from tests.world.stolen import take_new_words
 
 
 @pytest.fixture
@@ -407,10 +396,7 @@ def test_a_grant_is_named_by_its_beginning() -> None:
 async def change_words(wallet: Wallet) -> None:
     """Everything that `wallet rotate` does after a theft."""
 
-    rotating = Rotating(wallet)
-    rotating.prepare()
-    rotating.confirm_shown()
-    assert await rotating.rotate()
+    rotating = await take_new_words(wallet)
     for visit in await rotating.exposed_visits():
         await rotating.transfer(visit)
 

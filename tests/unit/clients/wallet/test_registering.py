@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,38 +12,13 @@ from click.testing import CliRunner, Result
 
 from clients.bundle.cli import verify
 from clients.wallet.cli import main as cli
-from clients.wallet.commands import (
-    audit_command,
-    consent_commands,
-    export_command,
-    inbox_commands,
-    notice_commands,
-    records_command,
-    share_commands,
-    view_commands,
-)
+from clients.wallet.commands import consent_commands, notice_commands
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
-from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.records import erasure_status
-from clients.wallet.store.keystore import Keystore
-from clients.wallet.store.member_keys import draw_words
 from consensus.members.vouchers import encode_card_code
 from consensus.state.consent import NOTICE
 from network.notices.demo_notice import demo_notice
-from tests.unit.clients.bundle.receipting import NoticeWard
-from tests.unit.clients.wallet.conftest import CHEAP
-
-MODULES = (
-    audit_command,
-    consent_commands,
-    erasure_status,
-    export_command,
-    inbox_commands,
-    notice_commands,
-    records_command,
-    share_commands,
-    view_commands,
-)
+from tests.world.commands import open_for_commands
+from tests.world.notices import NoticeWard
 
 
 class Desk:
@@ -53,8 +26,7 @@ class Desk:
 
     def __init__(self, folder: Path) -> None:
         self.ward = NoticeWard(folder)
-        self.wallet = Wallet(Keystore.create(folder / "new.wallet", draw_words(), "tea", CHEAP), self.ward.genesis)
-        self.wallet.network = self.ward.network  # type: ignore[assignment]
+        self.wallet = self.ward.open_wallet("new")
         self.code = encode_card_code(self.ward.chain.card("newcomer"))
 
     @property
@@ -67,14 +39,7 @@ class Desk:
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
     opened = Desk(tmp_path)
 
-    def run_with_wallet(_: Any, work: Callable[[Wallet], Awaitable[Any]]) -> Any:
-        async def main() -> Any:
-            return await work(opened.wallet)
-
-        return asyncio.run(main())
-
-    for module in MODULES:
-        monkeypatch.setattr(module, "run_with_wallet", run_with_wallet)
+    open_for_commands(monkeypatch, lambda: opened.wallet)
     return opened
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
-from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
+from tests.world.stolen import OLD_WORDS, Desk
 
 
 @pytest.fixture

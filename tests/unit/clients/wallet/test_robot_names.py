@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
-import click
 import pytest
 from click.testing import CliRunner
 
 from clients.wallet.commands import records_command
 from clients.wallet.ledger.robot_names import read_robot_names, tell_robot
-from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page.wallet_snapshot import Snapshot, read_snapshot
 from clients.wallet.present.translations import LANGUAGE_VARIABLE
 from consensus.members.robot_names import RobotName, read_robot_name
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.commands import open_for_commands
+from tests.world.sharing import SharedWard
 
 CALLED = ("Zé", "Ala 4")
 
@@ -30,11 +27,7 @@ def name_robot(ward: SharedWard) -> None:
 @pytest.fixture
 def ward(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SharedWard:
     ward = SharedWard(tmp_path)
-
-    def run_with_wallet(_: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
-        return asyncio.run(action(ward.wallet))  # type: ignore[arg-type]
-
-    monkeypatch.setattr(records_command, "run_with_wallet", run_with_wallet)
+    open_for_commands(monkeypatch, lambda: ward.wallet)
     return ward
 
 

@@ -15,15 +15,8 @@ from clients.wallet.store.keystore import Keystore, KnownVisit, WalletContent
 from clients.wallet.store.member_keys import derive_keys, draw_words
 from clients.wallet.store.sharing_memory import GivenGrant
 from consensus.errors import BlockRobotError
-from consensus.primitives.keys import PrivateKey
-from tests.unit.clients.wallet.stolen import Holder, PowerCut, Story
-from tests.unit.contracts.privacy.hospital import DAY_MS, Visit, key_of
-
-OLD_WORDS = "abandon " * 23 + "art"
-
-
-async def no_pause(_: float) -> None:
-    """Chance decides how long; here nobody waits."""
+from tests.world.stolen import OLD_WORDS, PowerCut, Story, give_grant, no_pause, take_new_words
+from tests.world.ward import Patient
 
 
 def no_words(_: int, __: int, ___: float) -> None:
@@ -33,7 +26,7 @@ def no_words(_: int, __: int, ___: float) -> None:
 @pytest.fixture
 def story(tmp_path: Path) -> Story:
     """Anna with two visits, and one of a stranger between them."""
-    story = Story(tmp_path, OLD_WORDS.strip())
+    story = Story(tmp_path, OLD_WORDS)
     story.visit(1)
     story.hospital.open_visit(story.hospital.enrol("stranger"))
     story.visit(2)
@@ -91,7 +84,7 @@ async def test_the_member_key_comes_first_and_visits_one_by_one(story: Story) ->
 
 
 async def test_a_thief_with_the_old_words_is_refused_everywhere(story: Story) -> None:
-    thief = story.copy("thief", OLD_WORDS.strip(), [])
+    thief = story.copy("thief", OLD_WORDS, [])
     reports = await thief.records()
     await rotate(story.open())
     assert await refusal(thief.records()) == "MEMBER_NO_MORE"
@@ -122,7 +115,7 @@ async def test_cut_off_at_any_moment_it_ends_as_if_it_was_not(tmp_path: Path) ->
     while True:
         folder = tmp_path / str(cut_at)
         folder.mkdir()
-        story = Story(folder, OLD_WORDS.strip())
+        story = Story(folder, OLD_WORDS)
         story.visit(1)
         story.visit(2)
         await story.open().records()
@@ -139,7 +132,7 @@ async def test_cut_off_at_any_moment_it_ends_as_if_it_was_not(tmp_path: Path) ->
         assert member in {derive_keys(words).identity.public_key for words in known}
         await rotate(story.open())
         wallet = story.open()
-        assert wallet.store.content.former == [OLD_WORDS.strip()]
+        assert wallet.store.content.former == [OLD_WORDS]
         assert wallet.store.content.next_words == ""
         reports = await wallet.records()
         assert [len(report.records) for report in reports] == [2, 2]
@@ -147,14 +140,6 @@ async def test_cut_off_at_any_moment_it_ends_as_if_it_was_not(tmp_path: Path) ->
         assert all(report.visit.era == 1 for report in reports)
         cut_at += 1
     assert cuts == cut_at > 15
-
-
-def give_grant(story: Story, key: PrivateKey, visit: KnownVisit | Visit, name: str) -> bytes:
-    """Share a record of a visit by its key, as whoever has the words can."""
-    record_id = bytes(story.hospital.view("records", "of_visit", visit.owner)[0])
-    keys = key_of(name).public_key, key_of(f"{name}'s ephemeral").public_key
-    arguments = [[record_id], *keys, 1, bytes(32), "research", story.hospital.bucket() + DAY_MS]
-    return story.hospital.must(key, "access", "grant", *arguments).txid
 
 
 def give_own(story: Story, wallet: Wallet, visit: KnownVisit) -> bytes:
@@ -173,16 +158,13 @@ def status_of(story: Story, grant_id: bytes) -> str:
 async def test_what_a_thief_shared_ends_with_the_visits_old_key_and_own_shares_go_on(story: Story, keep: bool) -> None:
     wallet = story.open()
     visits = await wallet.scan()
-    thief = story.copy("thief", OLD_WORDS.strip(), [])
+    thief = story.copy("thief", OLD_WORDS, [])
     own = [give_own(story, wallet, visit) for visit in visits]
     his = [give_grant(story, thief.owner_key(visit), visit, f"his {visit.sequence}") for visit in await thief.scan()]
     over = give_grant(story, thief.owner_key(visits[0]), visits[0], "over")
     story.hospital.must(thief.owner_key(visits[0]), "access", "revoke", over)
     story.chain.calls.clear()
-    rotating = Rotating(wallet, sleep=no_pause)
-    rotating.prepare()
-    rotating.confirm_shown()
-    await rotating.rotate()
+    rotating = await take_new_words(wallet)
     done = await rotating.transfer_all(600.0, no_words, keep_shares=keep)
     assert (done.refusal, set(done.ended)) == (None, set() if keep else set(his))
     assert [status_of(story, grant_id) for grant_id in own] == ["active", "active"]
@@ -195,17 +177,14 @@ async def test_what_a_thief_shared_ends_with_the_visits_old_key_and_own_shares_g
 async def test_what_a_thief_shares_at_the_last_moment_ends_too(story: Story) -> None:
     wallet = story.open()
     visits = await wallet.scan()
-    thief, his = story.copy("thief", OLD_WORDS.strip(), []), list[bytes]()
+    thief, his = story.copy("thief", OLD_WORDS, []), list[bytes]()
     known = await thief.scan()
 
     async def share(_: float) -> None:
         left = [visit for visit in known if story.current(visit) == visit.owner]
         his.append(give_grant(story, thief.owner_key(left[0]), left[0], f"his {len(his)}"))
 
-    rotating = Rotating(wallet, sleep=share)
-    rotating.prepare()
-    rotating.confirm_shown()
-    await rotating.rotate()
+    rotating = await take_new_words(wallet, sleep=share)
     assert set((await rotating.transfer_all(600.0, no_words)).ended) == set(his)
     assert len(his) == len(visits)
 
@@ -215,7 +194,7 @@ async def test_cut_off_between_a_transfer_and_the_end_of_a_share_it_goes_on(tmp_
     while True:
         folder = tmp_path / str(cut_at)
         folder.mkdir()
-        story = Story(folder, OLD_WORDS.strip())
+        story = Story(folder, OLD_WORDS)
         story.visit(1)
         wallet = story.open()
         (visit,) = await wallet.scan()
@@ -273,7 +252,7 @@ async def test_who_restores_with_new_and_former_words_has_everything(story: Stor
     wallet = story.open()
     await rotate(wallet)
     new = wallet.store.content.words
-    both = story.copy("both", new, [OLD_WORDS.strip()])
+    both = story.copy("both", new, [OLD_WORDS])
     reports = await both.records()
     assert [len(report.records) for report in reports] == [2, 2]
     assert [report.visit.sequence for report in reports] == [0, 2]
@@ -286,10 +265,7 @@ async def test_who_restores_with_new_and_former_words_has_everything(story: Stor
 async def test_words_can_be_changed_again_and_again(story: Story) -> None:
     for _ in range(3):
         wallet = story.open()
-        rotating = Rotating(wallet, sleep=no_pause)
-        rotating.prepare()
-        rotating.confirm_shown()
-        assert await rotating.rotate()
+        rotating = await take_new_words(wallet)
         await rotating.transfer_all(0.0, no_words)
     reports = await story.open().records()
     assert [(report.visit.era, len(report.records)) for report in reports] == [(3, 2), (3, 2)]
@@ -299,7 +275,7 @@ async def test_what_a_thief_has_taken_first_is_told_and_hides_nothing_else(story
     """Who is faster has the visit: the wallet says so, by what the chain proves, and goes on with the others."""
     wallet = story.open()
     mine, other = await wallet.scan()
-    thief = Holder("thief", keys=derive_keys(draw_words()))
+    thief = Patient("thief", keys=derive_keys(draw_words()))
     _, arguments = story.hospital.transfer_arguments(mine.owner, thief, 7)
     await story.chain.call(wallet.owner_key(mine), "records", "transfer", arguments)
     assert [visit.owner for visit in await wallet.scan()] == [other.owner]
@@ -314,12 +290,8 @@ async def test_a_thief_who_comes_in_between_ends_nothing(story: Story) -> None:
     wallet = story.open()
     visits = await wallet.scan()
     old = {visit.owner: wallet.owner_key(visit) for visit in visits}
-    thief = Holder("thief", keys=derive_keys(draw_words()))
-    rotating = Rotating(wallet, sleep=no_pause)
-    rotating.prepare()
-    rotating.confirm_shown()
-    await rotating.rotate()
-
+    thief = Patient("thief", keys=derive_keys(draw_words()))
+    await take_new_words(wallet)
     waited: list[float] = []
 
     async def steal(pause_s: float) -> None:
@@ -338,10 +310,7 @@ async def test_a_thief_who_comes_in_between_ends_nothing(story: Story) -> None:
 
 async def test_a_refusal_ends_it_and_says_what_is_done(story: Story) -> None:
     wallet = story.open()
-    rotating = Rotating(wallet, sleep=no_pause)
-    rotating.prepare()
-    rotating.confirm_shown()
-    await rotating.rotate()
+    rotating = await take_new_words(wallet)
     real, count = story.chain.call, 0
 
     async def fail_second(*arguments: object) -> object:
@@ -375,7 +344,7 @@ async def test_leaving_can_be_cut_off_too(tmp_path: Path) -> None:
     while True:
         folder = tmp_path / str(cut_at)
         folder.mkdir()
-        story = Story(folder, OLD_WORDS.strip())
+        story = Story(folder, OLD_WORDS)
         story.visit(1)
         story.power.cut_at = cut_at
         story.power.moments = 0
@@ -398,7 +367,7 @@ async def test_nobody_leaves_with_half_changed_words(story: Story) -> None:
 
 def test_a_wallet_from_before_words_could_be_changed_opens() -> None:
     visit = {"owner": b"o", "ephemeral": b"r", "robot": b"b", "sequence": 3, "bucket_ms": 0}
-    data = msgspec.msgpack.encode({"words": OLD_WORDS.strip(), "visits": [visit], "scanned_count": 4})
+    data = msgspec.msgpack.encode({"words": OLD_WORDS, "visits": [visit], "scanned_count": 4})
     content = msgspec.msgpack.decode(data, type=WalletContent)
     assert (content.former, content.next_words, content.left) == ([], "", False)
     assert (content.visits[0].current, content.visits[0].era, content.visits[0].taken) == (b"", 0, False)

@@ -2,33 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import msgspec
 import pytest
 
 from clients.wallet.consent.rights_requests import RecordChoice, Rights, choose
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.sharing.outgoing_shares import Sharing, place_end, require_purpose_to_share, select_shareable
-from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys, draw_words
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
 from consensus.records.sharing import GRANT_MAX_MS, GRANT_STEP_MS, hash_grant_member
 from consensus.rights.purposes import PURPOSES
-from tests.unit.clients.wallet.conftest import CHEAP
-from tests.unit.clients.wallet.shared_ward import SharedWard
 from tests.unit.contracts.privacy.hospital import key_of
-
-
-@pytest.fixture
-def ward(tmp_path: Path) -> SharedWard:
-    return SharedWard(tmp_path)
-
-
-@pytest.fixture
-def doctor(ward: SharedWard) -> Wallet:
-    return ward.come_in("doctor", "staff")
+from tests.world.sharing import SharedWard
 
 
 async def test_a_grant_stands_on_the_chain_and_names_nobody(ward: SharedWard, doctor: Wallet) -> None:
@@ -72,7 +58,7 @@ async def test_nothing_is_shared_with_keys_that_one_node_says_are_still_somebody
     """What it proves is true of its block; only another node knows that there are later ones."""
     ward.record_visit()
     await ward.entries()
-    ward.wire.keep_quiet()
+    ward.network.keep_quiet()
     replace_keys(ward, doctor)
     with pytest.raises(BlockRobotError, match="PROOF_STALE"):
         await ward.grantee(doctor)
@@ -81,9 +67,9 @@ async def test_nothing_is_shared_with_keys_that_one_node_says_are_still_somebody
 async def test_nothing_is_shared_while_one_node_alone_answers(ward: SharedWard, doctor: Wallet) -> None:
     ward.record_visit()
     entries, grantee = await ward.entries(), await ward.grantee(doctor)
-    ward.wire.keep_quiet()
+    ward.network.keep_quiet()
     replace_keys(ward, doctor)
-    ward.wire.away = {"custodian-2"}
+    ward.network.away = {"custodian-2"}
     with pytest.raises(BlockRobotError, match="QUORUM_UNHEARD"):
         await ward.grantee(doctor)
     with pytest.raises(BlockRobotError, match="QUORUM_UNHEARD"):
@@ -110,13 +96,11 @@ async def test_the_wallet_remembers_with_whom_and_shows_who_looked_by_the_chain(
 
 
 async def test_a_wallet_restored_from_its_words_shows_the_grant_and_no_longer_with_whom(
-    ward: SharedWard, doctor: Wallet, tmp_path: Path
+    ward: SharedWard, doctor: Wallet
 ) -> None:
     ward.record_visit()
     shared = await ward.share(doctor)
-    store = Keystore.create(tmp_path / "again.wallet", ward.wallet.store.content.words, "tea", CHEAP)
-    again = Wallet(store, ward.genesis)
-    again.network = ward.wire  # type: ignore[assignment]
+    again = ward.open_wallet("again", ward.wallet.store.content.words)
     (share,) = await Sharing(again).shares()
     assert (share.grant.grant_id, share.given) == (shared.grant_id, None)
     assert "the chain does not say who" in share.name
@@ -198,7 +182,7 @@ async def test_a_refusal_of_the_chain_is_forgotten_and_an_open_end_is_not(ward: 
     with pytest.raises(BlockRobotError, match="PURPOSE_OWN"):
         await ward.share(doctor, "own-access")
     assert ward.wallet.store.content.given_grants == []
-    ward.wire.refusal = "TRANSACTION_NOT_FINAL_IN_TIME"
+    ward.network.refusal = "TRANSACTION_NOT_FINAL_IN_TIME"
     with pytest.raises(BlockRobotError, match="TRANSACTION_NOT_FINAL_IN_TIME"):
         await ward.share(doctor)
     assert len(ward.wallet.store.content.given_grants) == 1, "it may become final yet"

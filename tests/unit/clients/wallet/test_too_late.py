@@ -15,8 +15,9 @@ from clients.wallet.store.keystore import KnownVisit
 from clients.wallet.store.member_keys import derive_keys, draw_words
 from consensus.errors import BlockRobotError
 from consensus.state.records import decided_root
-from tests.unit.clients.wallet.stolen import Holder, Story
-from tests.unit.clients.wallet.test_rotating import OLD_WORDS, no_pause, no_words, refusal, rotate
+from tests.unit.clients.wallet.test_rotating import no_words, refusal, rotate
+from tests.world.stolen import OLD_WORDS, Story, no_pause, take_new_words
+from tests.world.ward import Patient
 
 TRANSFERS_MAX_COUNT = 64
 
@@ -33,10 +34,7 @@ def story(tmp_path: Path) -> Story:
 async def steal_membership(story: Story) -> Wallet:
     """Let a thief with her words put words of his own in their place; he moves no visit yet."""
     thief = story.copy("thief", OLD_WORDS, [])
-    rotating = Rotating(thief, sleep=no_pause)
-    rotating.prepare()
-    rotating.confirm_shown()
-    await rotating.rotate()
+    await take_new_words(thief)
     return thief
 
 
@@ -49,19 +47,13 @@ async def test_a_visit_that_can_be_moved_no_more_keeps_no_other_from_it(story: S
     for _ in range(TRANSFERS_MAX_COUNT):
         (moved,) = [visit for visit in await thief.scan() if visit.owner == name]
         await Rotating(thief).transfer(moved)
-    rotating = Rotating(wallet, sleep=no_pause)
-    rotating.prepare()
-    rotating.confirm_shown()
-    await rotating.rotate()
+    rotating = await take_new_words(wallet)
     done = await rotating.transfer_all(0.0, no_words)
     assert (len(done.done), [visit.owner for visit in done.stuck], done.refusal) == (2, [name], None)
     content = story.open().store.content
     assert not content.transfers_due
     assert [visit.owner for visit in content.visits if visit.stuck] == [name]
-    again = Rotating(story.open(), sleep=no_pause)
-    again.prepare()
-    again.confirm_shown()
-    assert await again.rotate()
+    again = await take_new_words(story.open())
     done = await again.transfer_all(0.0, no_words)
     assert (len(done.done), len(done.stuck), done.refusal) == (2, 1, None)
     reports = {report.visit.owner: report for report in await story.open().records()}
@@ -75,10 +67,7 @@ async def test_a_refusal_that_may_pass_calls_no_visit_lost_keeps_no_other_and_is
     """Say, `records` has another version, and this wallet is of before."""
     wallet = story.open()
     name = (await wallet.scan())[1].owner
-    rotating = Rotating(wallet, sleep=no_pause)
-    rotating.prepare()
-    rotating.confirm_shown()
-    await rotating.rotate()
+    rotating = await take_new_words(wallet)
     real = Rotating.transfer
 
     async def refused(self: Rotating, visit: KnownVisit) -> None:
@@ -105,10 +94,7 @@ async def test_a_thief_who_moves_it_under_the_old_words_meanwhile_is_outrun(stor
     await wallet.scan()
     thief = story.copy("thief", OLD_WORDS, [])
     await thief.scan()
-    rotating = Rotating(wallet, sleep=no_pause)
-    rotating.prepare()
-    rotating.confirm_shown()
-    await rotating.rotate()
+    rotating = await take_new_words(wallet)
     real, count = story.chain.submit_and_wait, 0
 
     async def first_he(transaction: object) -> object:
@@ -162,7 +148,7 @@ async def test_with_new_words_the_former_ones_and_a_new_card_visits_are_hers_aga
     (lost,) = [visit for visit in await thief.scan() if visit.owner == names[0]]
     await Rotating(thief).transfer(lost)
     words = draw_words()
-    person = Holder("ann again", keys=derive_keys(words))
+    person = Patient("ann again", keys=derive_keys(words))
     arguments = story.hospital.register_arguments(person, story.hospital.card("ann again"))
     story.hospital.must(person.identity, "identity", "register", *arguments)
     second = story.copy("second", words, [OLD_WORDS])

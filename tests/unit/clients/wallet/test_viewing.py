@@ -20,8 +20,8 @@ from tests.miscounting_robot import (
     miscounting,
     sealing_to_somebody_else,
 )
-from tests.unit.clients.wallet.conftest import World
 from tests.virtual_time import run_virtual
+from tests.world.dicts import World
 
 
 async def one_record(world: World, frames: int = 3) -> RecordEntry:
@@ -125,9 +125,8 @@ async def test_a_custodian_cannot_pass_off_as_erased_what_the_chain_does_not_cal
 async def test_leaves_that_do_not_lead_to_the_chains_roots_are_no_clip(world: World) -> None:
     entry = await one_record(world)
     entry = replace(entry, state=msgspec.structs.replace(entry.state, ciphertext_root=bytes(32)))
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^PROOF_INVALID:"):
         await look(world, entry)
-    assert caught.value.code == "PROOF_INVALID"
 
 
 async def test_one_custodian_that_refuses_is_not_the_end(world: World) -> None:
@@ -140,9 +139,8 @@ async def test_one_custodian_that_refuses_is_not_the_end(world: World) -> None:
 async def test_if_all_refuse_their_reason_is_told(world: World) -> None:
     entry = await one_record(world)
     world.network.custody.refusals.update({"node-1": "NODE_UNREACHABLE", "node-2": "ACCESS_NOT_GRANTED"})
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^ACCESS_NOT_GRANTED:"):
         await look(world, entry)
-    assert caught.value.code == "ACCESS_NOT_GRANTED"
 
 
 @pytest.mark.parametrize(("counted", "committed"), [(5, 1), (1, 3)])
@@ -224,9 +222,8 @@ async def test_a_custodian_that_sends_fewer_leaves_makes_no_miscounted_record_bu
             commitment_leaves=clip.commitment_leaves[:2],
             ciphertext_leaves=clip.ciphertext_leaves[:2],
         )
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^PROOF_INVALID:"):
         await look(world, entry)
-    assert caught.value.code == "PROOF_INVALID"
 
 
 async def test_the_verdict_goes_on_the_chain_with_the_frames_it_is_about(world: World) -> None:

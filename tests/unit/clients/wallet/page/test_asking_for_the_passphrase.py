@@ -16,7 +16,7 @@ from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import encode_card_code
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
-from tests.unit.clients.wallet.shared_ward import WEEK_MS
+from tests.world.sharing import WEEK_MS
 
 GUARDED = ("/api/shares", "/api/erasures", "/api/exports", "/api/registration")
 NO_PASSPHRASES: tuple[dict[str, Any], ...] = ({}, {"passphrase": None}, {"passphrase": 7}, {"passphrase": "t" * 1_025})

@@ -23,7 +23,7 @@ from consensus.rights.notices import encode_notice
 from network.notices.demo_notice import demo_notice
 from tests.miscounting_robot import committing_otherwise, miscounting
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
-from tests.unit.clients.wallet.shared_ward import WEEK_MS
+from tests.world.sharing import WEEK_MS
 
 
 async def recorded(desk: Desk, count: int = 2) -> list[str]:
@@ -176,7 +176,7 @@ async def test_consent_is_given_only_under_the_notice_in_force(desk: Desk, monke
     async def nobody_signs(*_: object, **__: object) -> bytes:
         raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
 
-    monkeypatch.setattr(desk.ward.wire, "ask_node", nobody_signs)
+    monkeypatch.setattr(desk.ward.network, "ask_node", nobody_signs)
     consents = await desk.page.get("/api/consents")
     assert "own-access" not in consents["purposes"]
     wish = {"purposes": ["care"], "sensors": ["depth"], "notice_version": 7}

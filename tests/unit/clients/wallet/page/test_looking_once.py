@@ -14,7 +14,7 @@ from clients.wallet.records.viewing import Viewing
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload
 from tests.unit.clients.wallet.page.conftest import Desk
-from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.world.sharing import SharedWard
 
 
 async def trail_of(ward: SharedWard) -> list[tuple[str, dict[str, Any]]]:

@@ -127,7 +127,7 @@ async def test_a_node_that_lies_is_named_and_what_was_known_stays(desk: Desk, mo
     desk.ward.record_visit()
     await desk.read()
     error = BlockRobotError("PROOF_INVALID", "The answer is for other keys than were asked for.")
-    desk.ward.wire.troubles["custodian-1"] = error  # type: ignore[attr-defined]
+    desk.ward.network.troubles["custodian-1"] = error
 
     async def fail() -> None:
         raise error
@@ -144,7 +144,7 @@ async def test_a_node_that_lies_is_named_and_what_was_known_stays(desk: Desk, mo
 
 async def test_that_a_node_was_away_is_forgotten_after_a_while_that_it_lied_is_not(desk: Desk) -> None:
     for code, states in (("NODE_UNREACHABLE", ["unreachable", "fine"]), ("CERTIFICATE_INVALID", ["lied", "lied"])):
-        desk.ward.wire.troubles["custodian-1"] = BlockRobotError(code)  # type: ignore[attr-defined]
+        desk.ward.network.troubles["custodian-1"] = BlockRobotError(code)
         for state in states:
             node, _ = (await desk.page.get("/api/overview"))["network"]["nodes"]
             assert node["state"] == state

@@ -13,14 +13,10 @@ import pytest
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
-from clients.wallet.store.keystore import Keystore
-from clients.wallet.store.member_keys import draw_words
-from consensus.errors import BlockRobotError
 from consensus.members.vouchers import encode_card_code
 from network.notices.demo_notice import demo_notice
-from tests.unit.clients.bundle.receipting import NoticeWard
-from tests.unit.clients.wallet.conftest import CHEAP
 from tests.wallet_page_client import WalletPage
+from tests.world.notices import NoticeWard
 
 PASSPHRASE = "tea"
 
@@ -54,9 +50,7 @@ class Newcomer:
 @pytest.fixture
 async def newcomer(tmp_path: Path) -> AsyncIterator[Newcomer]:
     ward = NoticeWard(tmp_path)
-    wallet = Wallet(Keystore.create(tmp_path / "new.wallet", draw_words(), PASSPHRASE, CHEAP), ward.genesis)
-    ward.network.troubles = dict[str, BlockRobotError]()  # type: ignore[attr-defined]
-    wallet.network = ward.network  # type: ignore[assignment]
+    wallet = ward.open_wallet("new")
     code = encode_card_code(ward.chain.card("newcomer"))
     async with PageSession(wallet, "new", tmp_path / ".new.page", read_every_s=3_600.0) as session:
         served = make_page(session)

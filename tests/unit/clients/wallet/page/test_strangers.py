@@ -4,25 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
-from clients.wallet.store.keystore import Keystore
-from clients.wallet.store.member_keys import draw_words
 from consensus.errors import BlockRobotError
-from tests.unit.clients.wallet.conftest import CHEAP
-from tests.unit.clients.wallet.page.conftest import Desk, dress
-from tests.unit.clients.wallet.shared_ward import SharedWard, SharingWire
+from tests.unit.clients.wallet.page.conftest import Desk
 from tests.wallet_page_client import WalletPage
+from tests.world.sharing import SharedWard
 
 
 async def test_a_new_wallet_is_told_that_it_is_not_registered(tmp_path: Path) -> None:
     ward = SharedWard(tmp_path)
-    wallet = Wallet(Keystore.create(tmp_path / "new.wallet", draw_words(), "tea", CHEAP), ward.genesis)
-    ward.wire = SharingWire(ward.chain, ward.custody)
-    wallet.network = ward.wire  # type: ignore[assignment]
-    dress(ward)
-    async with PageSession(wallet, "new", tmp_path / ".new.page", read_every_s=3_600.0) as session:
+    async with PageSession(ward.open_wallet("new"), "new", tmp_path / ".new.page", read_every_s=3_600.0) as session:
         served = make_page(session)
         async with WalletPage((await served.start()).redirect_file) as page:
             overview = await page.settle(lambda told: told["state"] != "reading")

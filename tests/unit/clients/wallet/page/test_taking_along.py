@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from clients.wallet.page.routes import export_routes
-from tests.unit.clients.wallet.conftest import typed_for
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
+from tests.world.dicts import typed_for
 
 WISH = {"now": True, "identity": False, "passphrase": PASSPHRASE}
 WAIT_S = 10.0

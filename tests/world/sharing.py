@@ -17,8 +17,7 @@ from clients.sdk.sessions import GrantKey
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.sharing.incoming_shares import IncomingShares
 from clients.wallet.sharing.outgoing_shares import Grantee, Shared, Sharing
-from clients.wallet.store.keystore import Keystore, KnownVisit
-from clients.wallet.store.member_keys import draw_words
+from clients.wallet.store.keystore import KnownVisit
 from consensus.api_documents import ProofsAnswer
 from consensus.chain.block import FinalityProof, Header
 from consensus.chain.transaction import Transaction
@@ -37,9 +36,8 @@ from consensus.records.sharing import (
 from consensus.state.identity import active_role
 from contracts.state.view import MemoryState
 from node.api.access.principals import require_readable, resolve_principal
-from tests.unit.clients.bundle.ward import Custodians, Patient, ProvingHospital, ShortWire, Ward
-from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import key_of
+from tests.world.ward import Custodians, ProvingHospital, ShortWire, Ward
 
 WEEK_MS = 7 * 24 * 3600 * 1000
 
@@ -104,6 +102,8 @@ class SharedCustody(Custodians):
 class SharingWire(ShortWire):
     """One wallet's network, on the chain of all."""
 
+    custody: SharedCustody
+
     def __init__(self, chain: ProvingHospital, custody: SharedCustody) -> None:
         super().__init__(chain)
         self.custody = custody
@@ -150,7 +150,7 @@ class SharingWire(ShortWire):
 
     async def newest_header(self, key: PrivateKey) -> Header:
         self.callers.append(key.public_key)
-        return self.chain.head
+        return await super().newest_header(key)
 
     async def submit_and_wait(self, transaction: Transaction) -> FinalReceipt:
         if self.refusal:
@@ -168,14 +168,12 @@ class ThreeCustodians(ProvingHospital):
 class SharedWard(Ward):
     """Ann, who was recorded; and whoever comes in with a wallet of his own."""
 
+    network: SharingWire
+
     def __init__(self, folder: Path, hospital: type[ProvingHospital] = ProvingHospital) -> None:
         super().__init__(folder, hospital)
-        self.folder = folder
-        custody = SharedCustody(self.chain)
-        custody.rooms = self.network.custody.rooms
-        self.custody = self.network.custody = custody
-        self.wire = SharingWire(self.chain, custody)
-        self.wallet.network = self.wire  # type: ignore[assignment]
+        self.custody = self.network.custody
+        self.wallet.network = self.network  # type: ignore[assignment]
         self.pauses_s: list[float] = []
         self.sharing = Sharing(self.wallet, sleep=self._pause)
         self.told: list[str] = []
@@ -183,15 +181,13 @@ class SharedWard(Ward):
     async def _pause(self, seconds: float) -> None:
         self.pauses_s.append(seconds)
 
-    def come_in(self, name: str, role: str) -> Wallet:
-        """Somebody new with a wallet, registered."""
-        store = Keystore.create(self.folder / f"{name}.wallet", draw_words(), "tea", CHEAP)
-        wallet = Wallet(store, self.genesis)
-        wallet.network = SharingWire(self.chain, self.custody)  # type: ignore[assignment]
-        person = Patient(name, keys=wallet.keys)
-        card = self.chain.card(name, role)
-        self.chain.must(person.identity, "identity", "register", *self.chain.register_arguments(person, card))
-        store.content.handle, store.content.role = card.handle, role
+    def make_wire(self) -> SharingWire:
+        return SharingWire(self.chain, SharedCustody(self.chain))
+
+    def open_wallet(self, name: str, words: str = "") -> Wallet:
+        """A wallet as everybody's, with a wire of its own."""
+        wallet = super().open_wallet(name, words)
+        wallet.network = SharingWire(self.chain, self.network.custody)  # type: ignore[assignment]
         return wallet
 
     def record_visit(self, count: int = 2) -> tuple[VisitChain, list[bytes]]:

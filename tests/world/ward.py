@@ -54,8 +54,8 @@ from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 from node.api.access.metering import Steps
 from node.api.evidence import build_evidence
 from node.api.services import TransactionPlace
-from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import Hospital, Person, key_of
+from tests.world.dicts import CHEAP
 
 WIDTH, HEIGHT = 32, 24
 
@@ -191,6 +191,8 @@ class ShortWire:
         self.pruned_below = 0
         self.genesis = chain.genesis
         self.nodes: tuple[NodeAddress, ...] = (NodeAddress("node-1", "http://127.0.0.1:2"),)
+        self.troubles: dict[str, BlockRobotError] = {}
+        self.page_count, self.pages = 200, 0
 
     async def close(self) -> None:
         """Nothing is open."""
@@ -209,15 +211,20 @@ class ShortWire:
             self.before_proofs()
         return self.trust.values(self._answer(keys), keys)
 
-    async def announcements(self, first: int, key: PrivateKey) -> AnnouncementPage:
-        count = ANNOUNCEMENT_COUNT.read(self.chain.state) or 0
-        keys = [ANNOUNCEMENT_COUNT.flat, *map(ANNOUNCEMENT.key, range(first, count))]
-        return read_announcements(self.trust, self._answer(keys), first, max(1, count - first))
+    async def newest_header(self, key: PrivateKey) -> Header:
+        return self.chain.head
+
+    async def announcements(self, first: int, key: PrivateKey, limit: int = 0) -> AnnouncementPage:
+        self.pages += 1
+        end = min(ANNOUNCEMENT_COUNT.read(self.chain.state) or 0, first + (limit or self.page_count))
+        keys = [ANNOUNCEMENT_COUNT.flat, *map(ANNOUNCEMENT.key, range(first, end))]
+        return read_announcements(self.trust, self._answer(keys), first, max(1, end - first))
 
     async def call(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> FinalReceipt:
         receipt = self.chain.send(key, contract, entry, *arguments)
         if not receipt.ok:
-            raise BlockRobotError("CALL_REFUSED", f"{receipt.code}: {receipt.message}")
+            told = f"{receipt.code}: {receipt.message}"
+            raise BlockRobotError("CALL_REFUSED", told, contract_code=receipt.code)
         final = await self.wait_final(receipt.txid)
         wire = self.chain.blocks[final.height - 1].transactions[final.index]
         return replace(final, transaction=decode_transaction(wire))
@@ -245,7 +252,7 @@ class ShortWire:
             if height == self.pruned_height or height < self.pruned_below:
                 raise BlockRobotError("BLOCK_PRUNED")
             return answer_block(self.chain.blocks[height - 1])
-        if path == "/v1/consent-receipts":  # a wire that signs them is in receipting.py
+        if path == "/v1/consent-receipts":  # a wire that signs them is in notices.py
             raise BlockRobotError("CONSENT_WORD_MISSING")
         assert (method, path) == ("GET", "/v1/events/page")
         wanted = given["query"]
@@ -298,21 +305,32 @@ class Ward:
     """A registered patient with her wallet, a robot that records her, two custodians."""
 
     def __init__(self, folder: Path, hospital: type[ProvingHospital] = ProvingHospital) -> None:
-        self.chain = hospital()
+        self.folder, self.chain = folder, hospital()
         self.genesis = self.chain.genesis
-        store = Keystore.create(folder / "ann.wallet", draw_words(), "tea", CHEAP)
-        self.wallet = Wallet(store, self.genesis)
-        self.network = ShortWire(self.chain)
-        self.wallet.network = self.network  # type: ignore[assignment]
-        self.patient = Patient("ann", keys=self.wallet.keys)
-        card = self.chain.card("ann")
-        self.chain.must(
-            self.patient.identity, "identity", "register", *self.chain.register_arguments(self.patient, card)
-        )
-        self.patient.handle = store.content.handle = card.handle
+        self.network = self.make_wire()
+        self.wallet = self.come_in("ann")
+        self.patient = Patient("ann", handle=self.wallet.store.content.handle, keys=self.wallet.keys)
         self.room = encode_depth_png(np.full((HEIGHT, WIDTH), 5_000, dtype=np.uint16))
         self.network.custody.rooms[sha256(self.room)] = self.room
         self.taken = 0
+
+    def make_wire(self) -> ShortWire:
+        return ShortWire(self.chain)
+
+    def open_wallet(self, name: str, words: str = "") -> Wallet:
+        """A wallet on this network, of new words unless some are given. Nobody registered it."""
+        store = Keystore.create(self.folder / f"{name}.wallet", words or draw_words(), "tea", CHEAP)
+        wallet = Wallet(store, self.genesis)
+        wallet.network = self.network  # type: ignore[assignment]
+        return wallet
+
+    def come_in(self, name: str, role: str = "subject", purposes: Sequence[str] = ("care", "demo")) -> Wallet:
+        """Somebody new with a wallet, registered."""
+        wallet, card = self.open_wallet(name), self.chain.card(name, role)
+        arguments = self.chain.register_arguments(Patient(name, keys=wallet.keys), card, purposes=list(purposes))
+        self.chain.must(wallet.keys.identity, "identity", "register", *arguments)
+        wallet.store.content.handle, wallet.store.content.role = card.handle, role
+        return wallet
 
     def open_visit(self) -> VisitChain:
         """A visit of the patient, on the chain."""

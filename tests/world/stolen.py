@@ -5,16 +5,22 @@ Power can be cut before and after every saving and every call.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
+from click.testing import CliRunner, Result
+
 from clients.sdk.chain.announcements import Announcement, AnnouncementPage
 from clients.sdk.proof_checks import ProvedState
+from clients.wallet.cli import wallet_context
+from clients.wallet.cli.main import wallet
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.recovery.key_rotation import Rotating
 from clients.wallet.store.keystore import Keystore, KnownVisit
-from clients.wallet.store.member_keys import WalletKeys, derive_keys
+from clients.wallet.store.member_keys import derive_keys
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value, encode
@@ -24,8 +30,11 @@ from consensus.records.metadata import RecordMetadata, compute_metadata_hash
 from consensus.state.identity import active_role
 from consensus.state.records import decided_root
 from contracts.execution.sender_admission import has_standing
-from tests.unit.clients.wallet.conftest import CHEAP
-from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
+from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit, key_of
+from tests.world.dicts import CHEAP
+from tests.world.ward import Patient
+
+OLD_WORDS = " ".join(["abandon"] * 23 + ["art"])
 
 
 class PowerCut(BaseException):
@@ -42,33 +51,6 @@ class Power:
         self.moments += 1
         if self.moments - 1 == self.cut_at:
             raise PowerCut
-
-
-@dataclass
-class Holder(Person):
-    """Somebody whose keys come from words."""
-
-    keys: WalletKeys | None = None
-
-    def _keys(self) -> WalletKeys:
-        assert self.keys is not None
-        return self.keys
-
-    @property
-    def identity(self) -> PrivateKey:
-        return self._keys().identity
-
-    @property
-    def spend(self) -> PrivateKey:
-        return self._keys().spend
-
-    @property
-    def view(self) -> PrivateKey:
-        return self._keys().view
-
-    @property
-    def sealing(self) -> bytes:
-        return self._keys().sealing_public
 
 
 @dataclass(frozen=True)
@@ -172,7 +154,7 @@ class Story:
         self.path, self.words = folder / "ann.wallet", words
         Keystore.create(self.path, words, "tea and lemon cake", CHEAP)
         self.chain = Chain(self.hospital, self.power)
-        self.person = Holder("ann", keys=derive_keys(words))
+        self.person = Patient("ann", keys=derive_keys(words))
         card = self.hospital.card("ann")
         arguments = self.hospital.register_arguments(self.person, card)
         self.hospital.must(self.person.identity, "identity", "register", *arguments)
@@ -195,7 +177,7 @@ class Story:
         store.save()
         return self.open(path)
 
-    def visit(self, number: int, records: int = 2, person: Holder | None = None) -> Visit:
+    def visit(self, number: int, records: int = 2, person: Patient | None = None) -> Visit:
         """Record somebody (her, unless another is named): a visit with records whose metadata are sealed to the keys."""
         who = person or self.person
         visit = self.hospital.open_visit(who, number)
@@ -203,7 +185,7 @@ class Story:
             self.record(visit, who, index)
         return visit
 
-    def record(self, visit: Visit, who: Holder, index: int) -> bytes:
+    def record(self, visit: Visit, who: Patient, index: int) -> bytes:
         """Record one clip of a visit."""
         now_ms = self.hospital.time_ms
         previous = self._hashes.get(visit.owner, bytes(32))
@@ -214,3 +196,56 @@ class Story:
     def current(self, visit: Visit | KnownVisit) -> bytes:
         """Return the key that decides of a visit on the chain."""
         return bytes(self.hospital.view("records", "current_of", visit.owner))
+
+
+def give_grant(story: Story, key: PrivateKey, visit: KnownVisit | Visit, name: str) -> bytes:
+    """Share a record of a visit by its key, as whoever has the words can."""
+    record_id = bytes(story.hospital.view("records", "of_visit", visit.owner)[0])
+    keys = key_of(name).public_key, key_of(f"{name}'s ephemeral").public_key
+    arguments = [[record_id], *keys, 1, bytes(32), "research", story.hospital.bucket() + DAY_MS]
+    return story.hospital.must(key, "access", "grant", *arguments).txid
+
+
+async def no_pause(_: float) -> None:
+    """Chance decides how long; here nobody waits."""
+
+
+async def take_new_words(wallet: Wallet, sleep: Callable[[float], Awaitable[None]] = no_pause) -> Rotating:
+    """Do what `wallet rotate` does up to the new member key, and move no visit yet."""
+    rotating = Rotating(wallet, sleep=sleep)
+    rotating.prepare()
+    rotating.confirm_shown()
+    assert await rotating.rotate()
+    return rotating
+
+
+class Desk:
+    """A person at her device: commands run on the story's wallet and chain."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.story = Story(folder, OLD_WORDS)
+        self.story.visit(1)
+        self.folder = folder
+        self.words_file = folder / "new.txt"
+        passphrase = folder / "passphrase"
+        passphrase.write_text("tea and lemon cake\n")
+        monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", str(passphrase))
+        monkeypatch.setattr(wallet_context, "load_genesis", lambda _: self.story.hospital.genesis)
+        monkeypatch.setattr(wallet_context, "Wallet", self._open)
+
+    def _open(self, store: Keystore, genesis: Any) -> Wallet:
+        opened = Wallet(store, genesis)
+        opened.network = self.story.chain  # type: ignore[assignment]
+        return opened
+
+    def run(self, *arguments: str, profile: str = "ann", keyboard: str | None = None) -> Result:
+        group = ["--wallet-dir", str(self.folder), "--profile", profile]
+        return CliRunner().invoke(wallet, [*group, *arguments], input=keyboard)
+
+    @property
+    def command(self) -> str:
+        """How her wallet is called here."""
+        return f"blockrobot wallet --profile ann --wallet-dir {self.folder}"
+
+    def rotate(self, *arguments: str) -> Result:
+        return self.run("rotate", "--words-file", str(self.words_file), "--yes", "--now", *arguments)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Awaitable, Callable, Sequence
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +23,7 @@ from consensus.rights.notices import Notice, encode_notice
 from node.api.routes.notices import PUBLIC_PREFIXES
 from node.api.services import SignedReceipt
 from node.custody.chain.consent_receipts import ConsentReceipts
-from tests.unit.clients.bundle.ward import ProvingHospital, ShortWire, Ward
+from tests.world.ward import ProvingHospital, ShortWire, Ward
 
 
 class Ledger:
@@ -64,14 +63,10 @@ class NoticeWire(ShortWire):
 
     def __init__(self, chain: ProvingHospital) -> None:
         super().__init__(chain)
-        self.genesis = chain.genesis
         self.ledger: Any = Ledger(chain)
         self.issuer = ConsentReceipts(chain.custodians[0])
         self.forge: Callable[[SignedReceipt], SignedReceipt] = lambda signed: signed
         self.public_keys: list[bytes] = []
-
-    async def newest_header(self, key: PrivateKey) -> Any:
-        return self.chain.head
 
     async def prove_public(
         self, asking: Callable[[NodeAddress], Awaitable[bytes]], keys: Sequence[bytes]
@@ -101,10 +96,8 @@ class NoticeWard(Ward):
 
     network: NoticeWire
 
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
-        self.network = NoticeWire(self.chain)
-        self.wallet.network = self.network  # type: ignore[assignment]
+    def make_wire(self) -> NoticeWire:
+        return NoticeWire(self.chain)
 
     def publish(self, notice: Notice) -> None:
         self.chain.must(self.chain.admin, "consent", "publish_notice", encode_notice(notice))
