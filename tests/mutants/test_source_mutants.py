@@ -11,7 +11,7 @@ import pytest
 
 from tests.mutants.mutant import DroppedCheck, Kind, Mutant, Replaced, apply_to
 from tests.mutants.playground import DEFAULT, PACKAGES, Outcome, Playground
-from tests.mutants.table import MUTANTS
+from tests.mutants.table import MUTANTS, read_mutants
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAYED_MAX_S = 3_000
@@ -42,6 +42,19 @@ def test_a_check_is_dropped_alone() -> None:
         DroppedCheck(Kind.PROOFS, "f", "X", 3, "").apply(source)
     with pytest.raises(ValueError, match="2 times"):
         Replaced(Kind.PROOFS, "f", "twice", "raise", "pass", "").apply(source)
+
+
+def test_a_table_tells_dropped_checks_and_replaced_texts() -> None:
+    table = "@ proofs f.py tests/a.py\n@ tests/b.py\nX 0 2\none line goes\n-old\npart of a line\n-a\n-b\n+\n"
+    proofs, killed_by = (Kind.PROOFS, "f.py"), "tests/a.py tests/b.py"
+    assert list(read_mutants(table)) == [
+        DroppedCheck(*proofs, "X", 0, killed_by),
+        DroppedCheck(*proofs, "X", 2, killed_by),
+        Replaced(*proofs, "one line goes", "old\n", "", killed_by),
+        Replaced(*proofs, "part of a line", "a\nb", "", killed_by),
+    ]
+    with pytest.raises(ValueError, match="no mutant: a name alone"):
+        list(read_mutants(table + "a name alone\n"))
 
 
 @pytest.mark.long
