@@ -230,15 +230,7 @@ def test_the_order_of_a_set_decides_nothing_that_is_replayed() -> None:
     assert found == set()
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "point is not 'now'",
-        "data is -1",
-        "name is DEFAULT_POINT",
-        "profile is str(text)",
-    ],
-)
+@pytest.mark.parametrize("text", ["point is not 'now'", "data is -1", "name is DEFAULT_POINT", "profile is str(text)"])
 def test_the_check_finds_an_identity_of_values(text: str) -> None:
     assert list(identities_of_values(ast.parse(text), frozenset({"DEFAULT_POINT"})))
 

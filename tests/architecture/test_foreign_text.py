@@ -20,23 +20,23 @@ def scripts() -> tuple[Path, ...]:
     return tuple(sorted(found))
 
 
-def test_lines_are_split_by_one_function() -> None:
+def test_lines_are_split_by_one_function_and_on_pages_at_a_line_feed_alone() -> None:
     """`str.splitlines` also splits at U+0085, U+2028 and six more, where no line of a source ends."""
     assert matches([path for path in modules() if path != VISIBLE_TEXT], re.compile(r"\bsplitlines\b")) == []
-
-
-def test_pages_split_lines_at_a_line_feed_alone() -> None:
     assert len(scripts()) > 20
     assert [place(path) for path in scripts() if OTHER_LINE_ENDS.search(path.read_text(encoding="utf-8"))] == []
 
 
-def test_one_module_makes_the_console_that_people_read() -> None:
+def test_one_module_makes_the_console_and_one_function_overwrites_progress() -> None:
     """Any other `Console` would print text of others raw."""
     raw = re.compile(
         r"(?<!Safe)(?<!Live)\bConsole\(|\bfrom rich import print\b|(?<![\w.])print\(|click\.style\(|secho\("
     )
     hostile = ROOT / "network" / "lab" / "hostile" / "families"
     assert matches([path for path in modules() if path != SAFE_OUTPUT and path.parent != hostile], raw) == []
+    # Controls that are written to a safe stream would be shown as escapes.
+    moves = re.compile(r"[\"']\\r[^\"'\\]|\\x1b\[")
+    assert matches([path for path in modules() if path not in (SAFE_OUTPUT, TERMINAL)], moves) == []
 
 
 def test_one_module_goes_around_the_safe_streams() -> None:
@@ -47,12 +47,6 @@ def test_one_module_goes_around_the_safe_streams() -> None:
     allowed = (SAFE_OUTPUT, TERMINAL)
     assert matches([path for path in modules() if path not in allowed], around) == []
     assert len(matches([TERMINAL], re.compile(r"\bwrite_trusted\("))) == 1, "only to wipe the screen"
-
-
-def test_progress_is_overwritten_by_one_function() -> None:
-    """Controls that are written to a safe stream would be shown as escapes."""
-    moves = re.compile(r"[\"']\\r[^\"'\\]|\\x1b\[")
-    assert matches([path for path in modules() if path not in (SAFE_OUTPUT, TERMINAL)], moves) == []
 
 
 def test_the_root_command_makes_its_streams_safe() -> None:

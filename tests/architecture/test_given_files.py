@@ -14,10 +14,13 @@ PARSES_BESIDE = {
 }
 
 
-def test_texts_of_others_are_parsed_by_one_module() -> None:
+def test_texts_of_others_are_parsed_and_files_of_users_written_by_one_module_each() -> None:
     """Elsewhere a text of brackets would end a command with a traceback."""
     others = [path for path in modules() if path != BOUNDED_TEXT]
     assert {found.split(":")[0] for found in matches(others, PARSES)} == set(PARSES_BESIDE)
+    # Elsewhere one would be open to others, follow a link, or take the place of a file unasked.
+    others = [path for path in modules() if path != NEW_FILES and path.parts[len(ROOT.parts)] in {"clients", "network"}]
+    assert {found.split(":")[0] for found in matches(others, WRITES)} == set(WRITES_BESIDE)
 
 
 NEW_FILES = ROOT / "clients" / "sdk" / "new_files.py"
@@ -53,9 +56,3 @@ WRITES_BESIDE = {
     "network/lab/pedestrians/judge.py": "a developer's cache of a film",
     "network/cli/reference_command.py": "our own reference pages, written again",
 }
-
-
-def test_files_that_users_name_are_written_by_one_module() -> None:
-    """Elsewhere one would be open to others, follow a link, or take the place of a file unasked."""
-    others = [path for path in modules() if path != NEW_FILES and path.parts[len(ROOT.parts)] in {"clients", "network"}]
-    assert {found.split(":")[0] for found in matches(others, WRITES)} == set(WRITES_BESIDE)

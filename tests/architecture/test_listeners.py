@@ -16,11 +16,8 @@ OPENS = re.compile(
 TAKES = re.compile(r"\bsock_accept\(|\.accept\(\)")
 
 
-def test_one_module_opens_listeners() -> None:
+def test_one_module_opens_listeners_and_one_function_accepts_connections() -> None:
     """The flood bench plays a node whose certificate was stolen: it has no one to protect."""
     assert matches([path for path in modules() if path not in (LISTENING, ATTACKER)], OPENS) == []
     assert len(matches([LISTENING], OPENS)) == 3, "the system's queue, the type of aiohttp's runner, and one of it"
-
-
-def test_one_function_accepts_connections() -> None:
     assert len(matches([path for path in modules() if path != ATTACKER], TAKES)) == 1

@@ -39,10 +39,20 @@ def named(requirement: str) -> str:
     return re.split(r"[ <>=;\[]", requirement)[0].lower().replace("_", "-").replace(".", "-")
 
 
-def test_every_pin_has_a_version_and_hashes() -> None:
+def test_every_pin_has_a_version_and_hashes_in_one_resolution() -> None:
     assert {lock.stem for lock in LOCKS} >= {"build", "runtime", "dev", "tools"}
     for lock in LOCKS:
         assert pins_of(lock)
+    everything = pins_of(FOLDER / "dev.txt")
+    for lock in LOCKS:
+        if lock.stem not in {"build", "fuzz", "tools"}:
+            assert pins_of(lock).items() <= everything.items(), lock.name
+    built_by = [f"{name}=={version}" for name, version in pins_of(FOLDER / "build.txt").items()]
+    assert PROJECT["build-system"]["requires"] == built_by
+    project = PROJECT["project"]
+    assert {named(wanted) for wanted in project["dependencies"]} <= set(pins_of(FOLDER / "runtime.txt"))
+    for extra, wanted in project["optional-dependencies"].items():
+        assert {named(requirement) for requirement in wanted} <= set(pins_of(FOLDER / f"{extra}.txt")), extra
 
 
 def test_a_line_without_hashes_is_found(tmp_path: Path) -> None:
@@ -51,25 +61,6 @@ def test_a_line_without_hashes_is_found(tmp_path: Path) -> None:
         lock.write_text(f"--only-binary :all:\n{line}\n", encoding="utf-8")
         with pytest.raises(AssertionError):
             pins_of(lock)
-
-
-def test_what_the_project_asks_for_is_pinned() -> None:
-    project = PROJECT["project"]
-    assert {named(wanted) for wanted in project["dependencies"]} <= set(pins_of(FOLDER / "runtime.txt"))
-    for extra, wanted in project["optional-dependencies"].items():
-        assert {named(requirement) for requirement in wanted} <= set(pins_of(FOLDER / f"{extra}.txt")), extra
-
-
-def test_there_is_one_resolution() -> None:
-    everything = pins_of(FOLDER / "dev.txt")
-    for lock in LOCKS:
-        if lock.stem not in {"build", "fuzz", "tools"}:
-            assert pins_of(lock).items() <= everything.items(), lock.name
-
-
-def test_the_build_backend_is_the_pinned_one() -> None:
-    built_by = [f"{name}=={version}" for name, version in pins_of(FOLDER / "build.txt").items()]
-    assert PROJECT["build-system"]["requires"] == built_by
 
 
 def test_nobody_is_told_to_install_by_name() -> None:

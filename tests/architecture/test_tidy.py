@@ -93,16 +93,17 @@ def test_there_is_something_to_look_at() -> None:
     assert len(texts()) > len(modules())
 
 
-def test_no_folder_holds_more_modules_than_one_sees_at_a_glance() -> None:
+def test_no_module_folder_or_name_is_too_large_or_says_nothing() -> None:
     counts = Counter(place(path.parent) for path in modules() if path.name != "__init__.py")
     assert {folder: count for folder, count in counts.items() if count > FOLDER_MAX_MODULES} == {}
-
-
-def test_no_module_is_longer_than_600_lines() -> None:
     lengths = {
         place(path): len(path.read_text(encoding="utf-8").splitlines()) for path in (*modules(), *files_of_tests())
     }
     assert {name: length for name, length in lengths.items() if length > MODULE_MAX_LINES} == {}
+    parts = {
+        part.removesuffix(".py") for path in (*modules(), *files_of_tests()) for part in path.relative_to(ROOT).parts
+    }
+    assert parts & BANNED_NAMES == set()
 
 
 def test_no_function_is_longer_than_80_lines() -> None:
@@ -133,20 +134,14 @@ def test_every_function_is_typed() -> None:
     assert untyped == []
 
 
-def test_no_file_or_folder_has_a_name_that_says_nothing() -> None:
-    parts = {
-        part.removesuffix(".py") for path in (*modules(), *files_of_tests()) for part in path.relative_to(ROOT).parts
-    }
-    assert parts & BANNED_NAMES == set()
-
-
 @pytest.mark.parametrize("pattern", [UNFINISHED, STUB], ids=["notes to self", "stubs"])
 def test_nothing_is_left_unfinished(pattern: re.Pattern[str]) -> None:
     assert matches((*modules(), *files_of_tests()), pattern) == []
 
 
-def test_no_test_is_switched_off_or_cannot_fail() -> None:
+def test_no_test_is_switched_off_and_nothing_mocked_in_production_code() -> None:
     assert matches(files_of_tests(), CANNOT_FAIL) == []
+    assert matches(modules(), re.compile(r"unittest|\bmock\b|\bpatch\(")) == []
 
 
 def functions_of_tests() -> list[tuple[Path, ast.FunctionDef | ast.AsyncFunctionDef]]:
@@ -196,15 +191,8 @@ def test_no_test_is_without_an_assertion() -> None:
     assert empty == []
 
 
-def test_nothing_is_mocked_in_production_code() -> None:
-    assert matches(modules(), re.compile(r"unittest|\bmock\b|\bpatch\(")) == []
-
-
-def test_no_path_of_one_machine_is_in_the_project() -> None:
+def test_nothing_speaks_of_one_machine_or_of_how_it_was_made() -> None:
     assert matches(texts(), MACHINE_PATH) == []
-
-
-def test_the_project_speaks_of_itself_alone() -> None:
     assert matches(texts(), FORBIDDEN_WORDS) == []
 
 
@@ -250,11 +238,8 @@ def test_every_error_that_is_raised_is_in_the_catalogue() -> None:
     assert unknown == []
 
 
-def test_every_error_of_the_catalogue_is_used() -> None:
+def test_every_error_of_the_catalogue_is_used_and_a_sentence_with_a_next_step() -> None:
     assert sorted(set(CATALOGUE) - set(strings_in_code())) == []
-
-
-def test_every_error_is_a_sentence_with_a_next_step() -> None:
     for entry in CATALOGUE.values():
         assert entry.meaning.endswith("."), entry.code
         assert entry.next_step.endswith("."), entry.code

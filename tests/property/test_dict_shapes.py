@@ -53,14 +53,11 @@ def test_plain_dicts_take_the_quick_way(value):
     assert dict_shapes.encode_by_shape(new_runtime(1000), value, 10_000) == encode_value(value)
 
 
-def test_the_memory_of_shapes_is_bounded():
+def test_the_memory_of_shapes_is_bounded_and_names_between_two_kinds_keep_both():
     for number in range(dict_shapes._SHAPES_MAX_COUNT + 20):
         dict_shapes.encode_by_shape(new_runtime(1000), {f"key{number}": number}, 1000)
         assert len(dict_shapes._latest) <= len(dict_shapes._shapes) <= dict_shapes._SHAPES_MAX_COUNT
     assert dict_shapes.encode_by_shape(new_runtime(1000), {"x" * 2000: 1}, 10_000) is None
-
-
-def test_names_that_change_between_two_kinds_keep_both_shapes():
     for value in [{"a": 1, "b": b"x"}, {"a": b"x", "b": 1}] * 3:
         assert dict_shapes.encode_by_shape(new_runtime(1000), value, 1000) == encode_value(value)
     kinds = [kinds for names, kinds in dict_shapes._shapes if names == ("a", "b")]

@@ -41,15 +41,7 @@ messages = st.one_of(
     qcs,
     tcs,
     st.builds(Vote, epoch=small, round=small, block_id=ids, index=small, signature=signatures),
-    st.builds(
-        Timeout,
-        epoch=small,
-        round=small,
-        index=small,
-        signature=signatures,
-        qc=qcs,
-        entered_by=st.none() | tcs,
-    ),
+    st.builds(Timeout, epoch=small, round=small, index=small, signature=signatures, qc=qcs, entered_by=st.none() | tcs),
     st.builds(CertificateNotice, qc=qcs, entered_by=st.none() | tcs),
 )
 

@@ -102,9 +102,8 @@ def test_a_single_custodian_holds_the_key_itself() -> None:
     ],
 )
 def test_nothing_is_split_but_by_the_rules(key: bytes, custodians: list[bytes], count: int) -> None:
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^VALUE_INVALID:"):
         split_share_key(key, custodians, [bytes(32)] * count)
-    assert refused.value.code == "VALUE_INVALID"
 
 
 @given(spend=keys, view=keys, other=keys, owner=keys, secret=st.binary(max_size=20))
@@ -136,28 +135,21 @@ def test_a_package_opens_for_its_grantee_and_record_alone(data_keys: dict[int, b
     )
     for wrong in cases:
         right: dict[str, Any] = {"candidates": [T], "sealing_private": bytes(sealing), "package": package}
-        with pytest.raises(BlockRobotError) as refused:
+        with pytest.raises(BlockRobotError, match=r"^ENVELOPE_INVALID:"):
             open_package(**{**right, "grantee": grantee, "record_id": RECORD, **wrong})
-        assert refused.value.code == "ENVELOPE_INVALID"
 
 
 def test_without_two_custodians_the_package_stays_closed_and_says_so() -> None:
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^GRANT_PARTS_MISSING:"):
         open_package([], bytes(32), b"", grantee=custodian(0), record_id=RECORD)
-    assert refused.value.code == "GRANT_PARTS_MISSING"
 
 
-def test_a_package_that_somebody_else_filled_with_anything_opens_nothing() -> None:
+def test_a_package_that_somebody_else_filled_opens_nothing_and_a_grantee_is_hidden_by_a_salt() -> None:
     sealing = SealingKey(sha256(b"x"))
     forged = seal_bytes(T, bytes(24), RECORD, 0, seal_to(bytes(sealing.public_key), b"\xc0" * 40))
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^ENVELOPE_INVALID:"):
         open_package([T], bytes(sealing), forged, grantee=custodian(0), record_id=RECORD)
-    assert refused.value.code == "ENVELOPE_INVALID"
-
-
-def test_the_hash_of_a_grantee_hides_her_behind_its_salt() -> None:
     handle = sha256(b"handle")
     assert hash_grant_member(bytes(32), handle) != hash_grant_member(sha256(b"salt"), handle)
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^VALUE_INVALID:"):
         hash_grant_member(b"", handle)
-    assert refused.value.code == "VALUE_INVALID"

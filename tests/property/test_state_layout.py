@@ -29,8 +29,7 @@ from tests.unit.contracts.system.deploying import upgrade
 
 SENSORS = ("audio", "depth", "emotion", "rgb")
 STEPS = st.lists(
-    st.tuples(st.integers(0, 499), st.integers(0, 49), st.sampled_from((0, 0, 0, 0, DAY_MS, 40 * DAY_MS))),
-    max_size=14,
+    st.tuples(st.integers(0, 499), st.integers(0, 49), st.sampled_from((0, 0, 0, 0, DAY_MS, 40 * DAY_MS))), max_size=14
 )
 histories = settings(suppress_health_check=[HealthCheck.too_slow])
 

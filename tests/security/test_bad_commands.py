@@ -51,10 +51,7 @@ class Terminal:
         self.home = home
         passphrase = home / "passphrase"
         passphrase.write_text(PASSPHRASE + "\n")
-        self.environment = os.environ | {
-            "BLOCKROBOT_HOME": str(home),
-            "BLOCKROBOT_PASSPHRASE_FILE": str(passphrase),
-        }
+        self.environment = os.environ | {"BLOCKROBOT_HOME": str(home), "BLOCKROBOT_PASSPHRASE_FILE": str(passphrase)}
 
     async def run(self, *arguments: str | Path, **environment: str) -> Outcome:
         process = await asyncio.create_subprocess_exec(
@@ -157,9 +154,13 @@ async def test_a_damaged_bag_is_told_before_anything_is_sent(network: NetworkUnd
         outcome.assert_plain(code)
 
 
-async def test_a_second_network_in_the_same_place_is_refused(network: NetworkUnderTest, terminal: Terminal) -> None:
+async def test_a_second_network_in_one_place_and_commands_without_any_are_refused(
+    network: NetworkUnderTest, terminal: Terminal
+) -> None:
     (await terminal.run("up", "--dir", network.folder)).assert_plain("CLUSTER_ALREADY_RUNNING")
     assert [(await network.status(name))["ready"] for name in network.names] == [True] * 4
+    for arguments in (("status",), ("down",)):
+        (await terminal.run(*arguments)).assert_plain("CLUSTER_NOT_RUNNING")
 
 
 async def test_a_port_in_use_is_named_and_nothing_is_left_running(terminal: Terminal) -> None:
@@ -174,11 +175,6 @@ async def test_a_port_in_use_is_named_and_nothing_is_left_running(terminal: Term
     assert "PORT_IN_USE" in outcome.errors
     assert str(base_port + 11) in outcome.errors
     assert "Nothing was running" in (await terminal.run("down", "--dir", folder)).output
-
-
-async def test_commands_without_a_network_say_so(terminal: Terminal) -> None:
-    for arguments in (("status",), ("down",)):
-        (await terminal.run(*arguments)).assert_plain("CLUSTER_NOT_RUNNING")
 
 
 @pytest.mark.smoke

@@ -50,7 +50,7 @@ async def test_damaged_bytes_are_no_transaction(network: NetworkUnderTest, intru
             assert result["txid"] is None
 
 
-async def test_one_transaction_has_one_form(network: NetworkUnderTest, intruder: Intruder) -> None:
+async def test_a_transaction_has_one_form_and_a_largest_size(network: NetworkUnderTest, intruder: Intruder) -> None:
     """The same fields in longer MessagePack forms would be a second wire with the same meaning."""
     good = network.transaction()
     outer_long = b"\xdc\x00\x02" + good.wire[1:]
@@ -58,9 +58,6 @@ async def test_one_transaction_has_one_form(network: NetworkUnderTest, intruder:
     async with nothing_changes(network):
         for wire in (outer_long, body_long):
             await intruder.rejected("ENCODING_NOT_CANONICAL", wire)
-
-
-async def test_an_oversized_transaction_is_refused(network: NetworkUnderTest, intruder: Intruder) -> None:
     large = network.transaction(arguments=[bytes(TRANSACTION_SIZE_MAX_BYTES)])
     async with nothing_changes(network):
         await intruder.rejected("TRANSACTION_TOO_LARGE", large.wire)
@@ -102,11 +99,17 @@ async def test_signatures_that_are_not_the_senders_are_refused(network: NetworkU
         await intruder.rejected("SENDER_NOT_ADMITTED", _with_signature(good, _high_s(good.signature)))
 
 
-async def test_a_bad_copy_does_not_keep_the_good_one_out(network: NetworkUnderTest, intruder: Intruder) -> None:
+async def test_a_bad_copy_keeps_neither_the_good_one_nor_its_batch_out(
+    network: NetworkUnderTest, intruder: Intruder
+) -> None:
     """A stranger who saw the body first and sends it with a wrong signature gains nothing."""
     good = network.transaction()
     await intruder.rejected("SENDER_NOT_ADMITTED", _with_signature(good, network.transaction().signature))
     await network.finalize(intruder.node, good)
+    good = network.transaction()
+    results = await intruder.submit(b"garbage", good.wire, good.wire[:-1])
+    assert [one["status"] for one in results] == ["rejected", "accepted", "rejected"]
+    await intruder.final(good)
 
 
 async def test_a_replay_is_executed_once(network: NetworkUnderTest, intruder: Intruder) -> None:
@@ -179,21 +182,20 @@ async def test_arguments_nested_without_end_are_refused(network: NetworkUnderTes
             assert result["error"]["code"] in {"ENCODING_INVALID", "VALUE_INVALID"}
 
 
-async def test_one_bad_transaction_does_not_spoil_its_batch(network: NetworkUnderTest, intruder: Intruder) -> None:
-    good = network.transaction()
-    results = await intruder.submit(b"garbage", good.wire, good.wire[:-1])
-    assert [one["status"] for one in results] == ["rejected", "accepted", "rejected"]
-    await intruder.final(good)
-
-
 # Enrolment
 
 
-async def test_a_code_registers_once(network: NetworkUnderTest, intruder: Intruder) -> None:
+async def test_a_code_registers_once_and_a_taken_handle_is_not_given_out_twice(
+    network: NetworkUnderTest, intruder: Intruder
+) -> None:
     card = intruder.card()
     assert (await intruder.final(intruder.registration(card, new_member())))["ok"]
     async with nothing_changes(network):
         await intruder.rejected("HANDLE_TAKEN", intruder.registration(card, new_member()).wire)
+    # Even a registrar cannot issue a second card for a handle that is registered.
+    again = intruder.card(handle=card.handle)
+    async with nothing_changes(network):
+        await intruder.rejected("HANDLE_TAKEN", intruder.registration(again, new_member()).wire)
 
 
 async def test_two_who_use_one_code_at_once_do_not_both_get_in(network: NetworkUnderTest, intruder: Intruder) -> None:
@@ -208,33 +210,17 @@ async def test_two_who_use_one_code_at_once_do_not_both_get_in(network: NetworkU
     assert {receipt["code"] for receipt in receipts} <= {"OK", "HANDLE_TAKEN"}
 
 
-async def test_a_taken_handle_is_not_given_out_twice(network: NetworkUnderTest, intruder: Intruder) -> None:
-    """Even a registrar cannot issue a second card for a handle that is registered."""
-    card = intruder.card()
-    assert (await intruder.final(intruder.registration(card, new_member())))["ok"]
-    again = intruder.card(handle=card.handle)
-    async with nothing_changes(network):
-        await intruder.rejected("HANDLE_TAKEN", intruder.registration(again, new_member()).wire)
-
-
-async def test_foreign_codes_register_nobody(network: NetworkUnderTest, intruder: Intruder) -> None:
-    cards = [
-        intruder.card(registrar=new_key()),
-        intruder.card(chain_id=secrets.token_bytes(32)),
-    ]
+async def test_a_foreign_or_expired_code_registers_nobody_nor_a_patients_a_robot(
+    network: NetworkUnderTest, intruder: Intruder
+) -> None:
+    cards = [intruder.card(registrar=new_key()), intruder.card(chain_id=secrets.token_bytes(32))]
     async with nothing_changes(network):
         for card in cards:
             await intruder.rejected("VOUCHER_FOREIGN", intruder.registration(card, new_member()).wire)
-
-
-async def test_an_expired_code_registers_nobody(network: NetworkUnderTest, intruder: Intruder) -> None:
     await intruder.final(network.transaction())
     card = intruder.card(not_after_ms=now_ms() - 60_000)
     async with nothing_changes(network):
         await intruder.rejected("VOUCHER_EXPIRED", intruder.registration(card, new_member()).wire)
-
-
-async def test_a_card_for_a_patient_does_not_make_a_robot(network: NetworkUnderTest, intruder: Intruder) -> None:
     member = new_member()
     arguments = intruder.registration(intruder.card(), member).arguments()
     arguments[2] = "robot"
@@ -267,10 +253,13 @@ async def test_a_voucher_seen_in_the_mempool_is_worth_nothing_to_who_saw_it(
 # Sessions
 
 
-async def test_without_a_session_nothing_is_read(intruder: Intruder) -> None:
+async def test_without_a_session_of_this_node_nothing_is_read(intruder: Intruder, network: NetworkUnderTest) -> None:
     for path in ("/v1/finality", "/v1/headers?from_height=0&limit=1", "/v1/announcements", "/v1/blocks/0"):
         await intruder.refused("SESSION_REQUIRED", "GET", path)
     await intruder.refused("SESSION_REQUIRED", "POST", "/v1/queries", json={})
+    token = await intruder.session(network.registrar, network.names[1])
+    assert (await intruder.ask("GET", "/v1/finality", headers=token, node=network.names[1]))[0] == 200
+    await intruder.refused("SESSION_EXPIRED", "GET", "/v1/finality", headers=token)
 
 
 @pytest.mark.parametrize(
@@ -280,13 +269,10 @@ async def test_a_token_that_is_none_opens_nothing(intruder: Intruder, header: st
     await intruder.refused("SESSION_EXPIRED", "GET", "/v1/finality", headers={"Authorization": header})
 
 
-async def test_a_token_of_another_node_opens_nothing(network: NetworkUnderTest, intruder: Intruder) -> None:
-    token = await intruder.session(network.registrar, network.names[1])
-    assert (await intruder.ask("GET", "/v1/finality", headers=token, node=network.names[1]))[0] == 200
-    await intruder.refused("SESSION_EXPIRED", "GET", "/v1/finality", headers=token)
-
-
-async def test_a_patients_session_does_not_do_a_robots_or_an_owners_work(intruder: Intruder) -> None:
+async def test_a_session_is_for_no_stranger_and_does_no_others_work(intruder: Intruder) -> None:
+    stranger = new_key()
+    answer = intruder.answer_to(stranger, await intruder.challenge(stranger))
+    await intruder.refused("SESSION_REFUSED", "POST", "/v1/sessions", json=answer)
     token = await intruder.session((await intruder.enrol()).identity)
     await intruder.refused("NOT_PERMITTED", "PUT", "/v1/clips/" + "00" * 16, data=b"", headers=token)
     await intruder.refused("NOT_PERMITTED", "GET", f"/v1/clips/{'00' * 16}?access_id={'00' * 32}", headers=token)
@@ -311,12 +297,6 @@ async def test_a_node_cannot_pass_anothers_challenge_on(network: NetworkUnderTes
     challenge = await intruder.challenge(network.registrar)
     relayed = intruder.answer_to(network.registrar, challenge, node=network.names[1])
     await intruder.refused("SIGNATURE_INVALID", "POST", "/v1/sessions", json=relayed)
-
-
-async def test_a_stranger_gets_no_session(intruder: Intruder) -> None:
-    stranger = new_key()
-    answer = intruder.answer_to(stranger, await intruder.challenge(stranger))
-    await intruder.refused("SESSION_REFUSED", "POST", "/v1/sessions", json=answer)
 
 
 # HTTP
@@ -344,18 +324,12 @@ async def test_bodies_of_another_form_are_refused(intruder: Intruder, path: str,
     await intruder.refused("REQUEST_INVALID", "POST", path, data=body, headers={"Content-Type": media_type})
 
 
-async def test_large_bodies_are_refused(intruder: Intruder) -> None:
+async def test_bodies_that_are_large_or_packed_are_refused(intruder: Intruder) -> None:
     for path, size in (("/v1/session-challenges", 2000), ("/v1/transactions", 3 * 1024 * 1024)):
         await intruder.refused("REQUEST_TOO_LARGE", "POST", path, data=io.BytesIO(bytes(size)))
-
-
-async def test_a_small_body_that_unpacks_to_a_huge_one_is_refused(intruder: Intruder) -> None:
     bomb = gzip.compress(bytes(64 * 1024 * 1024))
     headers = {"Content-Encoding": "gzip", "Content-Type": MSGPACK}
     await intruder.refused("MEDIA_TYPE_UNSUPPORTED", "POST", "/v1/transactions", data=bomb, headers=headers)
-
-
-async def test_a_body_that_is_not_packed_as_it_says_is_refused(intruder: Intruder) -> None:
     for encoding in ("gzip", "deflate", "br", "nonsense"):
         headers = {"Content-Encoding": encoding, "Content-Type": "application/json"}
         path = "/v1/session-challenges"

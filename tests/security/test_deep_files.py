@@ -60,7 +60,6 @@ def refused(read: Callable[[Path], object], code: str, text: str, folder: Path) 
     path = folder / "node.toml"
     path.write_text(text, encoding="utf-8")
     before = time.process_time()
-    with pytest.raises(BlockRobotError) as raised:
+    with pytest.raises(BlockRobotError, match=f"^{code}:"):
         read(path)
-    assert raised.value.code == code
     assert time.process_time() - before < REFUSED_MAX_S

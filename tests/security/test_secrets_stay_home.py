@@ -141,24 +141,18 @@ async def test_after_a_whole_story_no_file_of_a_node_holds_a_secret(
     await intruder.final(network.transaction())
 
 
-async def test_every_key_lies_in_its_own_file_only(network: NetworkUnderTest) -> None:
+async def test_every_key_lies_in_its_own_file_for_its_user_only(network: NetworkUnderTest) -> None:
     keys = _own_keys(network)
     assert len(keys) == 4 + 2 + 4 + 2 * 3
     for home, key in keys.items():
         places = {path for _, path in find_secrets(network.folder, {home: key})}
         assert places == {home}
-
-
-async def test_key_files_are_their_users_only(network: NetworkUnderTest) -> None:
     files = [network.folder / home for home in _own_keys(network)]
     files += list(network.folder.rglob("cards.json"))
     files += [path for path in network.folder.rglob("erase-keys/*") if path.is_file()]
     for path in files:
         assert path.stat().st_mode & 0o777 == 0o600, path
-
-
-async def test_what_a_node_writes_is_not_for_others_on_the_machine(network: NetworkUnderTest) -> None:
-    """The custody database and the ledger tell who was where when; folders keep other users out."""
+    # The custody database and the ledger tell who was where when; folders keep other users out.
     for config in network.cluster.configs.values():
         assert config.data_dir.stat().st_mode & 0o077 == 0, config.data_dir
 

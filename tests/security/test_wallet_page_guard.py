@@ -66,10 +66,7 @@ async def house(tmp_path: Path) -> AsyncIterator[House]:
 
 async def _answer(method: str, url: str, headers: dict[str, str], body: Any = None) -> tuple[int, str, Any]:
     """Return status, code and headers."""
-    async with (
-        aiohttp.ClientSession() as http,
-        http.request(method, url, headers=headers, json=body) as answer,
-    ):
+    async with aiohttp.ClientSession() as http, http.request(method, url, headers=headers, json=body) as answer:
         told = await answer.json(content_type=None) if "json" in answer.content_type else {}
         return answer.status, told.get("code", ""), answer.headers
 

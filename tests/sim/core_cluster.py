@@ -18,14 +18,7 @@ from consensus.chain.schedule import Epoch
 from consensus.chain.signature_cache import SignatureCache
 from tests.sim.core_checks import Violations
 from tests.sim.core_node import SimNode
-from tests.sim.named_chain import (
-    EPOCH_START_MS,
-    make_change,
-    make_genesis_block,
-    make_keys,
-    make_transaction,
-    txid_of,
-)
+from tests.sim.named_chain import EPOCH_START_MS, make_change, make_genesis_block, make_keys, make_transaction, txid_of
 
 
 @dataclass

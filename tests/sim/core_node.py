@@ -44,14 +44,7 @@ from consensus.protocol.events import (
     WorkChanged,
 )
 from tests.sim.core_store import CoreStore, Stored
-from tests.sim.named_chain import (
-    CHAIN_ID,
-    build_block,
-    execute,
-    find_next_epoch,
-    hash_next_epoch,
-    txid_of,
-)
+from tests.sim.named_chain import CHAIN_ID, build_block, execute, find_next_epoch, hash_next_epoch, txid_of
 
 if TYPE_CHECKING:
     from tests.sim.core_cluster import Cluster

@@ -128,8 +128,11 @@ def test_a_vote_after_a_timeout_would_finalize_two_blocks(monkeypatch):
     assert len(play_a_vote_after_a_timeout().final[1]) == 2
 
 
-def test_no_vote_after_a_timeout_finalizes_one_block():
+def test_by_the_rules_neither_a_timeout_nor_a_gap_finalizes_two_blocks():
     assert len(play_a_vote_after_a_timeout().final[1]) == 1
+    table = play_two_branches_of_alternating_rounds()
+    assert table.final == {}
+    assert not any(node.core.halted for node in table.nodes)
 
 
 def play_two_branches_of_alternating_rounds() -> Table:
@@ -159,9 +162,3 @@ def play_two_branches_of_alternating_rounds() -> Table:
 def test_a_commit_over_a_gap_of_rounds_would_finalize_two_blocks(monkeypatch):
     let_gaps_commit(monkeypatch)
     assert len(play_two_branches_of_alternating_rounds().final[1]) == 2
-
-
-def test_no_commit_over_a_gap_of_rounds_finalizes_nothing_yet():
-    table = play_two_branches_of_alternating_rounds()
-    assert table.final == {}
-    assert not any(node.core.halted for node in table.nodes)

@@ -82,11 +82,7 @@ FOLLOWING = (
     Mutant("a removed producer's votes still count", "R21", keep_the_removed, REMOVAL, frozenset({"epoch_in_force"})),
     Mutant("ends_epoch always False", "R21", never_end_an_epoch, CHANGES, frozenset({"liveness"})),
     Mutant(
-        "closing blocks final",
-        "R22",
-        finalize_closing_blocks,
-        CHANGES_AND_LOST_LEADERS,
-        frozenset({"code_faults"}),
+        "closing blocks final", "R22", finalize_closing_blocks, CHANGES_AND_LOST_LEADERS, frozenset({"code_faults"})
     ),
     Mutant("the root round of another epoch", "R23", carry_the_round_over, CHANGES, frozenset({"liveness"})),
 )

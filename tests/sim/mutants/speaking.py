@@ -39,12 +39,6 @@ def vote_after_a_timeout(patch: pytest.MonkeyPatch) -> None:
 
 
 SPEAKING = (
-    Mutant(
-        "vote twice in a round",
-        "R4",
-        vote_for_every_proposal,
-        TWO_BLOCKS_FOR_ALL,
-        frozenset({"no_double_vote"}),
-    ),
+    Mutant("vote twice in a round", "R4", vote_for_every_proposal, TWO_BLOCKS_FOR_ALL, frozenset({"no_double_vote"})),
     Mutant("vote after a timeout", "R4", vote_after_a_timeout, CHAOS, frozenset({"no_double_vote"})),
 )

@@ -105,13 +105,7 @@ def tell_too_early(patch: pytest.MonkeyPatch) -> None:
 
 
 STORING = (
-    Mutant(
-        "execution that depends on the node",
-        "R5",
-        look_at_ones_own_clock,
-        CHAOS,
-        frozenset({"equal_state_roots"}),
-    ),
+    Mutant("execution that depends on the node", "R5", look_at_ones_own_clock, CHAOS, frozenset({"equal_state_roots"})),
     Mutant("verify compares no roots", "R5", compare_no_roots, WRONG_ROOTS, frozenset({"liveness"})),
     Mutant("forget stored txids", "once for all", forget_stored_txids, REPLAY, frozenset({"exactly_once"})),
     Mutant("drop txids when pruning", "once for all", prune_txids, REPLAY_AFTER_PRUNING, frozenset({"exactly_once"})),

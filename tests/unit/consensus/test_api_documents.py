@@ -30,10 +30,12 @@ KEY, WORD, SIGNATURE = "02" * 33, "ab" * 32, "cd" * 65
 SESSION = {"public_key": KEY, "challenge": WORD, "signature": SIGNATURE}
 
 
-def test_requests_and_only_they_are_read_strictly() -> None:
+def test_requests_alone_are_read_strictly_and_answers_of_later_versions_too() -> None:
     kinds = [kind for kind in vars(api_documents).values() if isinstance(kind, type) and issubclass(kind, Document)]
     strict = {kind.__name__ for kind in kinds if kind.__struct_config__.forbid_unknown_fields}
     assert strict == {kind.__name__ for kind in kinds if kind.__name__.endswith("Request")}
+    fields = {"token": WORD, "kind": "member", "expires_at_ms": 7}
+    assert read_answer(msgspec.json.encode(fields | {"more": 1}), SessionAnswer) == SessionAnswer(WORD, "member", 7)
 
 
 @pytest.mark.parametrize(
@@ -62,23 +64,16 @@ def test_arguments_that_are_no_hexadecimal_are_rejected(args: str) -> None:
         msgspec.json.decode(content, type=QueryRequest)
 
 
-def test_an_answer_of_a_later_version_is_read() -> None:
-    fields = {"token": WORD, "kind": "member", "expires_at_ms": 7}
-    assert read_answer(msgspec.json.encode(fields | {"more": 1}), SessionAnswer) == SessionAnswer(WORD, "member", 7)
-
-
 @pytest.mark.parametrize("fields", [{}, {"token": "ab"}, {"token": "zz" * 32}, {"expires_at_ms": "7"}])
 def test_a_damaged_answer_is_internal(fields: dict[str, Any]) -> None:
     whole = {"kind": "member", "expires_at_ms": 7} | fields
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^INTERNAL:"):
         read_answer(msgspec.json.encode(whole), SessionAnswer)
-    assert refusal.value.code == "INTERNAL"
 
 
 def test_bytes_of_an_answer_that_are_no_hexadecimal_are_internal() -> None:
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^INTERNAL:"):
         read_finality(Finality(header="0", child_header="", child_qc="", through=[]))
-    assert refusal.value.code == "INTERNAL"
 
 
 def test_the_schema_of_bytes_says_that_they_are_hexadecimal() -> None:

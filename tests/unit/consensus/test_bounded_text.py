@@ -89,15 +89,12 @@ def test_as_many_keys_as_fit_of_as_many_parts_as_may_be_are_refused_in_time() ->
     assert time.process_time() - before < REFUSED_MAX_S
 
 
-def test_what_is_as_deep_and_as_long_as_allowed_is_read() -> None:
+def test_what_is_as_long_as_allowed_is_read_and_what_is_longer_is_refused_unread() -> None:
     deep = "[" * (NESTED_MAX_DEPTH - 1) + "{}" + "]" * (NESTED_MAX_DEPTH - 1)
     assert read_json_text(deep)
     assert read_toml_text('b.c = "1.2"\n[d]\ne = [1]') == {"b": {"c": "1.2"}, "d": {"e": [1]}}
     assert read_json_as('{"name": "a"}', Row) == Row("a")
     assert read_json_text("1.5", parse_float=str) == "1.5"
-
-
-def test_what_is_too_large_is_refused_unread() -> None:
     for read in (read_json_text, read_toml_text):
         with pytest.raises(TextInvalidError, match="larger"):
             read("[" * 11, 10)

@@ -14,22 +14,19 @@ from contracts.lifecycle.registry import SHIPPED_CONTRACTS, read_source
 OF_THE_MACHINE = {"ARGUMENTS_INVALID", "ENTRY_UNKNOWN"}
 
 
-def test_a_refusal_says_what_to_do_about_the_rule_that_refused() -> None:
+def test_a_refusal_says_what_to_do_about_the_rule_and_other_errors_are_not_judged() -> None:
     told = BlockRobotError("CALL_REFUSED", "OFFICER_THE_SAME: Who proposed it cannot approve it.")
     assert told.next_step == NEXT_STEPS["OFFICER_THE_SAME"]
     named = BlockRobotError("CALL_REFUSED", "It was refused.", contract_code="RECORDS_LEFT")
     assert named.next_step == NEXT_STEPS["RECORDS_LEFT"]
+    error = BlockRobotError("NOT_FOUND", "RECORDS_LEFT: no.", contract_code="RECORDS_LEFT")
+    assert error.next_step == CATALOGUE["NOT_FOUND"].next_step
 
 
 @pytest.mark.parametrize("detail", ["", "NOT_TODAY: Try tomorrow.", "RISK: none.", "Not so: RECORDS_LEFT."])
 def test_where_a_code_says_nothing_more_the_sentence_has_to_do(detail: str) -> None:
     assert find_next_step("", detail) == ""
     assert BlockRobotError("CALL_REFUSED", detail).next_step == CATALOGUE["CALL_REFUSED"].next_step
-
-
-def test_other_errors_are_not_judged_by_their_words() -> None:
-    error = BlockRobotError("NOT_FOUND", "RECORDS_LEFT: no.", contract_code="RECORDS_LEFT")
-    assert error.next_step == CATALOGUE["NOT_FOUND"].next_step
 
 
 def test_every_code_is_one_that_a_contract_that_ships_gives() -> None:

@@ -52,21 +52,15 @@ def test_a_block_with_a_wrong_field_is_never_executed(changes):
     assert node.core.halted == ""
 
 
-def test_a_block_signed_by_somebody_else_is_never_executed():
+def test_a_block_that_its_leader_did_not_sign_is_never_executed():
     node = OneCore()
     block = node.block(1)
     assert proposed(node, msgspec.structs.replace(block, signature=node.block(2).signature)) == []
-
-
-def test_a_block_of_a_producer_that_does_not_lead_the_round_is_never_executed():
     node = OneCore()
     other = (node.schedule.leader(1) + 1) % len(node.keys)
     block = node.block(1, producer=other)
     signature = sign_block(node.keys[other], node.chain_id, node.schedule.epoch, 1, block.block_id)
     assert of_type(proposed(node, msgspec.structs.replace(block, signature=signature)), ExecuteBlock) == []
-
-
-def test_bytes_that_are_no_header_are_ignored():
     assert proposed(OneCore(), Block(header_bytes=b"\x93", signature=bytes(64), transactions=())) == []
 
 
@@ -195,7 +189,7 @@ def test_blocks_that_sync_stored_become_the_new_head_and_waiting_blocks_connect(
     assert said(effects, Vote) == [node.vote(3, blocks[4])]
 
 
-def test_sync_up_to_a_block_of_the_tree_keeps_what_is_above():
+def test_sync_keeps_what_is_above_its_head_and_an_older_head_changes_nothing():
     node = OneCore()
     one, two = node.chain(1, 2)
     node.receive(one)
@@ -203,9 +197,6 @@ def test_sync_up_to_a_block_of_the_tree_keeps_what_is_above():
     node.handle(FinalizedElsewhere(head=one, qc=node.qc(one), now_ms=NOW_MS))
     assert node.core.finalized_id == one.block_id
     assert node.core.block(two.block_id) == two
-
-
-def test_sync_to_an_older_head_changes_nothing():
     node = OneCore()
     one, two, three = node.chain(1, 2, 3)
     for block in (one, two, three):
@@ -215,16 +206,13 @@ def test_sync_to_an_older_head_changes_nothing():
     assert node.core.finalized_id == two.block_id
 
 
-def test_a_certified_block_that_does_not_execute_halts_the_node():
+def test_a_block_that_does_not_execute_halts_the_node_only_if_it_is_certified():
     node = OneCore()
     one = node.block(1)
     node.receive(one, valid=False)
     effects = node.notice(node.qc(one, (0, 1, 2)))
     assert len(of_type(effects, Halt)) == 1
     assert node.work() == []
-
-
-def test_a_bad_block_that_nobody_certified_costs_its_leader_the_round_and_no_more():
     node = OneCore()
     node.receive(node.block(1), valid=False)
     assert node.core.halted == ""

@@ -10,7 +10,7 @@ from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import GENESIS, TRANSACTION, OneCore, committed, of_type
 
 
-def test_a_block_is_final_when_its_child_of_the_next_round_is_certified():
+def test_a_block_is_final_by_a_child_of_the_next_round_and_by_none_of_a_later_one():
     node = OneCore()
     one, two = node.chain(1, 2)
     node.receive(one)
@@ -18,6 +18,13 @@ def test_a_block_is_final_when_its_child_of_the_next_round_is_certified():
     assert committed(node.vote_from(0, two)) == []
     assert committed(node.vote_from(1, two)) == [one]
     assert node.core.finalized_id == one.block_id
+    # The schedule that chaos does not find: rounds 1 and 3 are certified, but another branch may live in round 2.
+    node = OneCore()
+    one, three = node.chain(1, 3)
+    node.receive(one)
+    node.receive(three)
+    assert committed(node.notice(node.qc(three))) == []
+    assert node.core.finalized.height == 0
 
 
 def test_the_commit_comes_with_a_proof_that_a_light_client_accepts():
@@ -27,16 +34,6 @@ def test_the_commit_comes_with_a_proof_that_a_light_client_accepts():
     node.receive(two)
     commit = of_type(node.notice(node.qc(two)), CommitBlocks)[0]
     assert verify_finality(commit.proof, node.schedule, CHAIN_ID, GENESIS.block_id) == one.header
-
-
-def test_a_certified_child_of_a_later_round_makes_nothing_final():
-    """The schedule that chaos does not find: rounds 1 and 3 are certified, but another branch may live in round 2."""
-    node = OneCore()
-    one, three = node.chain(1, 3)
-    node.receive(one)
-    node.receive(three)
-    assert committed(node.notice(node.qc(three))) == []
-    assert node.core.finalized.height == 0
 
 
 def test_a_conflicting_branch_may_still_win_after_a_certified_pair_with_a_gap():
@@ -58,12 +55,19 @@ def test_a_conflicting_branch_may_still_win_after_a_certified_pair_with_a_gap():
     assert node.core.halted == ""
 
 
-def test_ancestors_across_a_gap_become_final_with_the_next_consecutive_pair():
+def test_ancestors_across_a_gap_become_final_with_a_consecutive_pair_also_of_late_blocks():
     node = OneCore()
     one, three, four = node.chain(1, 3, 4)
     for block in (one, three, four):
         node.receive(block)
     assert committed(node.notice(node.qc(four))) == [one, three]
+    # R8: every consecutive pair of the branch counts, not only the one at its end.
+    node = OneCore()
+    one, two, four = node.chain(1, 2, 4)
+    node.notice(node.qc(four))
+    node.receive(four)
+    node.receive(two)
+    assert committed(node.receive(one)) == [one]
 
 
 def test_a_pair_is_found_when_its_block_arrives_after_the_certificates():
@@ -75,16 +79,6 @@ def test_a_pair_is_found_when_its_block_arrives_after_the_certificates():
     assert node.core.finalized.height == 0
     assert committed(node.receive(two)) == [one]
     assert committed(node.receive(three)) == [two]
-
-
-def test_a_consecutive_pair_below_a_gap_is_found_when_blocks_come_late():
-    """R8: every consecutive pair of the branch counts, not only the one at its end."""
-    node = OneCore()
-    one, two, four = node.chain(1, 2, 4)
-    node.notice(node.qc(four))
-    node.receive(four)
-    node.receive(two)
-    assert committed(node.receive(one)) == [one]
 
 
 def test_a_block_is_final_only_once_it_was_executed_here():

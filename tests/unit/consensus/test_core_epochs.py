@@ -14,13 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.protocol.core import Core
 from consensus.protocol.effects import BuildBlock, CancelTimer, CommitBlocks, ExecuteBlock, Halt, Persist, SetTimer
-from consensus.protocol.events import (
-    BlocksFetched,
-    FinalizedElsewhere,
-    PeerConnected,
-    TimeoutReceived,
-    VoteReceived,
-)
+from consensus.protocol.events import BlocksFetched, FinalizedElsewhere, PeerConnected, TimeoutReceived, VoteReceived
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import GENESIS, TRANSACTION, OneCore, Peers, committed, of_type, said, told
 
@@ -74,7 +68,7 @@ def test_the_shortest_proof_is_taken_when_several_pairs_are_certified_at_once():
     assert commits[0].proof.child_header_bytes == closing[0].header_bytes
 
 
-def test_a_commit_below_the_boundary_does_not_end_the_epoch():
+def test_blocks_before_the_boundary_are_final_with_it_and_a_commit_below_does_not_end_the_epoch():
     node = OneCore()
     one = node.block(1)
     boundary = node.boundary(2, one)
@@ -83,9 +77,6 @@ def test_a_commit_below_the_boundary_does_not_end_the_epoch():
     assert committed(node.notice(node.qc(boundary))) == [one]
     assert not node.core.has_ended
     assert node.core.is_busy
-
-
-def test_blocks_before_the_boundary_become_final_with_it():
     node = OneCore()
     one = node.block(1)
     boundary = node.block(3, one, tc=node.tc(2, 1), next_schedule_hash=sha256(b"next"))
@@ -159,18 +150,30 @@ def test_nothing_but_closing_blocks_follow_a_closing_block():
     assert node.core.round == 3
 
 
-def test_a_closing_block_without_a_boundary_gets_no_vote():
+def test_only_a_boundary_is_followed_by_closing_blocks():
     node = OneCore()
     assert said(node.receive(node.closing(1, GENESIS)), Vote) == []
+    node = OneCore(2)
+    one = node.block(1, transactions=(TRANSACTION,))
+    node.receive(one)
+    order = of_type(node.notice(node.qc(one)), BuildBlock)[0]
+    assert not order.closing
+    node, boundary, *_ = next_node()
+    assert said(node.receive(node.closing(1, boundary)), Vote) == []
 
 
-def test_a_certified_block_that_ignores_the_boundary_halts_the_node():
+def test_a_block_or_quorum_beside_the_boundary_halts_the_node():
     node = OneCore()
     boundary = node.boundary(1)
     node.receive(boundary)
     ignoring = node.block(2, boundary)
     node.receive(ignoring)
     assert of_type(node.notice(node.qc(ignoring)), Halt)
+    # R18 across epochs: the boundary is final, whatever the new producers certify.
+    node, boundary, _, two, _ = next_node()
+    beside = node.block(1, two, qc=node.root_qc, parent_id=boundary.block_id, height=3)
+    node.notice(node.qc(beside))
+    assert of_type(node.receive(beside), Halt)
 
 
 def test_a_leader_closes_after_a_certified_boundary_at_once():
@@ -182,14 +185,6 @@ def test_a_leader_closes_after_a_certified_boundary_at_once():
     assert order.empty
     block = node.built(order)
     assert [vote.round for vote in said(block, Vote)] == [2]
-
-
-def test_a_leader_builds_no_closing_block_elsewhere():
-    node = OneCore(2)
-    one = node.block(1, transactions=(TRANSACTION,))
-    node.receive(one)
-    order = of_type(node.notice(node.qc(one)), BuildBlock)[0]
-    assert not order.closing
 
 
 # After the end
@@ -253,7 +248,7 @@ def next_node(index: int | None = 3, **options):
     return OneCore(index, epoch=1, root=boundary, **options), boundary, before, two, one
 
 
-def test_the_next_epoch_begins_at_round_one_on_the_boundary():
+def test_the_next_epoch_begins_at_round_one_and_takes_no_block_of_the_epoch_before():
     node, boundary, *_ = next_node(1)
     assert (node.core.epoch, node.core.round, node.core.leader) == (1, 1, 1)
     assert not node.core.has_ended
@@ -261,6 +256,15 @@ def test_the_next_epoch_begins_at_round_one_on_the_boundary():
     assert (order.epoch, order.round, order.height, order.closing) == (1, 1, 4, False)
     assert order.parent_id == boundary.block_id
     assert order.qc == genesis_certificate(boundary.block_id, 1)
+    node, _, before, *_ = next_node()
+    one = node.block(1)
+    signature = before.block(1).signature
+    assert node.receive(msgspec.structs.replace(one, signature=signature)) == []
+    # R9: the boundary's own round, 7, means nothing here: two rounds were lost, not minus five.
+    node, *_ = next_node(2)
+    node.work()
+    effects = node.notice(node.root_qc, node.tc(2, 0))
+    assert [timer.delay_ms for timer in of_type(effects, SetTimer) if timer.kind == "round"] == [4 * 500]
 
 
 def test_blocks_of_the_next_epoch_are_voted_for_and_final():
@@ -274,19 +278,6 @@ def test_blocks_of_the_next_epoch_are_voted_for_and_final():
     assert committed(effects) == [one]
     proof = of_type(effects, CommitBlocks)[0].proof
     assert verify_finality(proof, node.schedule, CHAIN_ID, boundary.block_id) == one.header
-
-
-def test_the_first_block_of_an_epoch_closes_nothing():
-    node, boundary, *_ = next_node()
-    assert said(node.receive(node.closing(1, boundary)), Vote) == []
-
-
-def test_timeouts_count_rounds_from_the_beginning_of_the_epoch():
-    """R9: the boundary's own round, 7, means nothing here: two rounds were lost, not minus five."""
-    node, *_ = next_node(2)
-    node.work()
-    effects = node.notice(node.root_qc, node.tc(2, 0))
-    assert [timer.delay_ms for timer in of_type(effects, SetTimer) if timer.kind == "round"] == [4 * 500]
 
 
 def test_words_of_the_epoch_before_do_not_count():
@@ -323,14 +314,7 @@ def test_words_of_the_epoch_before_cannot_be_dressed_up():
     assert node.notice(qc) != []
 
 
-def test_a_block_signed_for_the_epoch_before_is_no_proposal():
-    node, _, before, *_ = next_node()
-    one = node.block(1)
-    signature = before.block(1).signature
-    assert node.receive(msgspec.structs.replace(one, signature=signature)) == []
-
-
-def test_the_journal_of_the_epoch_before_limits_nothing():
+def test_the_next_epoch_keeps_its_words_over_a_restart_and_none_of_the_journal_before():
     old = OneCore()
     old.receive(old.block(1))
     boundary = old.boundary(2, old.block(1))
@@ -339,23 +323,12 @@ def test_the_journal_of_the_epoch_before_limits_nothing():
     node = OneCore(3, epoch=1, root=boundary, journal=old.journal)
     assert (node.core.last_voted_round, node.core.round) == (0, 1)
     assert said(node.receive(node.block(1)), Vote)
-
-
-def test_a_restart_within_the_next_epoch_keeps_its_words():
     node, boundary, *_ = next_node()
     one = node.block(1)
     vote = said(node.receive(one), Vote)
     again = OneCore(3, epoch=1, root=boundary, journal=node.journal)
     assert vote[0] in said(again.started, Vote)
     assert said(again.receive(node.block(1, transactions=(TRANSACTION,))), Vote) == []
-
-
-def test_a_quorum_that_does_not_stand_on_the_boundary_halts_the_node():
-    """R18 across epochs: the boundary is final, whatever the new producers certify."""
-    node, boundary, _, two, _ = next_node()
-    beside = node.block(1, two, qc=node.root_qc, parent_id=boundary.block_id, height=3)
-    node.notice(node.qc(beside))
-    assert of_type(node.receive(beside), Halt)
 
 
 def test_a_core_needs_a_certificate_of_its_own_epoch():

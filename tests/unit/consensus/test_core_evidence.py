@@ -42,13 +42,10 @@ def evidence_of_proposals():
     return make_evidence("proposal", 0, 1, PEERS.keys[1].public_key, *words)
 
 
-def test_two_votes_of_one_round_are_evidence_though_only_the_first_counts():
+def test_two_words_of_one_round_are_evidence_though_only_the_first_counts():
     node = OneCore()
     assert hear(node, PEERS.vote(0, ONE), PEERS.vote(0, OTHER)) == [evidence_of_votes()]
     assert len(node.core._votes) == 1
-
-
-def test_two_proposals_of_one_round_are_evidence_though_only_the_first_is_kept():
     node = OneCore()
     assert hear(node, ONE, OTHER) == [evidence_of_proposals()]
     assert node.core.block(OTHER.block_id) is None
@@ -61,21 +58,27 @@ def test_evidence_is_the_same_bytes_on_every_node_in_whichever_order_it_came():
     assert [encode(evidence) for evidence in there] == [encode(evidence) for evidence in here]
 
 
-def test_a_word_that_is_repeated_is_no_evidence_and_a_pair_is_reported_once():
+def test_repeated_forged_or_unlike_words_are_no_evidence_and_a_pair_is_reported_once():
     node = OneCore()
     vote, other = PEERS.vote(0, ONE), PEERS.vote(0, OTHER)
     assert hear(node, vote, vote, ONE, ONE) == []
     assert len(hear(node, other, other, vote, PEERS.vote(0, PEERS.block(1, timestamp_ms=NOW_MS)))) == 1
+    node = OneCore(2)
+    later = PEERS.block(2, ONE)
+    assert hear(node, ONE, PEERS.vote(1, OTHER), PEERS.vote(0, ONE), PEERS.vote(0, later)) == []
+    node = OneCore()
+    forged = msgspec.structs.replace(PEERS.vote(1, OTHER), index=0)
+    assert hear(node, PEERS.vote(0, ONE), forged, msgspec.structs.replace(OTHER, signature=bytes(64))) == []
+    # Its own words come back to it in certificates, and from whoever has its key.
+    node = OneCore(0)
+    assert hear(node, PEERS.vote(0, ONE), PEERS.vote(0, OTHER)) == []
 
 
-def test_the_second_vote_is_noticed_after_the_round_was_certified():
+def test_evidence_is_noticed_after_the_round_and_in_a_certificate_too():
     """The first one stands in a certificate only: this node never saw it alone."""
     node = OneCore()
     node.notice(PEERS.qc(ONE))
     assert hear(node, PEERS.vote(0, OTHER)) == [evidence_of_votes()]
-
-
-def test_a_certificate_that_contradicts_a_vote_is_evidence():
     node = OneCore()
     hear(node, PEERS.vote(0, OTHER))
     found = [effect.evidence for effect in of_type(node.notice(PEERS.qc(ONE)), EvidenceFound)]
@@ -98,29 +101,14 @@ def shown_to(node, *words):
     return sent
 
 
-def test_who_voted_for_the_leaders_other_block_is_shown_this_one_once():
+def test_who_voted_for_the_leaders_other_block_is_shown_this_one_once_and_a_forger_nothing():
     """R39: of seven, twins shown to three each are never certified; only so do both come before one pair of eyes."""
     vote = PEERS.vote(0, OTHER)
     assert shown_to(OneCore(), ONE, vote, vote, PEERS.vote(2, ONE)) == [(0, ONE.block_id)]
     assert shown_to(OneCore(), vote, ONE, ONE) == [(0, ONE.block_id)]
     assert shown_to(OneCore(), vote) == []
-
-
-def test_a_forged_vote_for_another_block_is_shown_nothing():
     forged = msgspec.structs.replace(PEERS.vote(0, OTHER), index=2)
     assert shown_to(OneCore(), ONE, forged) == []
-
-
-def test_a_vote_and_a_proposal_or_words_of_two_rounds_are_no_evidence():
-    node = OneCore(2)
-    later = PEERS.block(2, ONE)
-    assert hear(node, ONE, PEERS.vote(1, OTHER), PEERS.vote(0, ONE), PEERS.vote(0, later)) == []
-
-
-def test_a_forged_second_word_is_no_evidence():
-    node = OneCore()
-    forged = msgspec.structs.replace(PEERS.vote(1, OTHER), index=0)
-    assert hear(node, PEERS.vote(0, ONE), forged, msgspec.structs.replace(OTHER, signature=bytes(64))) == []
 
 
 def test_an_extra_signature_is_looked_at_no_more_than_so_often():
@@ -159,39 +147,27 @@ def test_forgeries_of_one_sender_hide_nothing_that_others_send(word):
     assert found == [evidence_of_votes() if isinstance(word, Vote) else evidence_of_proposals()]
 
 
-def test_a_liar_that_hides_its_vote_behind_rubbish_is_found_out_by_the_certificate_of_the_other_one():
+def test_rubbish_hides_neither_a_second_vote_nor_a_second_block():
     """R30, R31: its vote counts here, so it was checked in any case: then it is remembered too."""
     node = OneCore()
     hear(node, *forged(PEERS.vote(0, ONE)), PEERS.vote(0, OTHER), sender=0)
     found = [effect.evidence for effect in of_type(node.notice(PEERS.qc(ONE)), EvidenceFound)]
     assert found == [evidence_of_votes()]
-
-
-def test_a_leader_that_hides_its_twin_behind_rubbish_is_found_out_by_the_other_one():
     node = OneCore()
     hear(node, *forged(ONE), ONE, sender=1)
     assert hear(node, OTHER, sender=2) == [evidence_of_proposals()]
 
 
-def test_words_that_are_genuine_use_nothing_up():
+def test_genuine_words_use_nothing_up_and_words_far_from_the_round_are_not_remembered():
     node = OneCore()
     for block in (ONE, *[PEERS.block(1, timestamp_ms=NOW_MS + 1 + n) for n in range(WORD_CHECKS_MAX_COUNT)]):
         hear(node, PEERS.vote(0, block), sender=0)
     assert node.core._witness._rounds[1]["vote", 0].failed_counts == {}
-
-
-def test_words_far_from_the_round_are_not_remembered():
     node = OneCore()
     far = EVIDENCE_ROUNDS_KEPT_COUNT + 2
     words = [msgspec.structs.replace(PEERS.vote(0, block), round=far) for block in (ONE, OTHER)]
     assert hear(node, *words) == []
     assert far not in node.core._witness._rounds
-
-
-def test_a_node_never_finds_evidence_against_itself():
-    """Its own words come back to it in certificates, and from whoever has its key."""
-    node = OneCore(0)
-    assert hear(node, PEERS.vote(0, ONE), PEERS.vote(0, OTHER)) == []
 
 
 @pytest.mark.parametrize(

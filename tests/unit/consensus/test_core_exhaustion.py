@@ -96,7 +96,7 @@ def test_a_node_that_cannot_execute_gives_up_rounds_with_the_others():
     assert [word.round for word in said(node.fire("round"), Timeout)] == [2]
 
 
-def test_a_block_that_gives_up_in_vain_is_valid_and_gets_no_vote():
+def test_a_block_that_gives_up_gets_a_vote_only_with_reason():
     node = OneCore()
     one = node.block(1, gives_up_change=True)
     propose(node, one)
@@ -104,9 +104,6 @@ def test_a_block_that_gives_up_in_vain_is_valid_and_gets_no_vote():
     two = node.block(2, one)
     assert said(node.receive(two), Vote) == [node.vote(3, two)]
     assert node.core.halted == ""
-
-
-def test_a_block_that_gives_up_with_reason_gets_a_vote():
     node = OneCore()
     one = node.block(1, gives_up_change=True)
     assert said(node.receive(one), Vote) == [node.vote(3, one)]

@@ -85,7 +85,7 @@ def test_after_a_power_cut_all_give_the_same_round_up_without_waiting_and_the_ne
     assert [order.round for order in of_type(effects, BuildBlock)] == [3]
 
 
-def test_silent_producers_do_not_tell_how_far_others_are():
+def test_neither_silent_producers_nor_later_answers_move_the_mark():
     node = OneCore(3, answered=False)
     _, qc = certified(node, 1, 2)
     node.answer_from(2, signed_round=2, qc=qc, speech=SILENT)
@@ -93,21 +93,18 @@ def test_silent_producers_do_not_tell_how_far_others_are():
     assert [word.round for word in said(effects, Timeout)] == []
     assert node.core.round == 3
     assert node.core.silence is None
-
-
-def test_at_genesis_nothing_is_forgotten():
-    node = OneCore(3, answered=False)
-    answered(node, 0, 0)
-    assert said(node.receive(node.block(1)), Vote)
-
-
-def test_later_answers_move_nothing():
     node = OneCore(3, answered=False)
     answered(node, 0, 0)
     one = node.block(1)
     node.receive(one)
     node.answer_from(2, signed_round=2, qc=node.qc(one))
     assert said(node.receive(node.block(2, one)), Vote)
+
+
+def test_at_genesis_nothing_is_forgotten():
+    node = OneCore(3, answered=False)
+    answered(node, 0, 0)
+    assert said(node.receive(node.block(1)), Vote)
 
 
 def next_core(node, boundary, producers=None):

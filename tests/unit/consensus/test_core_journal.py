@@ -64,16 +64,13 @@ def test_a_vote_brings_those_ancestors_that_the_journal_lacks():
     assert third.blocks == (three,)
 
 
-def test_after_a_crash_between_sync_and_sending_the_same_vote_is_sent():
+def test_after_a_crash_between_sync_and_sending_the_same_words_are_sent():
     node = OneCore()
     one = node.block(1)
     before = said(node.receive(one), Vote)
     after = node.restarted()
     assert said(after.started, Vote) == before
     assert said(after.executed(after.started), Vote) == before
-
-
-def test_after_a_crash_the_same_proposal_is_sent_and_no_other():
     node = OneCore(1)
     (order,) = of_type(node.work(), BuildBlock)
     before = said(node.built(order, (TRANSACTION,)), Proposal)
@@ -81,9 +78,6 @@ def test_after_a_crash_the_same_proposal_is_sent_and_no_other():
     assert said(after.started, Proposal) == before
     assert of_type(after.executed(after.started), BuildBlock) == []
     assert of_type(after.work(), BuildBlock) == []
-
-
-def test_after_a_crash_the_same_timeout_is_sent():
     node = OneCore()
     node.work()
     before = said(node.fire("round"), Timeout)
@@ -124,7 +118,7 @@ def test_what_was_final_before_the_power_cut_is_final_again_after_it():
     assert of_type(after.notice(after.qc(two)), CommitBlocks)[0].blocks == (one,)
 
 
-def test_a_snapshot_says_the_same_as_the_journal():
+def test_a_snapshot_says_the_same_as_the_journal_and_a_restart_from_it_goes_on():
     node = OneCore()
     node.work()
     node.receive(node.block(1))
@@ -132,6 +126,13 @@ def test_a_snapshot_says_the_same_as_the_journal():
     node.fire("round")
     full, short = read_journal(node.journal, 0), read_journal(node.core.journal_snapshot(), 0)
     assert full == short
+    node = OneCore(6, count=7)
+    for block in node.chain(1, 2, 3):
+        node.receive(block)
+    node.journal = list(node.core.journal_snapshot())
+    after = node.restarted()
+    assert (after.core.round, after.core.last_voted_round) == (3, 3)
+    assert said(after.started, Vote) == [node.core._voter.last_vote]
 
 
 def test_a_block_leaves_the_journal_only_when_the_synced_store_holds_it():
@@ -145,16 +146,6 @@ def test_a_block_leaves_the_journal_only_when_the_synced_store_holds_it():
     assert set(read_journal(node.core.journal_snapshot(), 0).blocks.values()) == {two, three, four}
     node.core.forget_journalled(2)
     assert set(read_journal(node.core.journal_snapshot(), 0).blocks.values()) == {three, four}
-
-
-def test_a_restart_from_a_snapshot_goes_on_as_from_the_journal():
-    node = OneCore(6, count=7)
-    for block in node.chain(1, 2, 3):
-        node.receive(block)
-    node.journal = list(node.core.journal_snapshot())
-    after = node.restarted()
-    assert (after.core.round, after.core.last_voted_round) == (3, 3)
-    assert said(after.started, Vote) == [node.core._voter.last_vote]
 
 
 def test_a_block_that_was_forgotten_is_not_journalled_again():
@@ -183,13 +174,10 @@ def test_a_node_whose_store_lags_too_far_signs_nothing(monkeypatch):
     assert len(said(node.fire("round"), Timeout)) == 1
 
 
-def test_records_of_another_epoch_are_not_this_epochs_words():
+def test_records_of_another_epoch_are_not_read_as_words_and_what_is_no_record_is_refused():
     node = OneCore()
     node.receive(node.block(1))
     assert read_journal(node.journal, 1).last_voted_round == 0
-
-
-def test_bytes_that_are_no_record_are_refused():
     with pytest.raises(BlockRobotError, match="ENCODING_INVALID"):
         OneCore(journal=[b"not a record"])
 

@@ -17,21 +17,24 @@ def orders(effects):
     return of_type(effects, BuildBlock)
 
 
-def test_an_idle_leader_proposes_nothing():
+def test_an_idle_leader_proposes_only_when_a_heartbeat_is_due():
     node = OneCore(1)
     assert node.core.leader == 1
     assert orders(node.started) == []
+    assert len(orders(OneCore(1).fire("heartbeat", 0))) == 1
+    node = OneCore(2)
+    one = node.block(1)
+    node.receive(one)
+    assert orders(node.notice(node.qc(one))) == []
 
 
-def test_work_makes_the_leader_of_the_round_propose_on_the_highest_qc():
+def test_work_makes_the_leader_propose_on_the_highest_qc_and_nobody_else():
     node = OneCore(1)
     (order,) = orders(node.work())
     assert (order.round, order.height, order.parent_id) == (1, 1, node.core.finalized_id)
     assert (order.qc, order.tc, order.empty) == (node.core.high_qc, None, False)
-
-
-def test_work_makes_nobody_else_propose():
     assert orders(OneCore(2).work()) == []
+    assert orders(OneCore(None).work()) == []
 
 
 def test_a_proposal_is_journalled_with_the_own_vote_and_then_sent():
@@ -52,14 +55,11 @@ def test_a_leader_builds_once_in_a_round():
     assert orders(node.work()) == []
 
 
-def test_a_block_that_was_built_too_late_is_not_proposed():
+def test_a_block_that_was_built_too_late_or_for_a_round_that_is_over_is_not_proposed():
     node = OneCore(1)
     (order,) = orders(node.work())
     node.fire("round")
     assert said(node.built(order), Proposal) == []
-
-
-def test_a_block_built_for_a_round_that_is_over_is_not_proposed():
     node = OneCore(1)
     (order,) = orders(node.work())
     node.notice(node.core.high_qc, node.tc(1))
@@ -87,13 +87,6 @@ def test_the_next_leader_proposes_the_moment_the_qc_is_complete():
     assert (order.round, order.parent_id) == (2, one.block_id)
 
 
-def test_after_an_empty_block_nobody_proposes_another():
-    node = OneCore(2)
-    one = node.block(1)
-    node.receive(one)
-    assert orders(node.notice(node.qc(one))) == []
-
-
 def test_new_work_waits_for_the_shortest_interval_after_the_parent():
     node = OneCore(2)
     one = node.block(1)
@@ -106,11 +99,19 @@ def test_new_work_waits_for_the_shortest_interval_after_the_parent():
     assert len(orders(node.fire(TIMER_PROPOSE))) == 1
 
 
-def test_a_leader_that_enters_by_a_tc_proposes_at_once_even_without_work():
+def test_a_leader_that_learns_of_a_lost_round_proposes_at_once_unless_it_gave_up_its_own():
     node = OneCore(2)
     (order,) = orders(node.notice(node.core.high_qc, node.tc(1)))
     assert order.tc == node.tc(1)
     assert order.round == 2
+    node = OneCore(1)
+    assert len(orders(node.timeout_from(0, 1))) == 1
+    node = OneCore(1)
+    (order,) = orders(node.timeout_from(0, 1))
+    node.fire("round")
+    assert node.core.has_timed_out
+    assert said(node.built(order), Proposal) == []
+    assert orders(node.work()) == []
 
 
 def test_a_leader_that_entered_by_a_tc_and_then_got_the_fresh_qc_builds_on_that_without_a_tc():
@@ -124,24 +125,6 @@ def test_a_leader_that_entered_by_a_tc_and_then_got_the_fresh_qc_builds_on_that_
     node.timeout_from(0, 3, node.qc(two))
     (order,) = orders(node.executed([ExecuteBlock(block=two)]))
     assert (order.qc, order.tc) == (node.qc(two), None)
-
-
-def test_a_leader_that_sees_one_timeout_of_its_round_proposes_at_once():
-    node = OneCore(1)
-    assert len(orders(node.timeout_from(0, 1))) == 1
-
-
-def test_a_leader_that_has_given_its_round_up_proposes_nothing_in_it():
-    node = OneCore(1)
-    (order,) = orders(node.timeout_from(0, 1))
-    node.fire("round")
-    assert node.core.has_timed_out
-    assert said(node.built(order), Proposal) == []
-    assert orders(node.work()) == []
-
-
-def test_a_due_heartbeat_makes_the_leader_propose():
-    assert len(orders(OneCore(1).fire("heartbeat", 0))) == 1
 
 
 def test_after_64_unfinalized_blocks_the_leader_proposes_an_empty_one():
@@ -185,10 +168,6 @@ def test_manual_production_starts_no_timer_and_proposes_when_pushed():
     timers = of_type(node.started + node.work(), SetTimer)
     assert [timer.kind for timer in timers] == [TIMER_ASK]
     assert len(orders(node.fire(TIMER_PROPOSE))) == 1
-
-
-def test_a_follower_proposes_nothing():
-    assert orders(OneCore(None).work()) == []
 
 
 @pytest.mark.parametrize("text", ["", "interval:", "interval:0", "interval:-5", "interval:9999999999", "later"])

@@ -29,24 +29,17 @@ def test_the_timer_doubles_with_every_round_lost_since_finality(round_number, fi
     assert compute_timeout_ms(ChainSettings(), round_number, finalized, certified) == delay
 
 
-def test_an_idle_node_runs_no_round_timer():
+def test_work_a_proposal_or_a_peers_timeout_starts_the_timer_and_an_idle_node_runs_none():
     assert round_timers(OneCore().started) == []
-
-
-def test_work_starts_the_timer_and_its_end_stops_it():
     node = OneCore()
     assert round_timers(node.work()) == [500]
     assert round_timers(node.work()) == []
     assert CancelTimer(kind=TIMER_ROUND) in node.work(pending=False)
-
-
-def test_a_proposal_starts_the_timer_even_without_work():
     node = OneCore()
     assert round_timers(node.receive(node.block(1))) == [500]
-
-
-def test_a_timeout_of_a_peer_starts_the_timer():
     assert round_timers(OneCore().timeout_from(0, 1)) == [500]
+    node = OneCore()
+    assert round_timers(node.notice(node.qc(node.block(1)))) != []
 
 
 def test_unfinalized_transactions_keep_the_timer_running_until_they_are_final():
@@ -59,11 +52,6 @@ def test_unfinalized_transactions_keep_the_timer_running_until_they_are_final():
     node.receive(two)
     assert CancelTimer(kind=TIMER_ROUND) in node.notice(node.qc(two))
     assert not node.core.is_busy
-
-
-def test_a_certified_block_that_is_missing_here_keeps_the_node_busy():
-    node = OneCore()
-    assert round_timers(node.notice(node.qc(node.block(1)))) != []
 
 
 def test_a_heartbeat_wakes_the_network_and_is_set_again_at_finality():

@@ -113,7 +113,7 @@ def test_an_answer_counts_only_from_a_producer_to_what_was_asked_in_this_life_an
     assert node.core._voter.signing_guard._willing == {0}
 
 
-def test_answers_of_silent_producers_do_not_count():
+def test_answers_of_silent_producers_do_not_count_but_bring_certificates():
     node = OneCore(answered=False)
     for peer in (0, 1):
         node.answer_from(peer, speech=SILENT)
@@ -121,9 +121,6 @@ def test_answers_of_silent_producers_do_not_count():
     node.answer_from(2)
     node.answer_from(1, speech=ASKING)
     assert node.core.silence is None
-
-
-def test_an_answer_brings_the_certificates_of_the_one_who_gives_it():
     node = OneCore(answered=False)
     node.answer_from(0, qc=PEERS.qc(ONE), entered_by=node.tc(4, 1), signed_round=5)
     assert (node.core.round, node.core.high_qc) == (5, PEERS.qc(ONE))
@@ -173,12 +170,19 @@ def test_nobody_is_told_about_anybody_else_nor_in_another_epoch():
 # Silence
 
 
-def test_with_an_old_journal_a_producer_would_sign_twice_if_nobody_held_its_word():
+def test_an_old_journal_forgets_a_word_that_the_others_hold():
     """What the rule is for: the journal was put back from before the vote, and nobody tells."""
     node = OneCore()
     assert said(node.receive(ONE), Vote) == [node.vote(3, ONE)]
     forgetful = OneCore(journal=[])
     assert said(forgetful.receive(OTHER), Vote) == [node.vote(3, OTHER)]
+    # The journal has the vote of round 1, and not the timeout of round 1 that came after it.
+    node = OneCore()
+    node.receive(ONE)
+    for word, reason in [(timeout_word(1), "outdated"), (vote_word(OTHER), "outdated")]:
+        after = OneCore(journal=node.journal, answered=False)
+        after.answer_from(0, word=word)
+        assert after.core.silence.reason == reason
 
 
 @pytest.mark.parametrize("word", [vote_word(ONE), timeout_word(1), timeout_word(7)])
@@ -212,23 +216,21 @@ def test_a_word_that_the_journal_knows_or_that_is_forged_silences_nobody():
         assert after.core.silence is None, word
 
 
-def test_an_equal_round_with_another_word_is_forgotten_too():
-    """The journal has the vote of round 1, and not the timeout of round 1 that came after it."""
-    node = OneCore()
-    node.receive(ONE)
-    for word, reason in [(timeout_word(1), "outdated"), (vote_word(OTHER), "outdated")]:
-        after = OneCore(journal=node.journal, answered=False)
-        after.answer_from(0, word=word)
-        assert after.core.silence.reason == reason
-
-
-def test_ones_own_word_in_a_certificate_or_block_is_as_good_as_told():
+def test_a_forgotten_timeout_or_word_in_a_certificate_is_as_good_as_told():
     node = OneCore()
     node.notice(PEERS.qc(ONE, (0, 1, 3)))
     assert node.core.silence.reason == "outdated"
     node = OneCore(1)
     node.receive(ONE)
     assert node.core.silence.reason == "outdated"
+    node = OneCore()
+    node.work()
+    (timeout,) = said(node.fire("round"), Timeout)
+    again = OneCore(journal=node.journal)
+    qc = PEERS.qc(ONE)
+    two = SignedMessage("timeout", 0, timeout.round, b"", 0, timeout.signature)
+    assert again.core._voter.remembers(two)
+    assert not again.core._voter.remembers(SignedMessage("timeout", 0, timeout.round, b"", qc.round, bytes(64)))
 
 
 def test_another_word_of_the_journals_last_round_silences_its_producer_wherever_it_is_found():
@@ -248,17 +250,6 @@ def test_another_word_of_the_journals_last_round_silences_its_producer_wherever_
     known.vote_from(3, ONE)
     known.notice(PEERS.qc(ONE, (0, 1, 3)))
     assert known.core.silence is None
-
-
-def test_a_forgotten_timeout_with_another_qc_is_another_word():
-    node = OneCore()
-    node.work()
-    (timeout,) = said(node.fire("round"), Timeout)
-    again = OneCore(journal=node.journal)
-    qc = PEERS.qc(ONE)
-    two = SignedMessage("timeout", 0, timeout.round, b"", 0, timeout.signature)
-    assert again.core._voter.remembers(two)
-    assert not again.core._voter.remembers(SignedMessage("timeout", 0, timeout.round, b"", qc.round, bytes(64)))
 
 
 def test_what_was_said_where_a_silence_ended_does_not_begin_another_one():
@@ -406,10 +397,11 @@ def test_other_producers_are_asked_anew_how_far_they_are():
     assert read_journal(again.journal_snapshot(), 1).silence == SigningLockout("restored", 1, 1)
 
 
-def test_after_a_restart_nobody_knows_who_the_producers_of_the_mark_were():
+def test_the_mark_is_read_in_every_later_epoch_though_nobody_knows_its_producers():
     mark = encode_silence_record(0, 0, SigningLockout("restored", 0, 7))
     node = OneCore(journal=[mark], epoch=1, root=ONE)
     assert read_journal(node.core.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
+    assert read_journal([RESTORED], 5).silence == SigningLockout("restored", 0, None)
 
 
 # A ledger that is behind the journal
@@ -452,10 +444,6 @@ def test_a_silence_begun_while_the_ledger_is_behind_outlasts_what_the_later_reco
     assert read_journal(node.core.journal_snapshot(), 0).silence == SigningLockout("restored", 0, None)
     after = core_of_next_epoch(node, node.core)
     assert read_journal(after.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
-
-
-def test_the_mark_in_an_old_journal_is_read_in_every_later_epoch():
-    assert read_journal([RESTORED], 5).silence == SigningLockout("restored", 0, None)
 
 
 def test_what_a_silent_producer_said_before_may_still_be_said_again():

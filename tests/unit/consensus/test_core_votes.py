@@ -24,13 +24,10 @@ def test_a_valid_proposal_is_executed_journalled_and_then_voted_for():
     assert node.core.last_voted_round == 1
 
 
-def test_a_block_that_does_not_execute_gets_no_vote():
+def test_a_block_that_does_not_execute_gets_no_vote_nor_does_one_after_an_unforeseen_fault():
     node = OneCore()
     assert said(node.receive(node.block(1), valid=False), Vote) == []
     assert node.core.last_voted_round == 0
-
-
-def test_an_unforeseen_fault_withholds_the_vote():
     node = OneCore()
     block = node.block(1)
     node.handle(ProposalReceived(proposal=Proposal(block=block), sender=1, now_ms=NOW_MS))
@@ -39,14 +36,11 @@ def test_an_unforeseen_fault_withholds_the_vote():
     assert node.core.halted == ""
 
 
-def test_of_two_proposals_of_one_round_only_the_first_gets_a_vote():
+def test_of_two_proposals_of_one_round_only_the_first_gets_a_vote_even_if_the_second_is_certified():
     node = OneCore()
     first, second = node.block(1), node.block(1, transactions=(TRANSACTION,))
     assert len(said(node.receive(first), Vote)) == 1
     assert said(node.receive(second), Vote) == []
-
-
-def test_even_a_certified_second_proposal_of_a_voted_round_gets_no_vote():
     node = OneCore()
     first, second = node.block(1), node.block(1, transactions=(TRANSACTION,))
     node.receive(first)
@@ -54,31 +48,22 @@ def test_even_a_certified_second_proposal_of_a_voted_round_gets_no_vote():
     assert said(node.receive(second), Vote) == []
 
 
-def test_no_vote_after_a_timeout_of_the_same_round():
+def test_no_vote_after_a_timeout_of_the_round_whenever_it_came():
     """A TC of the round would say that this producer helped no block of it: the schedule that chaos does not find."""
     node = OneCore()
     node.work()
     node.fire("round")
     assert node.core.last_voted_round == 1
     assert said(node.receive(node.block(1)), Vote) == []
-
-
-def test_no_vote_after_a_timeout_that_came_while_the_block_was_executed():
     node = OneCore()
     block = node.block(1)
     node.handle(ProposalReceived(proposal=Proposal(block=block), sender=1, now_ms=NOW_MS))
     node.fire("round")
     assert said(node.handle(BlockExecuted(block_id=block.block_id, valid=True, now_ms=NOW_MS)), Vote) == []
-
-
-def test_no_vote_after_a_timeout_even_after_a_restart():
     node = OneCore()
     node.work()
     node.fire("round")
     assert said(node.restarted().receive(node.block(1)), Vote) == []
-
-
-def test_no_vote_in_a_round_that_is_over():
     node = OneCore()
     late = node.block(1)
     node.notice(node.qc(GENESIS), node.tc(1))
@@ -86,13 +71,10 @@ def test_no_vote_in_a_round_that_is_over():
     assert said(node.receive(late), Vote) == []
 
 
-def test_a_block_after_a_lost_round_needs_the_tc_of_that_round():
+def test_a_block_after_a_lost_round_needs_the_tc_of_that_very_round():
     node = OneCore()
     assert said(node.receive(node.block(2)), Vote) == []
     assert said(node.receive(node.block(2, tc=node.tc(1))), Vote) == [node.vote(3, node.block(2, tc=node.tc(1)))]
-
-
-def test_a_tc_of_another_round_does_not_do():
     node = OneCore()
     assert said(node.receive(node.block(4, tc=node.tc(2))), Vote) == []
     node.notice(node.core.high_qc, node.tc(3))
@@ -101,7 +83,7 @@ def test_a_tc_of_another_round_does_not_do():
     assert len(said(node.receive(node.block(4, tc=node.tc(3))), Vote)) == 1
 
 
-def test_a_block_that_forgets_a_qc_named_in_its_tc_gets_no_vote():
+def test_a_block_gets_a_vote_only_on_the_highest_qc_named_in_its_tc():
     """R5: one signer of the TC knew the QC of round 1; a block on genesis would leave it behind."""
     node = OneCore(0)
     one = node.block(1)
@@ -111,11 +93,7 @@ def test_a_block_that_forgets_a_qc_named_in_its_tc_gets_no_vote():
     assert said(node.receive(forgetful), Vote) == []
     faithful = node.block(3, one, tc=node.tc(2, 0, 0, 1))
     assert said(node.receive(faithful), Vote) == [node.vote(0, faithful)]
-
-
-def test_a_block_on_the_highest_qc_named_in_its_tc_gets_a_vote():
     node = OneCore(0)
-    one = node.block(1)
     node.receive(one)
     three = node.block(3, one, tc=node.tc(2, 0, 1, 1))
     assert said(node.receive(three), Vote) == [node.vote(0, three)]

@@ -13,16 +13,12 @@ QC = QuorumCertificate(epoch=0, round=3, block_id=bytes(32), votes=(IndexedSigna
 
 
 def refused(code, call, *arguments):
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=f"^{code}:"):
         call(*arguments)
-    assert caught.value.code == code
 
 
-def test_a_struct_comes_back_as_it_was():
+def test_a_struct_comes_back_as_it_was_from_an_array_in_field_order():
     assert decode(encode(QC), QuorumCertificate) == QC
-
-
-def test_a_struct_is_an_array_in_field_order():
     assert msgspec.msgpack.decode(encode(QC)) == [0, 3, bytes(32), [[1, b"\x01" * 64]]]
 
 
@@ -35,12 +31,9 @@ def test_bytes_that_are_no_such_struct_are_refused(data):
     refused("ENCODING_INVALID", decode, data, QuorumCertificate)
 
 
-def test_an_extra_field_is_refused():
+def test_a_struct_with_an_extra_field_or_in_a_longer_form_is_refused():
     raw = msgspec.msgpack.encode([0, 3, bytes(32), [], "more"])
     refused("ENCODING_INVALID", decode, raw, QuorumCertificate)
-
-
-def test_a_longer_form_of_the_same_struct_is_refused():
     longer = b"\x94\xcc\x00" + encode(QC)[2:]
     refused("ENCODING_NOT_CANONICAL", decode, longer, QuorumCertificate)
 
@@ -81,33 +74,21 @@ def test_values_come_back_as_they_were(value):
     assert type(again) is type(value)
 
 
-def test_a_tuple_encodes_as_a_list():
+def test_neither_tuples_nor_the_order_in_which_a_dict_was_filled_show():
     assert encode_value((1, 2)) == encode_value([1, 2])
-
-
-def test_the_order_in_which_a_dict_was_filled_does_not_show():
     assert encode_value({"a": 1, "b": 2, b"a": 3, 7: 4}) == encode_value({7: 4, b"a": 3, "b": 2, "a": 1})
 
 
-def test_a_dict_in_another_order_is_refused():
+def test_a_second_form_of_a_dict_or_integer_is_refused():
     refused("ENCODING_NOT_CANONICAL", decode_value, b"\x82\xa1b\x01\xa1a\x02")
-
-
-def test_a_dict_with_a_repeated_key_is_refused():
     refused("ENCODING_NOT_CANONICAL", decode_value, b"\x82\xa1a\x01\xa1a\x02")
-
-
-def test_a_long_form_of_a_small_integer_is_refused():
     refused("ENCODING_NOT_CANONICAL", decode_value, b"\xcd\x00\x01")
+    refused("ENCODING_NOT_CANONICAL", decode_value, b"\xc7\x00\x01")
 
 
 @pytest.mark.parametrize("body", [b"\x00\x01", b"\x7f" * 4, b"\xff" * 10, b"\x00\x00" + b"\xff" * 9], ids=bytes.hex)
 def test_an_integer_extension_that_is_not_minimal_is_refused(body):
     refused("ENCODING_NOT_CANONICAL", decode_value, b"\xc7" + bytes([len(body)]) + b"\x01" + body)
-
-
-def test_an_integer_extension_without_bytes_is_refused():
-    refused("ENCODING_NOT_CANONICAL", decode_value, b"\xc7\x00\x01")
 
 
 def test_an_integer_extension_is_twos_complement_big_endian():
@@ -125,17 +106,11 @@ def test_what_is_no_contract_value_is_refused(value):
     refused("VALUE_INVALID", encode_value, value)
 
 
-def test_integers_above_256_bits_are_refused():
+def test_integers_above_256_bits_keys_above_60_and_lone_surrogates_are_refused():
     refused("VALUE_INVALID", encode_value, 2**256)
     refused("VALUE_INVALID", encode_value, -(2**256))
-
-
-def test_dict_keys_above_60_bits_are_refused():
     assert decode_value(encode_value({2**60 - 1: 1})) == {2**60 - 1: 1}
     refused("VALUE_INVALID", encode_value, {2**60: 1})
-
-
-def test_a_lone_surrogate_is_refused():
     refused("VALUE_INVALID", encode_value, "\ud800")
     refused("VALUE_INVALID", encode_value, {"\ud800": 1})
 

@@ -53,16 +53,12 @@ GENESIS = Genesis(
 
 
 def refused(text):
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^GENESIS_INVALID:"):
         genesis_from_json(text)
-    assert caught.value.code == "GENESIS_INVALID"
 
 
-def test_the_file_comes_back_as_it_was_written():
+def test_the_file_is_read_by_people_and_comes_back_as_it_was_written():
     assert genesis_from_json(genesis_to_json(GENESIS)) == GENESIS
-
-
-def test_the_file_is_read_by_people():
     raw = json.loads(genesis_to_json(GENESIS))
     assert raw["network"] == "Klinik für Geriatrie"
     assert raw["nodes"][0]["producer_key"] == KEYS[0].public_key.hex()
@@ -87,16 +83,13 @@ def test_the_chain_id_covers_everything_but_the_state_root():
         assert msgspec.structs.replace(GENESIS, **changes).chain_id != GENESIS.chain_id
 
 
-def test_the_genesis_block_holds_the_genesis_state():
+def test_the_genesis_block_holds_the_genesis_state_and_another_state_is_another_block():
     block = GENESIS.block()
     header = block.header
     assert (header.height, header.round, header.parent_id) == (0, 0, NO_BLOCK)
     assert header.state_root == GENESIS.state_root
     assert header.timestamp_ms == GENESIS.created_at_ms
     assert GENESIS.block_id == block.block_id == compute_header_id(header)
-
-
-def test_another_state_is_another_genesis_block():
     assert msgspec.structs.replace(GENESIS, state_root=bytes(32)).block_id != GENESIS.block_id
 
 

@@ -30,62 +30,43 @@ def verified(proof):
 
 
 def refused(proof, code):
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=f"^{code}:"):
         verified(proof)
-    assert caught.value.code == code
 
 
-def test_a_header_with_a_certified_child_of_the_next_round_is_final():
+def test_a_header_is_final_by_a_certified_child_of_the_next_round_alone():
     one, two = PEERS.chain(1, 2)
     assert verified(proof_of(one, two)) == one.header
-
-
-def test_genesis_is_final_once_its_first_child_is_certified():
     assert verified(proof_of(GENESIS, PEERS.block(1))) == GENESIS.header
-
-
-def test_a_child_of_a_later_round_proves_nothing():
     one, three = PEERS.chain(1, 3)
     refused(proof_of(one, three), "PROOF_INVALID")
-
-
-def test_a_grandchild_proves_nothing():
     one, _, three = PEERS.chain(1, 2, 3)
     refused(proof_of(one, three), "PROOF_INVALID")
 
 
-def test_the_certificate_must_be_the_childs():
+def test_the_certificate_must_be_the_childs_and_a_quorums():
     one, two, three = PEERS.chain(1, 2, 3)
     refused(proof_of(one, two, PEERS.qc(three)), "PROOF_INVALID")
     refused(proof_of(one, two, PEERS.qc(one)), "PROOF_INVALID")
     of_the_same_round = PEERS.block(2, one, timestamp_ms=two.header.timestamp_ms + 1)
     refused(proof_of(one, two, PEERS.qc(of_the_same_round)), "PROOF_INVALID")
-
-
-def test_the_childs_certificate_must_be_a_quorums():
     one, two = PEERS.chain(1, 2)
     good = PEERS.qc(two)
     forged = IndexedSignature(index=2, signature=bytes(64))
     refused(proof_of(one, two, msgspec.structs.replace(good, votes=good.votes[:2])), "CERTIFICATE_INVALID")
     refused(proof_of(one, two, msgspec.structs.replace(good, votes=(*good.votes[:2], forged))), "CERTIFICATE_INVALID")
-
-
-def test_the_headers_own_certificate_must_be_a_quorums():
     one = PEERS.block(1)
     short = msgspec.structs.replace(PEERS.qc(one), votes=PEERS.qc(one).votes[:2])
     refused(proof_of(one, PEERS.block(2, one, qc=short)), "CERTIFICATE_INVALID")
 
 
-def test_headers_of_another_chain_or_epoch_are_refused():
+def test_what_is_no_header_of_this_chain_and_epoch_is_refused():
     one, two = PEERS.chain(1, 2)
     with pytest.raises(BlockRobotError, match="another chain"):
         verify_finality(proof_of(one, two), PEERS.schedule, sha256(b"another"), GENESIS.block_id)
     other = PEERS.block(1, epoch=1)
     refused(proof_of(other, PEERS.block(2, other, qc=PEERS.qc(other))), "PROOF_OTHER_EPOCH")
     refused(proof_of(one, PEERS.block(2, one, epoch=1)), "PROOF_INVALID")
-
-
-def test_bytes_that_are_no_header_are_refused():
     one, two = PEERS.chain(1, 2)
     refused(msgspec.structs.replace(proof_of(one, two), header_bytes=b"\x90"), "ENCODING_INVALID")
 
@@ -154,13 +135,15 @@ class Chain(Peers):
         )
 
 
-def test_a_client_begins_at_genesis_and_pins_what_it_verifies():
+def test_a_client_pins_what_it_verifies_and_the_same_header_proven_twice_is_fine():
     chain = Chain()
     _, one, two = chain.up_to(1, 2)
     client = LightClient(GENESIS_FILE)
     assert client.header == chain.genesis.header
     assert client.accept(chain.proof(one, two)) == one.header
     assert client.header_id == one.block_id
+    client.accept(chain.proof(one, two))
+    assert client.accept(chain.proof(one, two)) == one.header
 
 
 def test_a_client_never_goes_back():
@@ -174,14 +157,6 @@ def test_a_client_never_goes_back():
     assert client.header == two.header
 
 
-def test_the_same_header_proven_twice_is_fine():
-    chain = Chain()
-    _, one, two = chain.up_to(1, 2)
-    client = LightClient(GENESIS_FILE)
-    client.accept(chain.proof(one, two))
-    assert client.accept(chain.proof(one, two)) == one.header
-
-
 def test_a_contradicting_final_header_is_refused_even_if_a_quorum_signed_it():
     chain = Chain()
     _, one, two = chain.up_to(1, 2)
@@ -193,7 +168,7 @@ def test_a_contradicting_final_header_is_refused_even_if_a_quorum_signed_it():
     assert client.header == one.header
 
 
-def test_a_client_goes_on_from_the_header_it_kept():
+def test_a_client_goes_on_from_the_header_it_kept_if_it_is_of_this_chain():
     chain = Chain()
     _, one, two, three = chain.up_to(1, 2, 3)
     first = LightClient(GENESIS_FILE)
@@ -201,9 +176,6 @@ def test_a_client_goes_on_from_the_header_it_kept():
     again = LightClient(GENESIS_FILE, first.pinned_header_bytes)
     with pytest.raises(BlockRobotError, match="PROOF_STALE"):
         again.accept(chain.proof(one, two))
-
-
-def test_a_pinned_header_of_another_chain_is_refused():
     with pytest.raises(BlockRobotError, match="PROOF_INVALID"):
         LightClient(GENESIS_FILE, GENESIS.header_bytes)
 

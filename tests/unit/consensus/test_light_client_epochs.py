@@ -33,7 +33,7 @@ def test_a_client_follows_the_epochs_one_by_one():
     assert len(client.epochs) == 3
 
 
-def test_a_header_of_a_later_epoch_waits_for_its_epochs():
+def test_a_header_of_a_later_epoch_waits_and_one_of_an_epoch_that_is_over_is_stale():
     chain = ManyEpochs()
     proof = chain.change(4)
     later = chain.prove(chain.grow())
@@ -42,17 +42,18 @@ def test_a_header_of_a_later_epoch_waits_for_its_epochs():
     assert error.entry.retryable
     client.advance(proof)
     assert client.accept(later) == chain.blocks[-1].header
+    chain = ManyEpochs()
+    old = chain.prove(chain.grow())
+    client = LightClient(GENESIS_FILE, epochs=[chain.change(4)])
+    assert refused(lambda: client.accept(old), "PROOF_STALE").entry.retryable
 
 
-def test_an_epoch_cannot_be_skipped():
+def test_an_epoch_cannot_be_skipped_and_one_that_was_entered_before_changes_nothing():
     chain = ManyEpochs()
     proofs = [chain.change(1), chain.change(2)]
     client = LightClient(GENESIS_FILE)
     refused(lambda: client.advance(proofs[1]), "PROOF_OTHER_EPOCH")
     assert [client.advance(proof).number for proof in proofs] == [1, 2]
-
-
-def test_an_epoch_that_was_entered_before_changes_nothing():
     chain = ManyEpochs()
     proofs = [chain.change(1), chain.change(2)]
     client = LightClient(GENESIS_FILE, epochs=proofs)
@@ -84,13 +85,6 @@ def test_the_boundary_itself_is_believed_in_both_epochs():
     assert client.accept(proof.finality) == chain.blocks[-1].header
 
 
-def test_a_header_of_an_epoch_that_is_over_is_stale():
-    chain = ManyEpochs()
-    old = chain.prove(chain.grow())
-    client = LightClient(GENESIS_FILE, epochs=[chain.change(4)])
-    assert refused(lambda: client.accept(old), "PROOF_STALE").entry.retryable
-
-
 def test_removed_producers_prove_nothing_in_the_next_epoch():
     chain = ManyEpochs()
     proof = chain.change(4)
@@ -118,10 +112,12 @@ def test_the_boundary_names_the_epoch_and_no_other(changes):
     assert client.epoch.number == 0
 
 
-def test_a_block_that_is_no_boundary_begins_no_epoch():
+def test_an_epoch_begins_with_a_boundary_whose_last_two_rounds_follow_each_other():
     chain = ManyEpochs()
     proof = EpochProof(finality=chain.prove(chain.grow()), epoch=make_epoch(1, 4))
     refused(lambda: LightClient(GENESIS_FILE).advance(proof), "PROOF_INVALID", "another next epoch")
+    proof = ManyEpochs().change(4, through=(2, 4))
+    refused(lambda: LightClient(GENESIS_FILE).advance(proof), "PROOF_INVALID", "next round")
 
 
 # Proofs through closing blocks
@@ -136,11 +132,6 @@ def test_a_boundary_is_proven_through_closing_blocks():
     client.advance(proof)
     assert client.header == chain.blocks[-1].header
     assert certificate_of(proof.finality).block_id == chain.blocks[-1].block_id
-
-
-def test_the_last_two_rounds_must_follow_each_other():
-    proof = ManyEpochs().change(4, through=(2, 4))
-    refused(lambda: LightClient(GENESIS_FILE).advance(proof), "PROOF_INVALID", "next round")
 
 
 def test_nothing_but_a_boundary_is_proven_through_others():
@@ -220,7 +211,7 @@ def test_a_client_that_kept_only_its_header_fetches_the_epochs_again_and_still_n
     assert again.accept(chain.prove(new)) == new.header
 
 
-def test_another_boundary_than_the_one_passed_is_a_contradiction():
+def test_another_boundary_or_a_second_chain_of_the_next_epoch_is_a_contradiction():
     """The producers sign two histories: one with a boundary, and one in which the epoch went on above it."""
     chain, forked = ManyEpochs(), ManyEpochs()
     chain.grow(3)
@@ -228,9 +219,6 @@ def test_another_boundary_than_the_one_passed_is_a_contradiction():
     client.accept(chain.prove(chain.blocks[-1]))
     refused(lambda: client.advance(forked.change(4)), "PROOF_INVALID", "more producers are faulty")
     assert client.epoch.number == 0
-
-
-def test_a_second_chain_of_the_next_epoch_is_a_contradiction():
     chain, forked = ManyEpochs(), ManyEpochs()
     client = LightClient(GENESIS_FILE, epochs=[chain.change(4)])
     chain.grow(2)

@@ -30,12 +30,9 @@ def test_the_shapes_of_small_trees() -> None:
     assert merkle_root([A, B, C]) == root(3, node(node(leaf(A), leaf(B)), leaf(C)))
 
 
-def test_a_leaf_without_a_partner_is_not_paired_with_itself() -> None:
+def test_neither_a_doubled_leaf_nor_an_inner_node_passes_for_a_leaf() -> None:
     """In the tree of Bitcoin a list and the list with its last leaf doubled have one root (CVE-2012-2459)."""
     assert merkle_root([A, B, C]) != merkle_root([A, B, C, C])
-
-
-def test_an_inner_node_does_not_pass_for_a_leaf() -> None:
     inner = node(leaf(A), leaf(B))
     assert merkle_root([inner, C]) != merkle_root([A, B, C])
     assert not verify_merkle_proof(merkle_root([A, B, C]), inner, 0, 3, [leaf(C)])
@@ -43,17 +40,15 @@ def test_an_inner_node_does_not_pass_for_a_leaf() -> None:
 
 @pytest.mark.parametrize("size", [0, 31, 33])
 def test_a_leaf_has_32_bytes(size: int) -> None:
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^VALUE_INVALID:"):
         merkle_root([bytes(size)])
-    assert refusal.value.code == "VALUE_INVALID"
     assert not verify_merkle_proof(merkle_root([A]), bytes(size), 0, 1, [])
 
 
 @pytest.mark.parametrize("index", [-1, 3])
 def test_there_is_no_proof_for_a_place_outside_the_list(index: int) -> None:
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^VALUE_INVALID:"):
         merkle_proof([A, B, C], index)
-    assert refusal.value.code == "VALUE_INVALID"
     assert not verify_merkle_proof(merkle_root([A, B, C]), A, index, 3, [])
 
 

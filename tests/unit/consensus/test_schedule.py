@@ -38,14 +38,11 @@ def test_any_two_quorums_share_an_honest_producer(count, quorum, faults):
     assert count - faults >= quorum
 
 
-def test_leaders_take_turns():
+def test_leaders_take_turns_and_are_found_by_their_keys():
     schedule = Schedule(0, PEERS.schedule.producers)
     assert [schedule.leader(number) for number in range(6)] == [0, 1, 2, 3, 0, 1]
     longer = Schedule(0, PEERS.schedule.producers, blocks_per_turn=2)
     assert [longer.leader(number) for number in range(9)] == [0, 0, 1, 1, 2, 2, 3, 3, 0]
-
-
-def test_a_producer_is_found_by_its_key():
     assert PEERS.schedule.index_of(PEERS.keys[2].public_key) == 2
     assert PEERS.schedule.index_of(bytes(33)) is None
 
@@ -58,13 +55,10 @@ def test_a_schedule_has_one_to_21_different_producers():
     assert Schedule(0, keys[:21]).quorum == 15
 
 
-def test_leaderless_seats_lead_nothing_but_count_in_the_quorum():
+def test_leaderless_seats_lead_nothing_unless_all_are_and_count_in_the_quorum():
     schedule = Schedule(0, PEERS.schedule.producers, leaderless=(1, 2))
     assert [schedule.leader(number) for number in range(4)] == [0, 3, 0, 3]
     assert schedule.quorum == 3
-
-
-def test_if_no_seat_may_lead_all_do():
     schedule = Schedule(0, PEERS.schedule.producers, leaderless=(0, 1, 2, 3))
     assert [schedule.leader(number) for number in range(4)] == [0, 1, 2, 3]
 
@@ -96,9 +90,17 @@ def test_the_hash_names_all_that_an_epoch_decides():
     assert Schedule.of(epochs[4]) == Schedule(1, producers, 1, (0,))
 
 
-def test_every_quorum_makes_a_certificate():
+def test_a_quorum_makes_a_certificate_a_tc_or_a_boundary_of_round_0():
     for voters in itertools.combinations(range(4), 3):
         verify_qc(PEERS.qc(ONE, voters), PEERS.schedule, CHAIN_ID, GENESIS.block_id)
+    with pytest.raises(BlockRobotError, match="CERTIFICATE_INVALID"):
+        verify_qc(PEERS.qc(ONE), PEERS.schedule, bytes(32), GENESIS.block_id)
+    verify_qc(PEERS.qc(GENESIS), PEERS.schedule, CHAIN_ID, GENESIS.block_id)
+    refused_qc(QuorumCertificate(epoch=0, round=0, block_id=ONE.block_id, votes=()))
+    refused_qc(QuorumCertificate(epoch=0, round=0, block_id=GENESIS.block_id, votes=PEERS.qc(ONE).votes))
+    tc = PEERS.tc(5, 0, 3, 4)
+    verify_tc(tc, PEERS.schedule, CHAIN_ID)
+    assert tc.highest_qc_round == 4
 
 
 @pytest.mark.parametrize("voters", [(0, 1), (0, 1, 2, 3), (0, 0, 1), (2, 1, 0), ()])
@@ -118,42 +120,19 @@ def test_a_signer_outside_the_schedule_is_refused(index):
     refused_qc(msgspec.structs.replace(good, votes=tuple(sorted((outside, *good.votes[1:]), key=lambda v: v.index))))
 
 
-def test_a_certificate_of_another_chain_is_refused():
-    with pytest.raises(BlockRobotError, match="CERTIFICATE_INVALID"):
-        verify_qc(PEERS.qc(ONE), PEERS.schedule, bytes(32), GENESIS.block_id)
-
-
-def test_round_0_certifies_the_first_parent_only_and_needs_no_votes():
-    verify_qc(PEERS.qc(GENESIS), PEERS.schedule, CHAIN_ID, GENESIS.block_id)
-    refused_qc(QuorumCertificate(epoch=0, round=0, block_id=ONE.block_id, votes=()))
-    refused_qc(QuorumCertificate(epoch=0, round=0, block_id=GENESIS.block_id, votes=PEERS.qc(ONE).votes))
-
-
-def test_a_quorum_of_timeouts_makes_a_tc():
-    tc = PEERS.tc(5, 0, 3, 4)
-    verify_tc(tc, PEERS.schedule, CHAIN_ID)
-    assert tc.highest_qc_round == 4
-
-
 @pytest.mark.parametrize("signers", [(), (0, 1), (0, 1, 2, 3), (1, 0, 2), (0, 0, 1)])
 def test_a_tc_is_exactly_a_quorum_in_order(signers):
     refused_tc(PEERS.tc(5, signers=signers))
 
 
-def test_a_tc_cannot_name_a_qc_of_its_own_round_or_a_negative_one():
+def test_a_tc_of_another_epoch_or_round_or_with_an_impossible_qc_round_is_refused():
     refused_tc(PEERS.tc(5, 5))
     good = PEERS.tc(5)
     negative = msgspec.structs.replace(good.timeouts[0], qc_round=-1)
     refused_tc(msgspec.structs.replace(good, timeouts=(negative, *good.timeouts[1:])))
-
-
-def test_a_tc_with_a_changed_qc_round_is_refused():
     good = PEERS.tc(5)
     changed = msgspec.structs.replace(good.timeouts[0], qc_round=2)
     refused_tc(msgspec.structs.replace(good, timeouts=(changed, *good.timeouts[1:])))
-
-
-def test_a_tc_of_another_epoch_or_round_is_refused():
     refused_tc(msgspec.structs.replace(PEERS.tc(5), epoch=1))
     refused_tc(msgspec.structs.replace(PEERS.tc(5), round=6))
     refused_tc(TimeoutCertificate(epoch=0, round=-1, timeouts=PEERS.tc(5).timeouts))

@@ -65,10 +65,13 @@ def test_a_row_with_a_value_of_another_kind_is_refused(change: dict[str, Any]) -
         identity.MEMBER.convert(MEMBER | change)
 
 
-def test_a_row_that_lacks_a_field_is_refused() -> None:
+def test_a_row_that_lacks_a_field_is_refused_and_ends_the_walk() -> None:
     part = {name: value for name, value in MEMBER.items() if name != "org"}
     with pytest.raises(BlockRobotError, match="`org`"):
         identity.MEMBER.at({identity.MEMBER.key(OWNER): encode_value(part)}, OWNER)
+    table = Table({audit.COUNT.key(OWNER): encode_value("two")})
+    with pytest.raises(BlockRobotError, match="audit count/"):
+        list(audit.COUNT.rows(table))
 
 
 def test_readers_pass_over_a_field_of_a_later_version_that_a_strict_look_refuses() -> None:
@@ -92,14 +95,11 @@ def test_a_part_that_a_list_may_lack_at_its_end_is_left_out_where_it_is_not() ->
         assert records.ANNOUNCEMENT.encode(row) == data
 
 
-def test_what_is_absent_is_none_and_gives_no_role() -> None:
+def test_what_is_absent_or_was_removed_with_its_organisation_gives_no_role() -> None:
     assert identity.MEMBER.at({}, OWNER) is None
     assert identity.active_role({}, OWNER) == ""
     assert records.decided_root({}, OWNER) is None
     assert audit.entry_keys(OWNER, 3, 1) == [audit.ENTRY.key(OWNER, 1), audit.ENTRY.key(OWNER, 2)]
-
-
-def test_whoever_was_registered_before_the_removal_of_the_organisation_has_no_role_but_subjects() -> None:
     removed = {identity.REMOVED.key("ward"): encode_value(7)}
     assert identity.active_role(state() | removed, OWNER) == ""
     assert identity.active_role(state(since=8) | removed, OWNER) == "staff"
@@ -129,9 +129,3 @@ def test_all_rows_under_a_prefix_come_in_key_order_with_the_parts_of_their_keys(
     table[audit.ENTRY.start(OWNER)] = encode_value(entry)
     with pytest.raises(BlockRobotError, match="is no key of audit entry/"):
         list(audit.ENTRY.rows(table))
-
-
-def test_a_row_that_cannot_be_read_ends_the_walk() -> None:
-    table = Table({audit.COUNT.key(OWNER): encode_value("two")})
-    with pytest.raises(BlockRobotError, match="audit count/"):
-        list(audit.COUNT.rows(table))

@@ -36,28 +36,28 @@ def wire_of(transaction, **changes):
 
 
 def refused(code, wire):
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=f"^{code}:"):
         decode_transaction(wire).verify_sender()
-    assert caught.value.code == code
 
 
-def test_a_transaction_comes_back_from_the_wire_as_it_was_signed():
+def test_a_transaction_comes_back_from_the_wire_which_keeps_its_body_as_one_byte_string():
     transaction = signed()
     again = decode_transaction(transaction.wire)
     assert again == transaction
     assert again.arguments() == [[b"\x01" * 16], "treatment"]
     again.verify_sender()
+    assert decode(transaction.wire, TransactionWire).body == transaction.body_bytes
 
 
-def test_the_sender_is_the_key_that_signed():
+def test_the_sender_is_the_key_that_signed_whatever_is_sent_with_it():
     assert signed().body.sender == KEY.public_key
-
-
-def test_nobody_can_put_his_signature_under_anothers_name():
-    """The sender stands in the signed body: a thief's signature over it recovers the thief."""
+    # The sender stands in the signed body: a thief's signature over it recovers the thief.
     transaction = signed()
     signature = THIEF.sign("blockrobot/sign-tx", transaction.body_bytes)
     refused("SIGNATURE_INVALID", encode(TransactionWire(body=transaction.body_bytes, signature=signature)))
+    transaction = signed()
+    short = TransactionWire(body=transaction.body_bytes, signature=transaction.signature[:64])
+    refused("ENCODING_INVALID", encode(short))
 
 
 @pytest.mark.parametrize(
@@ -96,29 +96,21 @@ def test_a_changed_field_breaks_the_signature(changes):
     ids=str,
 )
 def test_a_field_of_the_wrong_form_is_refused_before_the_signature_is_looked_at(changes):
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^ENCODING_INVALID:"):
         decode_transaction(wire_of(signed(), **changes))
-    assert caught.value.code == "ENCODING_INVALID"
 
 
 def test_arguments_in_a_second_form_are_refused():
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^ENCODING_NOT_CANONICAL:"):
         decode_transaction(wire_of(signed(), args=b"\x91\xcc\x01"))
-    assert caught.value.code == "ENCODING_NOT_CANONICAL"
 
 
-def test_the_id_follows_from_the_body_alone():
+def test_the_id_follows_from_the_body_alone_and_so_from_its_salt():
     transaction = signed()
     assert transaction.txid == compute_txid(transaction.body_bytes)
     again = TransactionWire(body=transaction.body_bytes, signature=bytes(65))
     assert decode_transaction(encode(again)).txid == transaction.txid
-
-
-def test_equal_calls_with_different_salts_are_two_transactions():
     assert signed().txid != signed(salt=b"othersal").txid
-
-
-def test_signing_the_same_twice_is_one_transaction():
     assert signed() == signed()
 
 
@@ -134,14 +126,3 @@ def test_a_transaction_of_just_the_largest_size_passes_and_one_more_byte_does_no
 @pytest.mark.parametrize("wire", [b"", b"\x92", b"\x90", encode_value("text"), b"\x92\xc4\x00\xc4\x00"], ids=repr)
 def test_bytes_that_are_no_transaction_are_refused(wire):
     refused("ENCODING_INVALID", wire)
-
-
-def test_a_signature_of_the_wrong_size_is_refused():
-    transaction = signed()
-    short = TransactionWire(body=transaction.body_bytes, signature=transaction.signature[:64])
-    refused("ENCODING_INVALID", encode(short))
-
-
-def test_the_wire_keeps_the_body_as_one_byte_string():
-    transaction = signed()
-    assert decode(transaction.wire, TransactionWire).body == transaction.body_bytes

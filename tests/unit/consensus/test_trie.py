@@ -89,15 +89,11 @@ def test_present_keys_are_shown_present_on_each_level(two_levels):
     verify_proof(root, third, b"three", Proof((top,)))
 
 
-def test_a_proof_for_one_value_shows_no_other(two_levels):
+def test_present_keys_are_shown_present_with_their_value_and_cannot_be_denied(two_levels):
     root, top, below, first, _, third = two_levels
     assert refused(root, first, b"two", Proof((top, below)))
     assert refused(root, first, b"", Proof((top, below)))
     assert refused(root, third, b"one", Proof((top,)))
-
-
-def test_a_present_key_cannot_be_denied(two_levels):
-    root, top, below, first, _, third = two_levels
     assert refused(root, first, None, Proof((top, below)))
     assert refused(root, first, None, Proof((top,)))
     assert refused(root, third, None, Proof((top,)))

@@ -71,11 +71,8 @@ def test_whatever_unicode_names_empty_is_hidden_or_known_to_be_drawn():
     assert {code for code in named if not is_hidden(chr(code))} == DRAWN
 
 
-def test_letters_of_all_languages_are_seen():
+def test_letters_of_all_languages_are_seen_and_a_control_is_written_as_json_writes_it():
     assert list(find_hidden("São Tomé, Größe, Ελλάδα, Россия, עברית, العربية, 日本語, 한국어, 😀")) == []
-
-
-def test_a_control_is_written_as_json_writes_it():
     assert escape_controls("a\x1b[31m\u202eb\n\U000e0001\ud800") == "a\\u001b[31m\\u202eb\n\\udb40\\udc01\\ud800"
     assert escape_controls("a\nb", allowed="") == "a\\u000ab"
 

@@ -90,15 +90,12 @@ def test_files_that_cannot_be_used_are_named(config: NodeConfig, broken: str) ->
     assert "cannot be read" in report.trouble
 
 
-def test_a_key_of_another_certificate_is_named(folder: Path, config: NodeConfig) -> None:
+def test_a_lost_or_foreign_key_is_named_and_cannot_be_kept(folder: Path, config: NodeConfig) -> None:
     other = Cluster(folder).config("node-2")
     config.tls_key_path.write_bytes(other.tls_key_path.read_bytes())
     assert read_report(config).trouble == "The key is not that of the certificate."
     config.tls_certificate_path.write_bytes(other.tls_certificate_path.read_bytes())
     assert "'node-2'" in read_report(config).trouble
-
-
-def test_a_lost_key_cannot_be_kept(folder: Path, config: NodeConfig) -> None:
     config.tls_key_path.unlink()
     with pytest.raises(BlockRobotError, match="--new-key"):
         renew(config, find_authority(folder, "hospital"))
@@ -106,14 +103,11 @@ def test_a_lost_key_cannot_be_kept(folder: Path, config: NodeConfig) -> None:
     assert read_report(config).state(now_ms()) == "valid"
 
 
-def test_issuing_never_overwrites(tmp_path: Path, folder: Path) -> None:
+def test_issuing_never_overwrites_and_names_an_authority_that_is_not_here(tmp_path: Path, folder: Path) -> None:
     authority = find_authority(folder, "university")
     issue_into(tmp_path / "keys", authority, "node-9", "ward.example")
     with pytest.raises(FileExistsError):
         issue_into(tmp_path / "keys", authority, "node-9", "127.0.0.1")
-
-
-def test_an_authority_that_is_not_here_is_named(tmp_path: Path, folder: Path) -> None:
     with pytest.raises(BlockRobotError, match="AUTHORITY_NOT_HERE"):
         find_authority(folder, "clinic")
     wrong, other = create_authority("clinic"), create_authority("clinic")

@@ -45,19 +45,19 @@ def test_an_empty_folder_holds_no_network(tmp_path: Path) -> None:
         assert refusal_of(caught) == "CLUSTER_NOT_RUNNING"
 
 
-def test_a_cluster_knows_its_nodes_and_their_ports(cluster: Cluster) -> None:
+async def test_a_cluster_knows_its_nodes_and_a_dead_one_has_no_status(cluster: Cluster) -> None:
     assert cluster.names == ["node-1", "node-2", "node-3", "node-4"]
     assert [cluster.config(name).p2p_port for name in cluster.names] == [BASE_PORT + 10 * i for i in range(4)]
     with pytest.raises(BlockRobotError) as caught:
         cluster.config("node-9")
     assert refusal_of(caught) == "NOT_FOUND"
-
-
-async def test_a_dead_node_has_no_status(cluster: Cluster) -> None:
     reports = await cluster.status()
     assert [(report.name, report.running, report.status) for report in reports] == [
         (name, False, None) for name in cluster.names
     ]
+    cluster.stop("node-2")
+    assert cluster.stop_all() == []
+    assert cluster.latest_messages("node-3") == "it printed nothing."
 
 
 @pytest.mark.parametrize("content", ["[]", "7", "{", "<html></html>"])
@@ -87,21 +87,12 @@ def test_a_damaged_list_of_processes_is_as_good_as_none(cluster: Cluster, conten
     assert cluster.stop_all() == []
 
 
-def test_stopping_what_does_not_run_is_harmless(cluster: Cluster) -> None:
-    cluster.stop("node-2")
-    assert cluster.stop_all() == []
-
-
 async def test_waiting_for_a_node_that_died_ends_at_once_with_its_last_words(cluster: Cluster) -> None:
     (cluster.config("node-1").data_dir / "output.log").write_text("first\nno disk\n", encoding="utf-8")
     with pytest.raises(BlockRobotError) as caught:
         await cluster.wait_ready(["node-1"])
     assert refusal_of(caught) == "CLUSTER_START_FAILED"
     assert "no disk" in caught.value.detail
-
-
-def test_a_node_that_said_nothing_is_reported_so(cluster: Cluster) -> None:
-    assert cluster.latest_messages("node-3") == "it printed nothing."
 
 
 def test_no_key_of_the_network_is_readable_by_others(made: Path) -> None:

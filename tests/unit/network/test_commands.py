@@ -74,24 +74,25 @@ def test_every_command_explains_itself(path: tuple[str, ...], home: Path) -> Non
     assert (COMMANDS[path].help or "").strip().split("\n")[0].endswith((".", ":", "?", "gone,")) or path == ()
 
 
-def test_every_command_can_answer_in_json() -> None:
+def test_every_command_can_answer_in_json_and_those_of_the_root_show_an_example() -> None:
     silent = [
         " ".join(path)
         for path, command in COMMANDS.items()
         if not isinstance(command, click.Group) and "as_json" not in {parameter.name for parameter in command.params}
     ]
     assert silent == []
-
-
-def test_every_command_of_the_root_shows_an_example() -> None:
     without = [
         path[0] for path, command in COMMANDS.items() if len(path) == 1 and "Example" not in (command.help or "")
     ]
     assert without == []
 
 
-def test_an_unknown_command_is_a_matter_of_usage() -> None:
+def test_wrong_usage_without_json_is_for_people(network: Path) -> None:
     assert run("conquer").exit_code == 2
+    for arguments in (("conquer",), ("up", "--nodes", "99"), ("contract", "call", "--", "--json")):
+        result = run(*arguments)
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert "Usage: " in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -116,13 +117,6 @@ def test_wrong_usage_is_told_in_json_too(network: Path, arguments: tuple[str, ..
     assert named in problem["detail"]
 
 
-def test_without_json_wrong_usage_is_for_people(network: Path) -> None:
-    for arguments in (("conquer",), ("up", "--nodes", "99"), ("contract", "call", "--", "--json")):
-        result = run(*arguments)
-        assert (result.exit_code, result.stdout) == (2, "")
-        assert "Usage: " in result.stderr
-
-
 @pytest.mark.parametrize("command", [("status",), ("down",), ("logs",)])
 def test_where_there_is_no_network_that_is_said(home: Path, command: tuple[str, ...]) -> None:
     result = run(*command, "--json")
@@ -134,26 +128,20 @@ def test_where_there_is_no_network_that_is_said(home: Path, command: tuple[str, 
     assert "Traceback" not in spoken.output
 
 
-def test_the_status_of_a_stopped_network_names_its_nodes_as_stopped(network: Path) -> None:
+def test_a_stopped_network_names_its_nodes_as_stopped_and_may_be_stopped_again(network: Path) -> None:
     answer = json.loads(run("status", "--json").stdout)
     assert (answer["ok"], answer["nodes"]) == (False, [{"name": "node-1", "running": False}])
     assert "stopped" in run("status").output
+    assert json.loads(run("down", "--json").stdout) == {"ok": True, "stopped": []}
 
 
-def test_logs_of_a_node_that_is_not_there_exit_with_not_found(network: Path) -> None:
-    result = run("logs", "node-7", "--json")
-    assert (result.exit_code, problem_of(result)["code"]) == (3, "NOT_FOUND")
-
-
-def test_logs_show_the_last_lines(network: Path) -> None:
+def test_logs_show_the_last_lines_and_a_node_that_is_not_there_is_not_found(network: Path) -> None:
     (network / "nodes" / "node-1" / "node.log").write_text("one\ntwo\nthree\n", encoding="utf-8")
     assert run("logs", "--lines", "2").output == "node-1 two\nnode-1 three\n"
     answer = json.loads(run("logs", "--lines", "1", "--json").stdout)
     assert answer == {"ok": True, "lines": [{"node": "node-1", "line": "three"}]}
-
-
-def test_stopping_a_stopped_network_is_no_error(network: Path) -> None:
-    assert json.loads(run("down", "--json").stdout) == {"ok": True, "stopped": []}
+    result = run("logs", "node-7", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (3, "NOT_FOUND")
 
 
 def passphrase(home: Path, text: str) -> None:
@@ -170,23 +158,20 @@ def wallet(network: Path, home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_a_wallet_that_is_not_there_exits_with_not_found(wallet: Path) -> None:
+def test_wallet_commands_that_cannot_go_on_say_why_in_code_and_exit_code(
+    wallet: Path, home: Path, network: Path
+) -> None:
     result = run("wallet", "--profile", "bob", "records", "--json")
     assert (result.exit_code, problem_of(result)["code"]) == (3, "WALLET_NOT_FOUND")
-
-
-def test_a_wrong_passphrase_exits_with_refused(wallet: Path, home: Path) -> None:
+    result = run("wallet", "records", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "NODE_UNREACHABLE")
+    result = run("wallet", "new", "--words-file", str(home / "words"), "--fast-passphrase", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "WALLET_EXISTS")
+    result = run("wallet", "register", "BR1-AAAA", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "VOUCHER_INVALID")
     passphrase(home, "coffee")
     result = run("wallet", "records", "--json")
     assert (result.exit_code, problem_of(result)["code"]) == (4, "WALLET_PASSPHRASE_WRONG")
-
-
-def test_a_wallet_without_a_registration_asks_the_chain_before_it_says_so(wallet: Path) -> None:
-    result = run("wallet", "records", "--json")
-    assert (result.exit_code, problem_of(result)["code"]) == (1, "NODE_UNREACHABLE")
-
-
-def test_without_a_genesis_file_nothing_is_trusted(wallet: Path, network: Path) -> None:
     (network / "genesis.json").unlink()
     result = run("wallet", "records", "--json")
     assert (result.exit_code, problem_of(result)["code"]) == (1, "GENESIS_INVALID")
@@ -223,11 +208,6 @@ def test_a_new_wallet_writes_its_words_where_told_and_shows_no_secret(network: P
     assert json.loads(restored.stdout)["member"] == answer["member"]
 
 
-def test_a_second_wallet_at_the_same_place_is_refused(wallet: Path, home: Path) -> None:
-    result = run("wallet", "new", "--words-file", str(home / "words"), "--fast-passphrase", "--json")
-    assert (result.exit_code, problem_of(result)["code"]) == (1, "WALLET_EXISTS")
-
-
 def test_a_card_is_issued_from_a_file_and_its_uid_is_not_repeated(network: Path, home: Path) -> None:
     (home / "uid").write_text("E28011606000\n", encoding="utf-8")
     result = run("card", "issue", "--uid-file", str(home / "uid"), "--json")
@@ -239,11 +219,6 @@ def test_a_card_is_issued_from_a_file_and_its_uid_is_not_repeated(network: Path,
     assert (answer["replaced"], json.loads(again.stdout)["replaced"]) == (False, True)
     plain = run("card", "issue", "--uid-file", str(home / "uid"))
     assert "Whoever registered with that one is on no roster from now on" in plain.output
-
-
-def test_a_damaged_enrolment_code_is_named(wallet: Path) -> None:
-    result = run("wallet", "register", "BR1-AAAA", "--json")
-    assert (result.exit_code, problem_of(result)["code"]) == (1, "VOUCHER_INVALID")
 
 
 def test_a_robot_gets_its_keys_once(home: Path) -> None:

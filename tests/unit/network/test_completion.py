@@ -25,23 +25,18 @@ def test_a_shell_gets_its_script(shell: str) -> None:
     assert "%(" not in done.output
 
 
-def test_another_shell_is_wrong_usage() -> None:
+def test_commands_options_and_languages_complete_without_importing_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "--per-page" in completed("wallet", "records", incomplete="--p")
+    assert completed("wallet", incomplete="inb") == ["inbox"]
+    assert completed("wallet", "--language", incomplete="p") == ["pt"]
     assert CliRunner().invoke(main, ["completion", "csh"]).exit_code == 2
 
-
-def test_commands_complete_without_importing_any(monkeypatch: pytest.MonkeyPatch) -> None:
     def importing(*_: object) -> None:
         raise AssertionError("a command was imported to list its name")
 
     monkeypatch.setattr(LazyGroup, "get_command", importing)
     assert completed(incomplete="wal") == ["wallet"]
     assert {"up", "wallet", "robot"} <= set(completed())
-
-
-def test_options_subcommands_and_languages_complete() -> None:
-    assert "--per-page" in completed("wallet", "records", incomplete="--p")
-    assert completed("wallet", incomplete="inb") == ["inbox"]
-    assert completed("wallet", "--language", incomplete="p") == ["pt"]
 
 
 def test_profiles_and_viewed_records_complete_from_this_machine_alone(

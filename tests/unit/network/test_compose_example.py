@@ -101,11 +101,8 @@ def test_what_it_waits_for_mounts_and_builds_is_there() -> None:
     assert all((ROOT / name).is_file() for name in copied)
 
 
-def test_nothing_of_it_listens_beyond_the_machine() -> None:
+def test_nothing_of_the_example_listens_beyond_the_machine_and_the_documents_say_that_it_was_not_run() -> None:
     assert all(option(member["command"], "--bind_ip") == "127.0.0.1" for member in MEMBERS)
-
-
-def test_the_documents_say_that_it_was_not_run() -> None:
     assert "It was not run" in COMPOSE
     how_to = (ROOT / "docs" / "how-to" / "mongodb.md").read_text(encoding="utf-8")
     assert re.search(r"compose\.yaml\).*\n?.*Neither it nor any cluster .* was run here", how_to)

@@ -51,15 +51,12 @@ def test_a_new_contract_works_and_its_tests_run_every_line(project: Path) -> Non
     assert sum(line["gas"] for line in source["lines"]) > sum(entry["gas_max"] for entry in entries.values())
 
 
-def test_what_no_test_ran_is_shown(project: Path) -> None:
+def test_lines_that_no_test_ran_and_those_of_a_failed_one_are_shown(project: Path) -> None:
     result = run("test", "notes", "-k", "can_be_read", "--lines")
     assert "│ notes.write │ 1 " in result.output
     assert "20-24" in result.output
     assert "      0       0    23      state.delete(" in result.output
     assert "      1 " in result.output
-
-
-def test_a_failed_test_shows_the_lines_that_ran(project: Path) -> None:
     path = project / "test_notes.py"
     path.write_text(path.read_text(encoding="utf-8").replace('caller="bob")', 'caller="alice")'), encoding="utf-8")
     document = outcome_of("notes")
@@ -145,20 +142,14 @@ def test_versions_of_a_contract_are_told_apart(project: Path) -> None:
     assert ["notes/notes_1.py" in row for row in rows] == [False, True]
 
 
-def test_the_stub_names_all_that_the_language_adds() -> None:
+def test_the_stub_names_all_of_the_language_and_the_examples_leave_no_line_out() -> None:
     stub = read_dialect_stub()
     builtin = set(dir(__builtins__)) if not isinstance(__builtins__, dict) else set(__builtins__)
     names = RESERVED - builtin - {"charge_source", "check_source"}
     assert [name for name in sorted(names) if f"def {name}(" not in stub and f"\n{name}: " not in stub] == []
-
-
-def test_the_examples_pass_their_tests_and_leave_no_line_out() -> None:
     document = outcome_of(str(EXAMPLES))
     assert document["ok"], document["output"]
     names = {source["contract"]: source["missing"] for source in document["sources"]}
     assert names == {"visitor_log": [], "medication": [], "lost_property": []}
-
-
-def test_numbers_are_told_in_runs() -> None:
     assert ranges([1, 2, 3, 5, 7, 8]) == "1-3, 5, 7-8"
     assert ranges([]) == ""

@@ -70,20 +70,14 @@ def refusal(*arguments: str) -> str:
     return str(document["error"]["code"])
 
 
-def test_a_view_is_asked_by_whoever_may(chain: Consortium) -> None:
+def test_a_view_is_asked_by_whoever_may_with_bytes_in_hexadecimal(chain: Consortium) -> None:
     told = run("query", "settings", "in_force")
     assert told.output.startswith('{"production": "on-demand", ')
     answer = json.loads(run("query", "settings", "in_force", "--json", "--as", "org-02").stdout)
     assert (answer["ok"], answer["result"]["heartbeat_ms"]) == (True, 30_000)
-
-
-def test_who_may_not_ask_is_told_so(chain: Consortium) -> None:
     assert refusal("query", "settings", "in_force", "--as", "org-01/registrar") == "SESSION_REFUSED"
     assert refusal("query", "settings", "in_force", "--as", "nobody") == "ORGANISATION_KEY_NOT_FOUND"
     assert run("query", "settings", "in_force", "--as", "org-01", "--wallet", "me").exit_code == 2
-
-
-def test_bytes_are_typed_in_hexadecimal(chain: Consortium) -> None:
     key = "0x" + admin_of("org-01").public_key.hex()
     assert run("query", "identity", "role_of", key).output == '""\n'
     assert refusal("query", "identity", "role_of", "org-01") == "CONTRACT_ARGUMENTS_INVALID"
@@ -151,16 +145,13 @@ def test_who_stops_waiting_is_told_what_was_sent(chain: Consortium, monkeypatch:
     assert f"it may still become final: txid {sent[0]}" in result.stderr
 
 
-def test_what_does_not_fit_is_never_signed(chain: Consortium) -> None:
+def test_what_does_not_fit_is_never_signed_and_a_negative_number_is_told_how_to_be_written(chain: Consortium) -> None:
     for wrong in (["propose", "heartbeat_ms"], ["approve", "12"], ["approve", "one"]):
         assert refusal("call", "settings", *wrong, "--as", "org-01") == "CONTRACT_ARGUMENTS_INVALID"
     assert refusal("call", "settings", "in_force", "--as", "org-01") == "TRANSACTION_CONTRACT_UNKNOWN"
     assert refusal("call", "nothing", "at_all", "--as", "org-01") == "CONTRACT_NOT_FOUND"
     assert run("call", "settings", "approve", "0x00").exit_code == 2
     assert chain.height == 0
-
-
-def test_a_negative_number_that_is_taken_for_an_option_is_told_how_to_be_written(chain: Consortium) -> None:
     wrong = run("call", "settings", "propose", "heartbeat_ms", "-35", "--as", "org-01")
     assert (wrong.exit_code, "-35 is taken for an option: write -- before" in wrong.stderr) == (2, True)
     assert "No such option" in run("call", "settings", "propose", "--colour").stderr

@@ -25,9 +25,11 @@ def sources(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_good_source_is_fine(sources):
+def test_a_good_source_is_fine_with_as_many_entries_as_a_chain_takes(sources):
     result = check(sources / "good.py")
     assert (result.exit_code, result.output) == (0, f"{sources / 'good.py'}: fine, 1 entry\n")
+    (sources / "many.py").write_text(many_entries(100), "utf-8")
+    assert check(sources / "many.py").output.endswith("fine, 100 entries\n")
 
 
 def test_each_problem_shows_its_line_a_caret_and_the_fix(sources):
@@ -73,21 +75,15 @@ def test_a_name_that_no_contract_may_have_is_told_and_another_can_be_given(sourc
     assert check(sources / "good.py", sources / "bad.py", "--name", "shop").exit_code == 2
 
 
-def test_a_file_that_is_no_text_is_told_by_place(sources):
+def test_a_file_that_is_no_text_or_not_there_is_told_and_a_long_line_is_cut(sources):
     (sources / "binary.py").write_bytes(GOOD.encode() + b"# ok\nX = '\xff'\n")
     result = check(sources / "binary.py")
     assert (result.exit_code, "5:6 NOT_UTF8" in result.output) == (1, True)
-
-
-def test_a_line_without_end_is_cut_to_what_fits(sources):
+    assert check("nowhere.py").exit_code == 2
     (sources / "long.py").write_text(GOOD + "X = [" + "1, " * 900 + "nobody]\n", "utf-8")
     line = next(line for line in check(sources / "long.py").output.split("\n") if line.startswith("  4 | "))
     assert len(line) < 130
     assert "nobody" in line
-
-
-def test_a_file_that_is_not_there_is_a_wrong_use():
-    assert check("nowhere.py").exit_code == 2
 
 
 def many_entries(count: int, parameter: str = "a") -> str:
@@ -108,8 +104,3 @@ def test_what_a_chain_would_refuse_is_told_before_it_is_sent(sources, name, sour
     result = check(sources / f"{name}.py")
     assert result.exit_code == 1
     assert told in result.output
-
-
-def test_as_many_entries_as_a_chain_takes_are_fine(sources):
-    (sources / "many.py").write_text(many_entries(100), "utf-8")
-    assert check(sources / "many.py").output.endswith("fine, 100 entries\n")

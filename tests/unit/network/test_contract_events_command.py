@@ -145,7 +145,7 @@ def test_a_kill_in_the_middle_of_a_page_says_nothing_twice_in_a_file(story: Stor
     assert run("--out", str(out), "--state", str(out)).exit_code == 2
 
 
-def test_a_contract_or_a_place_that_is_not_there_is_told(story: Story) -> None:
+def test_a_contract_or_a_place_that_is_none_is_told(story: Story) -> None:
     story.happen("1:0")
     unknown = run("--contract", "nope")
     assert (unknown.exit_code, "The chain has no contract 'nope'" in unknown.stderr) == (0, True)
@@ -153,9 +153,6 @@ def test_a_contract_or_a_place_that_is_not_there_is_told(story: Story) -> None:
     ahead = run("--from", "999999:0")
     assert (ahead.exit_code, ahead.stderr) == (0, "The place 999999:0 is not there yet: the newest block is 1.\n")
     assert run("--from", "2:0").stderr == ""
-
-
-def test_a_place_that_is_none_is_refused(story: Story) -> None:
     for wrong in ("yesterday", "7", "7:", "-1:0"):
         result = run("--from", wrong)
         assert (result.exit_code, "height:index" in result.stderr) == (2, True)

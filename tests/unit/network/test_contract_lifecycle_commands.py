@@ -152,15 +152,11 @@ def test_a_proposed_source_is_shown_and_compared_without_compiling_it_here(
     assert answer("diff", "visitors", opened)["abi"] == []
 
 
-def test_what_is_no_text_is_neither_proposed_nor_compared(chain: Consortium) -> None:
+def test_what_is_no_text_is_neither_proposed_nor_compared_and_long_lines_stay_whole(chain: Consortium) -> None:
     deploy(chain)
     Path("visitors.py").write_bytes(b"\xff\xfe")
     assert refusal("propose", "visitors.py", "--as", "org-01") == "FILE_UNUSABLE"
     assert "visitors.py is not a text file" in run("diff", "visitors", "visitors.py").stderr
-
-
-def test_long_lines_stay_whole_where_no_terminal_is(chain: Consortium) -> None:
-    deploy(chain)
     remark = "# " + "who is in the house, and since when, " * 5
     Path("visitors.py").write_text(VISITORS + remark + "\n", encoding="utf-8")
     assert f"+{remark}" in run("diff", "visitors", "visitors.py").output.splitlines()

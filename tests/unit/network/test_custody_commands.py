@@ -78,10 +78,7 @@ def _uploads(**changes: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        (
-            {"uploads_paused": True, "disk_free_bytes": 1_000 << 20},
-            "takes no uploads: 1000 MiB are free, 1024 MiB are",
-        ),
+        ({"uploads_paused": True, "disk_free_bytes": 1_000 << 20}, "takes no uploads: 1000 MiB are free, 1024 MiB are"),
         ({"days_until_reserve": 3.5}, "At 5.0 GB a day its disk reaches the reserve in 3.5 days."),
         (
             {"uploads": [_uploads(refused=9, refused_lately=4)]},
@@ -219,13 +216,10 @@ def test_a_custodian_that_refuses_is_told_by_code_and_exit_code(
     assert json.loads(result.stdout)["error"]["code"] == code
 
 
-def test_a_node_that_keeps_no_clips_and_one_that_is_not_there_are_refused(folder: Path) -> None:
+def test_a_custodian_that_is_none_is_refused_and_a_network_that_is_down_is_said_to_be(folder: Path) -> None:
     for name, exit_code, code in (("node-4", 3, "CUSTODY_ELSEWHERE"), ("node-9", 3, "NOT_FOUND")):
         result = _run(folder, "status", name, "--json")
         assert (result.exit_code, json.loads(result.stdout)["error"]["code"]) == (exit_code, code)
-
-
-def test_a_network_that_is_down_is_said_to_be(folder: Path) -> None:
     result = _run(folder, "status", "--json")
     assert result.exit_code == 1
     assert [row["error"] for row in json.loads(result.stdout)["custodians"]] == ["NODE_UNREACHABLE"] * 2

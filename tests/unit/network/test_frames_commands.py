@@ -26,15 +26,12 @@ def code_of(result: Result) -> str:
     return str(json.loads(result.stdout)["error"]["code"])
 
 
-def test_a_folder_without_pictures_or_with_others_is_refused(tmp_path: Path) -> None:
+def test_it_must_be_known_whose_pictures_they_are_and_that_they_are_some(tmp_path: Path) -> None:
     assert code_of(call("approve", tmp_path, "--robot", MEMBER, "--yes")) == "BACKGROUND_NOT_FOUND"
     (tmp_path / "preview.png").write_bytes(picture())
     assert code_of(call("approve", tmp_path, "--robot", MEMBER, "--yes")) == "BACKGROUND_NOT_FOUND"
     (tmp_path / "000.png").write_bytes(b"no picture")
     assert code_of(call("approve", tmp_path, "--robot", MEMBER, "--yes")) == "BACKGROUND_NOT_A_PICTURE"
-
-
-def test_it_must_be_known_whose_they_are(tmp_path: Path) -> None:
     (tmp_path / "000.png").write_bytes(picture())
     assert "--robot MEMBER_KEY" in call("approve", tmp_path, "--yes").output
     (tmp_path / "robot.txt").write_bytes(b"\xff\xfe")
@@ -69,7 +66,7 @@ def test_what_is_approved_is_what_the_preview_shows(tmp_path: Path) -> None:
     assert code_of(call(*asked, "--yes")) == "BACKGROUND_PREVIEW_DIFFERS", "the frame was exchanged since"
 
 
-def test_a_preview_shows_every_frame_whole() -> None:
+def test_a_preview_shows_every_frame_whole_and_large_ones_are_approved_in_parts() -> None:
     frames = [np.full((4 + number, 300), 1_000 + 100 * number, np.uint16) for number in range(9)]
     preview = decode_colour_png(draw_preview([encode_depth_png(frame) for frame in frames]))
     assert preview.shape[:2] >= (2 * 12, 8 * 300)
@@ -77,9 +74,6 @@ def test_a_preview_shows_every_frame_whole() -> None:
         top, left = number // 8 * 12, number % 8 * 300
         shown = preview[top : top + frame.shape[0], left : left + 300]
         assert np.array_equal(shown, decode_colour_png(colourise(frame, legend=False)))
-
-
-def test_frames_too_large_to_be_shown_at_once_are_approved_in_parts() -> None:
     large = encode_depth_png(np.zeros((4096, 4096), np.uint16))
     with pytest.raises(BlockRobotError, match="in parts"):
         draw_preview([large] * 5)

@@ -125,13 +125,17 @@ def test_a_change_of_members_is_not_proposed_twice_but_ones_own_certificate_is_r
     assert answer(org, "propose", "remove-node", "node-03", "--as", "org-03")["proposal"]
 
 
-def test_one_must_say_for_whom_one_speaks_but_anybody_may_read(chain: Consortium) -> None:
+def test_one_speaks_by_any_key_of_an_organisation_and_anybody_may_read(chain: Consortium, tmp_path: Path) -> None:
     result = run(settings, "propose", "heartbeat_ms", "9000")
     assert result.exit_code == 2
     assert "--as org-01 | org-02 | org-03" in result.stderr
     assert answer(org, "list")["height"] == 0
     assert refusal(settings, "propose", "heartbeat_ms", "1", "--as", "nobody") == "ORGANISATION_KEY_NOT_FOUND"
     assert refusal(org, "list", "--key", "/nowhere/admin.key") == "ORGANISATION_KEY_NOT_FOUND"
+    path = tmp_path / "elsewhere.key"
+    path.write_bytes(admin_of("org-02").secret)
+    opened = answer(settings, "propose", "heartbeat_ms", "9000", "--key", str(path))
+    assert opened["proposal"]["organisation"] == "org-02"
 
 
 def test_an_organisation_that_is_not_one_yet_does_not_hinder_reading(chain: Consortium, tmp_path: Path) -> None:
@@ -140,13 +144,6 @@ def test_an_organisation_that_is_not_one_yet_does_not_hinder_reading(chain: Cons
     (place / "admin.key").write_bytes(key_of("aaa").secret)
     assert answer(org, "list")["majority"] == 2
     assert refusal(org, "list", "--as", "aaa") == "GOVERNANCE_NOT_ADMIN"
-
-
-def test_a_key_may_lie_elsewhere(chain: Consortium, tmp_path: Path) -> None:
-    path = tmp_path / "elsewhere.key"
-    path.write_bytes(admin_of("org-02").secret)
-    opened = answer(settings, "propose", "heartbeat_ms", "9000", "--key", str(path))
-    assert opened["proposal"]["organisation"] == "org-02"
 
 
 def test_without_a_network_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -254,7 +251,11 @@ def test_who_is_no_producer_may_go_whoever_is_down(chain: Consortium, silent: se
     assert answer(org, "approve", opened, "--as", "org-02")["executed"]
 
 
-def test_a_producer_is_named_by_node_or_key(chain: Consortium) -> None:
+def test_an_entry_is_that_of_whom_one_names_and_a_producer_is_named_by_node_or_key(chain: Consortium) -> None:
+    entry = answer(org, "new", "clinic")["entry"]
+    assert refusal(org, "propose", "add-org", "other", "--from", entry, "--as", "org-01") == "FILE_UNUSABLE"
+    assert run(org, "propose", "add-org", "--as", "org-01").exit_code == 2
+    assert refusal(org, "propose", "add-org", "nowhere", "--as", "org-01") == "FILE_UNUSABLE"
     key = producer_of("node-03").public_key.hex()
     answer(producer, "withdraw", key, "--as", "org-01")
     answer(producer, "withdraw", key[:10], "--as", "org-02")
@@ -347,13 +348,6 @@ def test_a_private_key_is_never_proposed(chain: Consortium, tmp_path: Path, bund
     entry.write_text(json.dumps(document | {"ca_certificate": bundle.read_text("ascii")}), "utf-8")
     assert refusal(org, "propose", "add-org", "clinic", "--as", "org-01") == "FILE_HOLDS_PRIVATE_KEY"
     assert chain.height == 0, "nothing was sent"
-
-
-def test_an_entry_is_that_of_whom_one_names(chain: Consortium) -> None:
-    entry = answer(org, "new", "clinic")["entry"]
-    assert refusal(org, "propose", "add-org", "other", "--from", entry, "--as", "org-01") == "FILE_UNUSABLE"
-    assert run(org, "propose", "add-org", "--as", "org-01").exit_code == 2
-    assert refusal(org, "propose", "add-org", "nowhere", "--as", "org-01") == "FILE_UNUSABLE"
 
 
 def test_fewer_seats_are_not_decided_while_too_few_of_those_left_are_well(chain: Consortium, silent: set[str]) -> None:

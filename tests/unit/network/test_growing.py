@@ -71,9 +71,8 @@ async def test_an_organisation_without_a_voice_yet_is_left_out() -> None:
     await growth.begin()
     assert list(growth.voices) == ["org-01"]
     nobody, _ = growth_of(Consortium(), "stranger")
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^GOVERNANCE_NOT_ADMIN:"):
         await nobody.begin()
-    assert refusal.value.code == "GOVERNANCE_NOT_ADMIN"
 
 
 async def test_a_candidate_without_a_free_seat_is_told_so_and_one_that_is_silent_fails() -> None:
@@ -83,9 +82,8 @@ async def test_a_candidate_without_a_free_seat_is_told_so_and_one_that_is_silent
     await agreed(growth)
     key = producer_of(NEWCOMER).public_key
     await growth.vote_in(NEWCOMER, key, "org-01")
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^CLUSTER_START_FAILED:"):
         await growth.wait_seated(NEWCOMER, key, timeout_s=0)
-    assert refusal.value.code == "CLUSTER_START_FAILED"
     chain.agree_setting("max_producers", 4)
     await growth.wait_seated(NEWCOMER, key)
     assert told[-1] == "node-05 is a candidate; all 4 seats are taken (max_producers)"

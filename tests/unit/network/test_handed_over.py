@@ -34,14 +34,11 @@ def refusal(path: Path, data: bytes) -> str:
     return code
 
 
-def test_only_certificates_are_taken_and_written_anew(tmp_path: Path) -> None:
+def test_certificates_alone_are_taken_and_a_private_key_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "both.pem"
     wordy = f"\ufeffour own notes\r\n{OLD.certificate_pem}password: hunter2\n{NEW.certificate_pem.rstrip()}"
     path.write_text(wordy, "utf-8")
     assert read_authority_certificates(path) == OLD.certificate_pem + NEW.certificate_pem
-
-
-def test_a_file_with_a_private_key_is_refused_by_name(tmp_path: Path) -> None:
     key = encode_private_key(OLD.key)
     kinds = (b"PRIVATE KEY", b"RSA PRIVATE KEY", b"EC PRIVATE KEY", b"ENCRYPTED PRIVATE KEY", b"OPENSSH PRIVATE KEY")
     for kind in kinds:

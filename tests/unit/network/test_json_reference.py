@@ -22,14 +22,7 @@ from network.cli.json_reference import (
     write_json_schema,
 )
 from network.cluster_monitor import NodeLook, Observer, changes
-from tests.json_answers import (
-    answers_of_processes,
-    differences,
-    is_elsewhere,
-    leaves,
-    noted_differences,
-    read_noted,
-)
+from tests.json_answers import answers_of_processes, differences, is_elsewhere, leaves, noted_differences, read_noted
 
 FOLDER = Path(__file__).parents[3] / "docs" / "reference"
 REFUSED_RECEIPT = {"txid": "ab", "height": 3, "from_height": 4, "count": 1, "status": "withdrawn", "purposes": []}
@@ -37,33 +30,21 @@ FOR_ONESELF = {"sensors": [], "for": None, "mandate_id": None}
 WITHDRAWN = {"ok": True, **REFUSED_RECEIPT, **FOR_ONESELF, "receipt": None, "receipt_error": "NODE_UNREACHABLE"}
 
 
-def test_the_page_is_current() -> None:
+def test_the_page_is_current_and_has_every_command_and_field_once() -> None:
     assert (FOLDER / PAGE).read_text(encoding="utf-8") == write_json_page(), "run: blockrobot reference"
     assert (FOLDER / SCHEMA).read_text(encoding="utf-8") == write_json_schema(), "run: blockrobot reference"
-
-
-def test_every_command_that_speaks_json_is_on_the_page() -> None:
     speaking = {words for words, command in leaves() if any("--json" in each.opts for each in command.params)}
     elsewhere = {words for words in speaking if is_elsewhere(words)}
     listed = {words for words in listed_answers() if " --" not in words}
     assert speaking - elsewhere == listed
     assert not listed & elsewhere
     assert all(any(f"{words} ".startswith(f"{group} ") for words in elsewhere) for group in NOT_LISTED)
-
-
-def test_every_command_of_a_wallet_and_of_officers_is_listed_field_by_field() -> None:
     people = {words for words, _ in leaves() if words.split()[0] in {"wallet", "officer", "verify", "robot", "fault"}}
     assert len(people) > 60
     assert people <= set(listed_answers())
-
-
-def test_no_command_is_listed_twice_and_no_two_answers_have_one_name() -> None:
     named = [words for answers in SECTIONS.values() for words in answers]
     assert sorted(named) == sorted(set(named))
     assert [name for name in json.loads(write_json_schema())["$defs"] if "." in name] == []
-
-
-def test_every_field_is_described() -> None:
     for name, kind in json.loads(write_json_schema())["$defs"].items():
         assert kind["description"], name
         assert [field for field, schema in kind["properties"].items() if not schema.get("description")] == [], name
@@ -80,8 +61,15 @@ def test_when_a_field_is_null_or_absent_is_said_of_it() -> None:
             assert [field for field, schema in optional.items() if "absent" not in schema["description"]] == [], name
 
 
-def test_an_answer_as_documented_is_one() -> None:
+def test_an_answer_is_as_documented_or_found_out() -> None:
     assert differences("wallet consent withdraw", WITHDRAWN) == []
+    told = {name: value for name, value in WITHDRAWN.items() if name != "height"}
+    assert differences("wallet consent withdraw", told) == [
+        "wallet consent withdraw: Object missing required field `height`"
+    ]
+    assert differences("wallet fly", {"ok": True}) == ["wallet fly: it is not documented"]
+    assert differences("", {"ok": True}) == ["a command without a name: it is not documented"]
+    assert differences("custody status", {"whatever": 1}) == []
 
 
 @pytest.mark.parametrize(
@@ -101,30 +89,14 @@ def test_an_answer_that_is_otherwise_is_found_out(change: dict[str, object], sai
     assert line.startswith(f"wallet consent withdraw: {said}")
 
 
-def test_a_field_that_is_gone_is_found_out() -> None:
-    told = {name: value for name, value in WITHDRAWN.items() if name != "height"}
-    assert differences("wallet consent withdraw", told) == [
-        "wallet consent withdraw: Object missing required field `height`"
-    ]
-
-
-def test_a_command_with_two_answers_gives_one_of_them() -> None:
+def test_a_command_gives_one_of_its_answers_and_is_not_ok_only_where_that_is_documented() -> None:
     network = {"network": "ward", "chain_id": "ab", "genesis_id": "cd", "is_anchored": True}
     told = {"ok": True, "file": "mine.zip", **network, "consent_receipts": 0, "signed_consent_receipts": []}
     assert differences("verify", told) == []
     assert differences("verify", told | {"visits": 1}), "a bundle has more"
     assert json.loads(write_json_schema())["commands"]["verify"].keys() == {"anyOf"}
-
-
-def test_an_answer_may_be_not_ok_where_that_is_documented() -> None:
     told = {"ok": False, "unfinished": [], "not_begun": True}
     assert differences("wallet serve", told) == []
-
-
-def test_an_answer_of_a_command_that_is_neither_listed_nor_said_to_be_elsewhere_is_found_out() -> None:
-    assert differences("wallet fly", {"ok": True}) == ["wallet fly: it is not documented"]
-    assert differences("", {"ok": True}) == ["a command without a name: it is not documented"]
-    assert differences("custody status", {"whatever": 1}) == []
 
 
 def test_answers_are_held_against_the_page_also_after_a_test_has_undone_its_patches(

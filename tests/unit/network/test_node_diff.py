@@ -62,10 +62,14 @@ def test_a_meddled_ledger_is_named_with_exit_code_1(network: Path) -> None:
     assert "Key epoch of contract producers" in told.output
 
 
-def test_nodes_of_two_networks_are_not_compared(network: Path, tmp_path: Path) -> None:
+def test_nodes_of_two_networks_or_of_none_are_not_compared(network: Path, tmp_path: Path) -> None:
     create_network(tmp_path / "other", nodes=1, organisations=1, base_port=46_490)
     code, report = run(network, "diff", "node-1", str(tmp_path / "other" / "nodes" / "node-1"))
     assert (code, report["error"]["code"]) == (1, "SNAPSHOT_OTHER_CHAIN")
+    code, report = run(network, "diff", "node-1", "node-9")
+    assert (code, report["error"]["code"]) == (3, "NOT_FOUND")
+    code, report = run(network, "snapshot", "create", str(tmp_path), "--out", str(tmp_path / "x"))
+    assert report["error"]["code"] == "DATA_DIRECTORY_INVALID"
 
 
 def test_a_snapshot_is_made_shown_and_not_taken_for_newer(network: Path, tmp_path: Path) -> None:
@@ -79,10 +83,3 @@ def test_a_snapshot_is_made_shown_and_not_taken_for_newer(network: Path, tmp_pat
     assert json.loads(shown.stdout)["verified"] is True
     assert run(network, "snapshot", "restore", "node-2", place)[1]["error"]["code"] == "SNAPSHOT_OLD"
     assert run(network, "prune", "node-2", "--keep", "256")[1]["earliest_height"] == 0
-
-
-def test_what_is_no_node_is_said_to_be_none(network: Path, tmp_path: Path) -> None:
-    code, report = run(network, "diff", "node-1", "node-9")
-    assert (code, report["error"]["code"]) == (3, "NOT_FOUND")
-    code, report = run(network, "snapshot", "create", str(tmp_path), "--out", str(tmp_path / "x"))
-    assert report["error"]["code"] == "DATA_DIRECTORY_INVALID"

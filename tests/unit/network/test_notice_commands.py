@@ -20,7 +20,7 @@ def run(*arguments: str) -> Result:
     return CliRunner().invoke(main, ["notice", *arguments])
 
 
-def test_a_new_notice_is_the_demonstrations_and_is_complete(tmp_path: Path) -> None:
+def test_a_new_notice_is_complete_and_overwrites_nothing(tmp_path: Path) -> None:
     place = tmp_path / "notice.toml"
     assert "check" in run("new", str(place)).output
     assert read_notice_file(place) == demo_notice()
@@ -28,10 +28,6 @@ def test_a_new_notice_is_the_demonstrations_and_is_complete(tmp_path: Path) -> N
     assert checked["hash"] == notice_digest(encode_notice(demo_notice())).hex()
     assert checked["bytes"] < 14_000
     assert demo_notice().authority.contact in run("check", str(place)).output
-
-
-def test_nothing_is_overwritten(tmp_path: Path) -> None:
-    place = tmp_path / "notice.toml"
     place.write_text("mine")
     result = run("new", str(place), "--json")
     assert (result.exit_code, json.loads(result.output)["error"]["code"]) == (1, "FILE_EXISTS")

@@ -54,14 +54,17 @@ def test_a_nodes_state_is_said_in_a_few_words(seen: NodeLook, state: str) -> Non
     assert state_of(seen) == state
 
 
-def test_an_idle_network_ages_but_is_not_stuck() -> None:
+def test_an_idle_network_ages_but_is_not_stuck_and_its_picture_is_ready_for_json() -> None:
     observer = Observer(100.0)
     observer.take([look()], 100.0)
     picture = observer.take([look()], 160.0)
     assert (picture.finality_age_s, picture.stuck_s, picture.longest_stuck_s) == (60.0, 0.0, 0.0)
+    answer = picture_answer(Observer(1.0).take([look()], 2.0004), [])
+    assert answer.at_s == 1.0
+    assert [(node.name, node.peers) for node in answer.nodes] == [("node-1", 2)]
 
 
-def test_work_that_waits_without_finality_is_counted_until_a_height_grows() -> None:
+def test_work_without_finality_is_counted_until_any_node_grows() -> None:
     observer = Observer(0.0)
     observer.take([look()], 0.0)
     observer.take([look(mempool=3)], 1.0)
@@ -69,9 +72,6 @@ def test_work_that_waits_without_finality_is_counted_until_a_height_grows() -> N
     assert (stuck.stuck_s, stuck.longest_stuck_s, stuck.finality_age_s) == (3.0, 3.0, 4.0)
     again = observer.take([look(mempool=3, finalized_height=5)], 5.0)
     assert (again.stuck_s, again.longest_stuck_s, again.finality_age_s) == (0.0, 3.0, 0.0)
-
-
-def test_the_finality_of_any_node_counts_and_a_silent_one_takes_nothing_back() -> None:
     observer = Observer(0.0)
     observer.take([look("node-1", finalized_height=9), look("node-2", finalized_height=3)], 0.0)
     gone = NodeLook("node-1", running=False, paused=False, status=None)
@@ -79,7 +79,7 @@ def test_the_finality_of_any_node_counts_and_a_silent_one_takes_nothing_back() -
     assert (picture.finalized_height, picture.finality_age_s) == (9, 2.0)
 
 
-def test_only_changes_are_told_and_growing_heights_are_none() -> None:
+def test_changes_alone_are_told_and_being_stuck_once() -> None:
     observer = Observer(0.0)
     first = observer.take([look()], 0.0)
     assert changes(None, first) == ["node-1 is signing, final height 4"]
@@ -89,9 +89,6 @@ def test_only_changes_are_told_and_growing_heights_are_none() -> None:
     assert changes(second, third) == ["node-1 faults: -> node-3: cut", "node-1 is in epoch 1", "node-1 has 1 peers"]
     fourth = observer.take([NodeLook("node-1", running=False, paused=False, status=None)], 3.0)
     assert changes(third, fourth) == ["node-1 is stopped", "node-1 faults: none"]
-
-
-def test_being_stuck_and_going_on_are_told_once_each() -> None:
     observer = Observer(0.0)
     before, told = None, []
     for second in range(8):
@@ -116,9 +113,3 @@ def test_the_table_shows_faults_and_the_time_without_finality() -> None:
     shown = capture.get()
     for words in ("clock +1h", "stopped", "signing", "Nothing has become final for 3.5 s", "q quits"):
         assert words in shown
-
-
-def test_a_picture_is_ready_for_json() -> None:
-    answer = picture_answer(Observer(1.0).take([look()], 2.0004), [])
-    assert answer.at_s == 1.0
-    assert [(node.name, node.peers) for node in answer.nodes] == [("node-1", 2)]

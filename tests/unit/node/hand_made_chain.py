@@ -80,10 +80,5 @@ def prove(genesis: Genesis, blocks: list[Block], height: int) -> FinalityProof:
 def stored(block: Block) -> FinalizedBlock:
     header = block.header
     return FinalizedBlock(
-        header.height,
-        block.block_id,
-        encode(block),
-        encode(Receipts(())),
-        header.timestamp_ms,
-        header.state_root,
+        header.height, block.block_id, encode(block), encode(Receipts(())), header.timestamp_ms, header.state_root
     )

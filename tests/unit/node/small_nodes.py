@@ -149,8 +149,8 @@ class SmallNodes:
         self._transactions = TransactionCache()
         self._salt = 0
 
-    async def start(self, *names: str) -> None:
-        """Start these nodes, or all."""
+    async def start(self, *names: str) -> SmallNodes:
+        """Start these nodes, or all; return itself."""
         for name in names or tuple(self.ledgers):
             await begin_ledger(self.ledgers[name], self.genesis)
             node = NodeComponents(
@@ -170,6 +170,7 @@ class SmallNodes:
             )
             self.nodes[name] = node
             await node.start()
+        return self
 
     async def stop(self, *names: str) -> None:
         """Stop these nodes, or all."""

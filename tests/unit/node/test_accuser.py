@@ -85,15 +85,12 @@ async def test_who_sees_it_known_before_his_turn_says_nothing():
     assert stage.accuser.pending == []
 
 
-async def test_a_removed_producer_is_accused_for_it_might_come_back():
+async def test_a_removed_producer_is_accused_for_it_might_come_back_and_a_suspended_one_is_not():
     stage = Stage()
     stage.mark_candidate("removed")
     stage.accuser.note(EVIDENCE)
     stage.now += TURN_MS
     assert await stage.accuser.submit_if_due() == 1
-
-
-async def test_a_producer_that_is_suspended_already_is_not_accused():
     stage = Stage()
     stage.mark_candidate("suspended")
     stage.accuser.note(EVIDENCE)

@@ -31,14 +31,16 @@ def test_a_burst_is_there_at_once_and_then_work_goes_on_at_the_steady_rate() -> 
     assert budgets.take("a", 100)
 
 
-def test_one_sources_debt_is_no_other_ones() -> None:
+def test_one_sources_debt_is_no_other_ones_and_a_refusal_says_when_to_try_again() -> None:
     budgets = _budgets(_Clock())
     budgets.charge("a", 50_000)
     assert budgets.wait_s("a") > 40
     assert budgets.take("b", 5_000)
+    assert over_budget("peer b", 0.2).context["retry_after_s"] == 1
+    assert over_budget("peer b", 1e9).context["retry_after_s"] == 60
 
 
-def test_what_is_given_back_never_makes_more_than_was_paid_nor_than_a_burst() -> None:
+def test_what_is_given_back_goes_to_the_bucket_that_paid_and_never_makes_more() -> None:
     clock = _Clock()
     budgets = _budgets(clock)
     receipt = budgets.take("a", 4_000)
@@ -53,6 +55,12 @@ def test_what_is_given_back_never_makes_more_than_was_paid_nor_than_a_burst() ->
     late.give_back()
     assert budgets.take("b", 5_000)
     assert not budgets.take("b", 100)
+    budgets = _budgets(_Clock(), max_count=1)
+    receipt = budgets.take("a", 4_000)
+    assert receipt is not None
+    budgets.take("b", 5_000)
+    receipt.give_back()
+    assert not budgets.take("b", 100)
 
 
 def test_one_receipt_gives_nothing_back_of_what_another_paid() -> None:
@@ -64,15 +72,6 @@ def test_one_receipt_gives_nothing_back_of_what_another_paid() -> None:
         receipt.give_back()
     assert budgets.take("a", 2_000)
     assert not budgets.take("a", 100)
-
-
-def test_what_is_given_back_goes_to_the_bucket_that_paid_also_when_it_is_forgotten() -> None:
-    budgets = _budgets(_Clock(), max_count=1)
-    receipt = budgets.take("a", 4_000)
-    assert receipt is not None
-    budgets.take("b", 5_000)
-    receipt.give_back()
-    assert not budgets.take("b", 100)
 
 
 def test_the_table_stays_bounded_and_forgets_who_was_not_seen_for_longest() -> None:
@@ -104,8 +103,3 @@ def test_nobody_gets_more_than_a_burst_and_the_steady_rate(steps: list[tuple[flo
         if budgets.take("a", cost_us):
             taken += cost_us
     assert taken <= ALLOWANCE.burst_us + ALLOWANCE.us_per_s * clock.now_s + len(steps)
-
-
-def test_a_refusal_says_when_to_try_again() -> None:
-    assert over_budget("peer b", 0.2).context["retry_after_s"] == 1
-    assert over_budget("peer b", 1e9).context["retry_after_s"] == 60

@@ -33,14 +33,13 @@ def _write(folder: Path, text: str) -> Path:
     return folder
 
 
-def test_paths_are_relative_to_the_data_directory_and_the_rest_has_defaults(tmp_path: Path) -> None:
+def test_paths_are_relative_and_what_is_written_is_what_is_read(tmp_path: Path) -> None:
+    with pytest.raises(BlockRobotError, match=r"^DATA_DIRECTORY_INVALID:"):
+        load_config(tmp_path)
     config = load_config(_write(tmp_path, GOOD))
     assert config.producer_key_path == tmp_path / "keys" / "producer.key"
     assert config.custodian_key_path is None
     assert (config.host, config.custody_store, config.log_level) == ("127.0.0.1", "sqlite", "info")
-
-
-def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
     config = load_config(_write(tmp_path, GOOD + 'custodian = "keys/custodian.key"\n[log]\nlevel = "debug"\n'))
     assert load_config(_write(tmp_path, config_to_toml(config))) == config
 
@@ -72,12 +71,6 @@ def test_what_is_wrong_is_named(tmp_path: Path, before: str, after: str, named: 
         load_config(_write(tmp_path, GOOD.replace(before, after)))
     assert caught.value.code == "CONFIGURATION_INVALID"
     assert named in caught.value.detail
-
-
-def test_a_directory_without_a_node_is_named(tmp_path: Path) -> None:
-    with pytest.raises(BlockRobotError) as caught:
-        load_config(tmp_path)
-    assert caught.value.code == "DATA_DIRECTORY_INVALID"
 
 
 def test_a_wrong_key_is_refused_without_a_word_of_it(tmp_path: Path) -> None:

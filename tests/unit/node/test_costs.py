@@ -11,21 +11,12 @@ from node.p2p.wire import FrameKind, RequestKind
 OPERATIONS = {route.operation for route in ROUTES}
 
 
-def test_every_kind_of_frame_has_a_price() -> None:
+def test_every_kind_of_frame_and_request_and_every_route_has_a_price() -> None:
     assert set(FRAME_COSTS) == set(FrameKind)
     assert all(cost.us > 0 for cost in FRAME_COSTS.values())
-
-
-def test_every_kind_of_request_between_nodes_has_a_price() -> None:
     assert set(REQUEST_COSTS) == set(RequestKind)
-
-
-def test_every_route_has_a_price_and_no_other_name_has_one() -> None:
     assert set(ROUTE_COSTS) == OPERATIONS
     assert min(ROUTE_COSTS.values()) > 0
-
-
-def test_what_the_core_hears_is_paid_as_consensus() -> None:
     heard = {FrameKind.PROPOSAL, FrameKind.VOTE, FrameKind.TIMEOUT, FrameKind.NOTICE, FrameKind.LAST_SIGNED_RESPONSE}
     assert {kind for kind, cost in FRAME_COSTS.items() if cost.lane is Lane.CONSENSUS} == heard
 

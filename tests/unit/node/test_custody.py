@@ -9,14 +9,7 @@ from typing import Any
 
 import pytest
 
-from consensus.chain.block import (
-    Block,
-    FinalityProof,
-    Header,
-    QuorumCertificate,
-    Receipt,
-    Receipts,
-)
+from consensus.chain.block import Block, FinalityProof, Header, QuorumCertificate, Receipt, Receipts
 from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode, encode_value
@@ -297,9 +290,8 @@ async def test_what_is_erased_or_quarantined_between_two_parts_does_not_leave_an
 
 
 async def test_nobody_but_a_custodian_gets_a_clip(rig: Rig) -> None:
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^PEER_REFUSED:"):
         await rig.custody.serve_peer("node-3", RequestKind.CLIP, encode(ClipRequest(bytes(16), 0)))
-    assert caught.value.code == "PEER_REFUSED"
 
 
 async def test_a_peer_that_announces_more_than_it_sends_is_not_waited_for() -> None:
@@ -307,9 +299,8 @@ async def test_a_peer_that_announces_more_than_it_sends_is_not_waited_for() -> N
         return encode(ClipPart(total=100, data=b""))
 
     link = PeerLink("node-1", SimpleNamespace(request=request))  # type: ignore[arg-type]
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^PEER_MESSAGE_INVALID:"):
         await link.fetch(bytes(16))
-    assert caught.value.code == "PEER_MESSAGE_INVALID"
 
 
 async def test_no_clip_leaves_before_the_custodian_has_followed_the_network_since_its_start(
@@ -331,9 +322,8 @@ async def test_no_clip_leaves_before_the_custodian_has_followed_the_network_sinc
             rig.custody.get_background(bytes(32)),
             rig.custody.serve_peer("node-2", RequestKind.CLIP, ask),
         ):
-            with pytest.raises(BlockRobotError) as refusal:
+            with pytest.raises(BlockRobotError, match=r"^CUSTODY_CATCHING_UP:"):
                 await attempt
-            assert refusal.value.code == "CUSTODY_CATCHING_UP"
         in_touch = True
     await rig.custody.start()
     await rig.followed(2)

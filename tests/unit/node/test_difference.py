@@ -59,14 +59,11 @@ def compare(chain: WrittenChain, first: MemoryStore, second: MemoryStore, **opti
         return report(chain, one, other, **options)
 
 
-async def test_two_equal_ledgers_are_the_same() -> None:
+async def test_equal_ledgers_are_the_same_also_if_one_is_behind() -> None:
     chain = written()
     found = compare(chain, *await stores(chain), full=True)
     assert (found["same"], found["kind"]) == (True, "none")
     assert found["heights"] == {"A": 10, "B": 10}
-
-
-async def test_a_node_that_is_behind_is_brought_up_and_compared() -> None:
     chain = written(6)
     ahead, behind = MemoryStore(), MemoryStore()
     await chain.fill(behind)
@@ -123,7 +120,7 @@ async def test_a_node_that_is_behind_and_damaged_is_found_out() -> None:
     assert (found["first_block"], found["keys"][0]["right"]) == (4, "A")
 
 
-async def test_where_blocks_were_pruned_the_key_is_named_and_the_writer_is_not() -> None:
+async def test_one_node_that_kept_the_blocks_is_enough_to_name_the_writer_and_none_is_not() -> None:
     chain = written()
     good, bad = await stores(chain)
     for store in (good, bad):
@@ -134,9 +131,6 @@ async def test_where_blocks_were_pruned_the_key_is_named_and_the_writer_is_not()
     assert found["keys"][0]["written_by"] == {"A": None, "B": None}
     assert "No node here holds the body of block 1." in found["notes"][0]
     assert found["bodies_compared_from"] == 8
-
-
-async def test_one_node_that_kept_the_blocks_is_enough_to_name_the_writer() -> None:
     chain = written()
     good, bad = await stores(chain)
     await bad.prune(8, header_of_block)

@@ -40,14 +40,11 @@ def genesis_content(authority: Authority) -> DirectoryContent:
     return content_of_genesis(changed(small_genesis({"hospital": authority}), nodes=nodes))
 
 
-def test_it_begins_with_the_genesis_file(authority: Authority) -> None:
+def test_it_begins_with_the_genesis_file_and_a_state_without_membership_changes_nothing(authority: Authority) -> None:
     directory = Directory(genesis_content(authority))
     assert directory.names == ["n1"]
     assert directory.name_of_producer(KEY) == "n1"
     assert directory.height == 0
-
-
-def test_a_state_without_membership_changes_nothing(authority: Authority) -> None:
     directory = Directory(genesis_content(authority))
     assert not directory.refresh(Membership(), 5)
     assert directory.names == ["n1"]

@@ -14,7 +14,7 @@ from consensus.protocol.effects import TIMER_ROUND, Broadcast, CancelTimer, Effe
 from consensus.protocol.events import Event, NoticeReceived, Started, TimerFired, WorkChanged
 from node.consensus.engine import Engine
 from node.mempool.quarantine import Quarantine
-from tests.virtual_time import run_virtual
+from tests.virtual_time import in_virtual_time
 
 NOTICE = CertificateNotice(qc=QuorumCertificate(epoch=0, round=0, block_id=bytes(32), votes=()), entered_by=None)
 
@@ -95,14 +95,11 @@ async def _until_it_writes(engine: Engine) -> None:
         await asyncio.sleep(1)
 
 
-async def test_what_stands_behind_a_record_is_said_after_the_sync() -> None:
+async def test_what_stands_behind_a_record_is_said_after_the_sync_and_never_if_that_fails() -> None:
     stage = Stage()
     core = ScriptedCore([Persist((b"a", b"b")), Broadcast(NOTICE), Persist((b"c",)), Broadcast(NOTICE)])
     _engine(core, stage).start(stage)  # type: ignore[arg-type]
     assert stage.told == ["append a", "append b", "sync", "broadcast", "append c", "sync", "broadcast"]
-
-
-async def test_a_node_whose_journal_fails_says_nothing() -> None:
     stage = Stage()
     stage.refuses = True
     core = ScriptedCore([Persist((b"a",)), Broadcast(NOTICE)], [Broadcast(NOTICE)])
@@ -116,62 +113,55 @@ async def test_a_node_whose_journal_fails_says_nothing() -> None:
     await engine.stop()
 
 
-def test_when_the_disk_takes_writes_again_the_word_leaves_behind_a_journal_written_anew() -> None:
+@in_virtual_time
+async def test_when_the_disk_takes_writes_again_the_word_leaves_behind_a_journal_written_anew() -> None:
     """R38: the whole of what the core said is written first, whatever became of the file that failed."""
-
-    async def story() -> None:
-        stage = Stage()
-        stage.refuses = True
-        core = ScriptedCore([Persist((b"a",)), Broadcast(NOTICE)], [Broadcast(NOTICE)])
-        engine = _engine(core, stage)
-        engine.start(stage)  # type: ignore[arg-type]
-        for _ in range(3):
-            await asyncio.sleep(1)
-            assert stage.told == ["append a"]
-        stage.refuses = False
-        engine.submit(TimerFired(kind="round", round=1, now_ms=1))
-        await _until_it_writes(engine)
-        assert stage.told == ["append a", "recover ['all that was said']", "broadcast", "broadcast"]
-        assert engine.is_signing
-        assert [type(event) for event in core.events] == [Started, TimerFired]
-        await engine.stop()
-
-    run_virtual(story())
+    stage = Stage()
+    stage.refuses = True
+    core = ScriptedCore([Persist((b"a",)), Broadcast(NOTICE)], [Broadcast(NOTICE)])
+    engine = _engine(core, stage)
+    engine.start(stage)  # type: ignore[arg-type]
+    for _ in range(3):
+        await asyncio.sleep(1)
+        assert stage.told == ["append a"]
+    stage.refuses = False
+    engine.submit(TimerFired(kind="round", round=1, now_ms=1))
+    await _until_it_writes(engine)
+    assert stage.told == ["append a", "recover ['all that was said']", "broadcast", "broadcast"]
+    assert engine.is_signing
+    assert [type(event) for event in core.events] == [Started, TimerFired]
+    await engine.stop()
 
 
-def test_a_node_that_cannot_write_keeps_nothing_that_its_peers_will_say_again() -> None:
-    async def story() -> None:
-        stage = Stage()
-        stage.refuses = True
-        core = ScriptedCore([Persist((b"a",))])
-        engine = _engine(core, stage)
-        engine.start(stage)  # type: ignore[arg-type]
-        for _ in range(1_000):
-            engine.submit(NoticeReceived(notice=NOTICE, now_ms=1))
-        assert not engine._events
-        stage.refuses = False
-        await _until_it_writes(engine)
+@in_virtual_time
+async def test_a_node_that_cannot_write_keeps_nothing_that_its_peers_will_say_again() -> None:
+    stage = Stage()
+    stage.refuses = True
+    core = ScriptedCore([Persist((b"a",))])
+    engine = _engine(core, stage)
+    engine.start(stage)  # type: ignore[arg-type]
+    for _ in range(1_000):
         engine.submit(NoticeReceived(notice=NOTICE, now_ms=1))
-        assert [type(event) for event in core.events] == [Started, NoticeReceived]
-        await engine.stop()
+    assert not engine._events
+    stage.refuses = False
+    await _until_it_writes(engine)
+    engine.submit(NoticeReceived(notice=NOTICE, now_ms=1))
+    assert [type(event) for event in core.events] == [Started, NoticeReceived]
+    await engine.stop()
 
-    run_virtual(story())
 
-
-def test_a_full_ledger_disk_stops_the_engine_until_it_is_resumed() -> None:
-    async def story() -> None:
-        stage = Stage()
-        core = ScriptedCore([], [Broadcast(NOTICE)])
-        engine = _engine(core, stage)
-        engine.start(stage)  # type: ignore[arg-type]
-        engine.pause("ledger", "The ledger cannot be written.")
-        engine.submit(TimerFired(kind="round", round=1, now_ms=1))
-        assert (stage.told, engine.fault) == ([], "The ledger cannot be written.")
-        engine.resume("ledger")
-        assert (stage.told, engine.fault) == (["broadcast"], "")
-        await engine.stop()
-
-    run_virtual(story())
+@in_virtual_time
+async def test_a_full_ledger_disk_stops_the_engine_until_it_is_resumed() -> None:
+    stage = Stage()
+    core = ScriptedCore([], [Broadcast(NOTICE)])
+    engine = _engine(core, stage)
+    engine.start(stage)  # type: ignore[arg-type]
+    engine.pause("ledger", "The ledger cannot be written.")
+    engine.submit(TimerFired(kind="round", round=1, now_ms=1))
+    assert (stage.told, engine.fault) == ([], "The ledger cannot be written.")
+    engine.resume("ledger")
+    assert (stage.told, engine.fault) == (["broadcast"], "")
+    await engine.stop()
 
 
 async def test_on_a_slow_disk_the_loop_goes_on_and_the_order_is_kept() -> None:

@@ -89,15 +89,12 @@ def _refusal(executor: Executor, block: Block) -> str:
     return refusal.value.code
 
 
-def test_a_block_that_changes_the_epoch_names_the_next_one(executor: Executor) -> None:
+def test_a_boundary_names_the_next_epoch_and_is_recognised_by_whoever_executes_it(executor: Executor) -> None:
     built = _build(executor, None, _change())
     assert built.header.next_schedule_hash == compute_epoch_hash(NEXT)
     assert (built.next_epoch, built.header.is_closing) == (NEXT, False)
     ordinary = _build(executor, None, _transaction([[b"records\x00a", b"1"]]))
     assert (ordinary.header.next_schedule_hash, ordinary.next_epoch) == (None, None)
-
-
-def test_a_boundary_is_recognised_by_whoever_executes_it(executor: Executor) -> None:
     block = _build(executor, None, _change()).block
     executor._blocks.clear()
     assert executor.verify(block).next_epoch == NEXT
@@ -109,9 +106,10 @@ def test_a_boundary_that_names_another_epoch_or_none_is_refused(executor: Execut
     assert _refusal(executor, block) == "BLOCK_INVALID"
 
 
-def test_a_block_that_changes_nothing_must_name_no_epoch(executor: Executor) -> None:
+def test_a_block_that_changes_nothing_names_no_epoch_and_closes_only_behind_a_boundary(executor: Executor) -> None:
     block = _changed(_build(executor, None).block, next_schedule_hash=compute_epoch_hash(NEXT))
     assert _refusal(executor, block) == "BLOCK_INVALID"
+    assert _refusal(executor, _changed(_build(executor, None).block, is_closing=True)) == "BLOCK_INVALID"
 
 
 def test_behind_a_boundary_stand_empty_closing_blocks_only(executor: Executor) -> None:
@@ -128,10 +126,6 @@ def test_behind_a_boundary_stand_empty_closing_blocks_only(executor: Executor) -
     full = _changed(second.block, timestamp_ms=START_MS + 8)
     full = msgspec.structs.replace(full, transactions=(_transaction([]).wire,))
     assert _refusal(executor, full) == "BLOCK_INVALID"
-
-
-def test_only_behind_a_boundary_a_block_may_be_closing(executor: Executor) -> None:
-    assert _refusal(executor, _changed(_build(executor, None).block, is_closing=True)) == "BLOCK_INVALID"
 
 
 def test_the_blocks_of_an_epoch_that_is_over_are_forgotten(executor: Executor) -> None:

@@ -14,7 +14,7 @@ from contracts.lifecycle.registry import compute_source_hash
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2, activation, deployment, parts_of
 from tests.unit.node.small_nodes import SmallNodes, make_genesis
 from tests.unit.node.weak_machine import WeakMachine
-from tests.virtual_time import run_virtual, virtual_now_ms
+from tests.virtual_time import in_virtual_time, virtual_now_ms
 
 NAMES = ["a", "b", "c", "d"]
 CHANGE_MAX_MS = 15_000
@@ -70,168 +70,150 @@ def agree(crowd: SmallNodes) -> None:
 
 
 @pytest.mark.parametrize("weak", ["abcd", "abc", "ab", "cd"])
-def test_a_version_that_too_few_nodes_can_put_into_force_fails_and_the_chain_goes_on(weak: str) -> None:
-    async def story() -> None:
-        crowd = weak_crowd(weak)
-        set_weak(crowd, False)
-        await crowd.start()
-        await deploy(crowd, VISITORS)
-        await go_on(crowd)
-        set_weak(crowd, True)
-        await deploy(crowd, VISITORS_2)
-        began_ms = virtual_now_ms()
-        await go_on(crowd)
-        assert virtual_now_ms() - began_ms < CHANGE_MAX_MS
-        assert status(crowd, 2) == "failed"
-        assert [row.version for row in list_contracts(crowd.nodes["a"].executor.reader) if row.name == "visitors"] == [
-            1
-        ]
-        agree(crowd)
-        set_weak(crowd, False)
-        for node in crowd.nodes.values():
-            node.executor.quarantine._changes.clear()  # ten minutes later
-        await crowd.finalize("a", crowd.transaction("lifecycle", "propose", "activate", activation("visitors", 2)))
-        await go_on(crowd)
-        assert status(crowd, 2) == "active"
-        agree(crowd)
-        await crowd.stop()
-
-    run_virtual(story())
+@in_virtual_time
+async def test_a_version_that_too_few_nodes_can_put_into_force_fails_and_the_chain_goes_on(weak: str) -> None:
+    crowd = weak_crowd(weak)
+    set_weak(crowd, False)
+    await crowd.start()
+    await deploy(crowd, VISITORS)
+    await go_on(crowd)
+    set_weak(crowd, True)
+    await deploy(crowd, VISITORS_2)
+    began_ms = virtual_now_ms()
+    await go_on(crowd)
+    assert virtual_now_ms() - began_ms < CHANGE_MAX_MS
+    assert status(crowd, 2) == "failed"
+    assert [row.version for row in list_contracts(crowd.nodes["a"].executor.reader) if row.name == "visitors"] == [1]
+    agree(crowd)
+    set_weak(crowd, False)
+    for node in crowd.nodes.values():
+        node.executor.quarantine._changes.clear()  # ten minutes later
+    await crowd.finalize("a", crowd.transaction("lifecycle", "propose", "activate", activation("visitors", 2)))
+    await go_on(crowd)
+    assert status(crowd, 2) == "active"
+    agree(crowd)
+    await crowd.stop()
 
 
-def test_one_node_alone_cannot_fail_a_version_and_follows_with_more_effort() -> None:
-    async def story() -> None:
-        crowd = weak_crowd("c", needs=3)
-        await crowd.start()
-        await deploy(crowd, VISITORS)
-        began_ms = virtual_now_ms()
-        await go_on(crowd)
-        assert virtual_now_ms() - began_ms < CHANGE_MAX_MS
-        assert status(crowd, 1) == "active"
-        assert machine(crowd, "c").tried
-        assert crowd.nodes["c"].describe()["execution"]["stuck"] is None
-        agree(crowd)
-        await crowd.stop()
-
-    run_virtual(story())
+@in_virtual_time
+async def test_one_node_alone_cannot_fail_a_version_and_follows_with_more_effort() -> None:
+    crowd = weak_crowd("c", needs=3)
+    await crowd.start()
+    await deploy(crowd, VISITORS)
+    began_ms = virtual_now_ms()
+    await go_on(crowd)
+    assert virtual_now_ms() - began_ms < CHANGE_MAX_MS
+    assert status(crowd, 1) == "active"
+    assert machine(crowd, "c").tried
+    assert crowd.nodes["c"].describe()["execution"]["stuck"] is None
+    agree(crowd)
+    await crowd.stop()
 
 
-def test_a_version_fails_after_lost_turns_also_if_the_only_weak_node_is_needed_for_a_quorum() -> None:
-    async def story() -> None:
-        crowd = weak_crowd("c", needs=99)
-        await crowd.start()
-        await upload(crowd, VISITORS)
-        crowd.cut_off = {"a"}
-        await crowd.finalize("b", crowd.transaction("lifecycle", "propose", "deploy", deployment("visitors", VISITORS)))
-        began_ms = virtual_now_ms()
-        await go_on(crowd, "b", "c", "d")
-        assert virtual_now_ms() - began_ms < 3 * CHANGE_MAX_MS
-        assert status(crowd, 1, "b") == "failed"
-        crowd.heal()
-        await go_on(crowd)
-        agree(crowd)
-        await crowd.stop()
-
-    run_virtual(story())
+@in_virtual_time
+async def test_a_version_fails_after_lost_turns_also_if_the_only_weak_node_is_needed_for_a_quorum() -> None:
+    crowd = weak_crowd("c", needs=99)
+    await crowd.start()
+    await upload(crowd, VISITORS)
+    crowd.cut_off = {"a"}
+    await crowd.finalize("b", crowd.transaction("lifecycle", "propose", "deploy", deployment("visitors", VISITORS)))
+    began_ms = virtual_now_ms()
+    await go_on(crowd, "b", "c", "d")
+    assert virtual_now_ms() - began_ms < 3 * CHANGE_MAX_MS
+    assert status(crowd, 1, "b") == "failed"
+    crowd.heal()
+    await go_on(crowd)
+    agree(crowd)
+    await crowd.stop()
 
 
 @pytest.mark.parametrize("weak", ["abcd", "ab", "bd", "c"])
-def test_a_call_on_which_nodes_fail_stops_nothing(weak: str) -> None:
-    async def story() -> None:
-        crowd = weak_crowd(weak, needs=2)
-        set_weak(crowd, False)
-        await crowd.start()
-        await deploy(crowd, VISITORS)
+@in_virtual_time
+async def test_a_call_on_which_nodes_fail_stops_nothing(weak: str) -> None:
+    crowd = weak_crowd(weak, needs=2)
+    set_weak(crowd, False)
+    await crowd.start()
+    await deploy(crowd, VISITORS)
+    await go_on(crowd)
+    set_weak(crowd, True)
+    deadly = [crowd.transaction("visitors", "enter", f"visitor {number}") for number in range(2)]
+    for node in ("a", "c"):
+        (told,) = await crowd.nodes[node].pool.submit([deadly.pop().wire])
+        assert told.error is None
+    for _ in range(3):
+        began_ms = virtual_now_ms()
         await go_on(crowd)
-        set_weak(crowd, True)
-        deadly = [crowd.transaction("visitors", "enter", f"visitor {number}") for number in range(2)]
-        for node in ("a", "c"):
-            (told,) = await crowd.nodes[node].pool.submit([deadly.pop().wire])
-            assert told.error is None
-        for _ in range(3):
-            began_ms = virtual_now_ms()
-            await go_on(crowd)
-            assert virtual_now_ms() - began_ms < CALL_MAX_MS
-        agree(crowd)
-        failures = [node.describe()["execution"]["failures"] for node in crowd.nodes.values()]
-        assert any(failures)
-        await crowd.stop()
-
-    run_virtual(story())
+        assert virtual_now_ms() - began_ms < CALL_MAX_MS
+    agree(crowd)
+    failures = [node.describe()["execution"]["failures"] for node in crowd.nodes.values()]
+    assert any(failures)
+    await crowd.stop()
 
 
 @pytest.mark.parametrize("restarts", [False, True])
-def test_a_node_that_cannot_execute_what_is_final_says_so_tries_again_and_catches_up(restarts: bool) -> None:
-    async def story() -> None:
-        crowd = weak_crowd("d", needs=99)
-        set_weak(crowd, False)
-        await crowd.start()
-        await deploy(crowd, VISITORS)
-        await go_on(crowd)
-        set_weak(crowd, True)
-        await crowd.finalize("a", crowd.transaction("visitors", "enter", "somebody"))
-        await go_on(crowd, "a", "b", "c")
-        await asyncio.sleep(5)
-        lagging = crowd.nodes["d"]
-        stuck = lagging.describe()["execution"]["stuck"]
-        assert stuck["height"] == lagging.feed.height + 1
-        assert stuck["attempts"] > 1
-        assert lagging.core.halted == ""
-        if restarts:
-            await crowd.stop("d")
-        for _ in range(50):
-            await go_on(crowd, "a")
-        assert lagging.feed.height < crowd.nodes["a"].feed.height - 40
-        set_weak(crowd, False)  # the program, or what the machine has, was mended
-        if restarts:
-            await crowd.start("d")
-        await crowd.wait_height(crowd.nodes["a"].feed.height, "d", timeout_s=90)
-        await go_on(crowd)
-        agree(crowd)
-        await crowd.stop()
-
-    run_virtual(story())
+@in_virtual_time
+async def test_a_node_that_cannot_execute_what_is_final_says_so_tries_again_and_catches_up(restarts: bool) -> None:
+    crowd = weak_crowd("d", needs=99)
+    set_weak(crowd, False)
+    await crowd.start()
+    await deploy(crowd, VISITORS)
+    await go_on(crowd)
+    set_weak(crowd, True)
+    await crowd.finalize("a", crowd.transaction("visitors", "enter", "somebody"))
+    await go_on(crowd, "a", "b", "c")
+    await asyncio.sleep(5)
+    lagging = crowd.nodes["d"]
+    stuck = lagging.describe()["execution"]["stuck"]
+    assert stuck["height"] == lagging.feed.height + 1
+    assert stuck["attempts"] > 1
+    assert lagging.core.halted == ""
+    if restarts:
+        await crowd.stop("d")
+    for _ in range(50):
+        await go_on(crowd, "a")
+    assert lagging.feed.height < crowd.nodes["a"].feed.height - 40
+    set_weak(crowd, False)  # the program, or what the machine has, was mended
+    if restarts:
+        await crowd.start("d")
+    await crowd.wait_height(crowd.nodes["a"].feed.height, "d", timeout_s=90)
+    await go_on(crowd)
+    agree(crowd)
+    await crowd.stop()
 
 
-def test_all_nodes_halted_in_memory_go_on_after_a_restart_with_a_mended_program() -> None:
+@in_virtual_time
+async def test_all_nodes_halted_in_memory_go_on_after_a_restart_with_a_mended_program() -> None:
     """A version was approved that no node can put into force; the power goes before it is given up."""
-
-    async def story() -> None:
-        crowd = weak_crowd(NAMES)
-        set_weak(crowd, False)
-        await crowd.start()
-        await deploy(crowd, VISITORS)
-        await go_on(crowd)
-        set_weak(crowd, True)
-        await deploy(crowd, VISITORS_2)
-        await crowd.stop()
-        set_weak(crowd, False)
-        await crowd.start()
-        await go_on(crowd)
-        assert status(crowd, 2) in ("active", "failed")
-        agree(crowd)
-        await crowd.stop()
-
-    run_virtual(story())
+    crowd = weak_crowd(NAMES)
+    set_weak(crowd, False)
+    await crowd.start()
+    await deploy(crowd, VISITORS)
+    await go_on(crowd)
+    set_weak(crowd, True)
+    await deploy(crowd, VISITORS_2)
+    await crowd.stop()
+    set_weak(crowd, False)
+    await crowd.start()
+    await go_on(crowd)
+    assert status(crowd, 2) in ("active", "failed")
+    agree(crowd)
+    await crowd.stop()
 
 
 @pytest.mark.parametrize("ahead", [1, 2, 3, 4])
-def test_a_change_that_is_due_in_a_closing_block_waits_for_the_next_epoch(ahead: int) -> None:
-    async def story() -> None:
-        crowd = SmallNodes(make_genesis(NAMES))
-        await crowd.start()
-        await upload(crowd, VISITORS)
-        due = crowd.nodes["a"].feed.height + ahead + 4
-        arguments = deployment("visitors", VISITORS, height=due)
-        await crowd.finalize("a", crowd.transaction("lifecycle", "propose", "deploy", arguments))
-        epoch = 0
-        while crowd.nodes["a"].feed.height < due + 3:
-            epoch += 1
-            await crowd.finalize("a", crowd.transaction("settings", "propose", "heartbeat_ms", 3000 + epoch))
-            await crowd.wait_epoch(epoch, timeout_s=10)
-        for node in crowd.nodes.values():
-            assert "visitors" in {row.name for row in list_contracts(node.executor.reader)}
-        agree(crowd)
-        await crowd.stop()
-
-    run_virtual(story())
+@in_virtual_time
+async def test_a_change_that_is_due_in_a_closing_block_waits_for_the_next_epoch(ahead: int) -> None:
+    crowd = await SmallNodes(make_genesis(NAMES)).start()
+    await upload(crowd, VISITORS)
+    due = crowd.nodes["a"].feed.height + ahead + 4
+    arguments = deployment("visitors", VISITORS, height=due)
+    await crowd.finalize("a", crowd.transaction("lifecycle", "propose", "deploy", arguments))
+    epoch = 0
+    while crowd.nodes["a"].feed.height < due + 3:
+        epoch += 1
+        await crowd.finalize("a", crowd.transaction("settings", "propose", "heartbeat_ms", 3000 + epoch))
+        await crowd.wait_epoch(epoch, timeout_s=10)
+    for node in crowd.nodes.values():
+        assert "visitors" in {row.name for row in list_contracts(node.executor.reader)}
+    agree(crowd)
+    await crowd.stop()

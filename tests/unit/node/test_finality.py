@@ -79,7 +79,7 @@ async def _let_run() -> None:
         await asyncio.sleep(0)
 
 
-async def test_nobody_is_told_of_a_block_that_is_not_stored_yet() -> None:
+async def test_blocks_are_told_once_stored_together_and_none_twice() -> None:
     ledger = SlowLedger()
     writer, told, _ = _start(ledger)
     writer.store([_block(1)], PROOF)
@@ -88,9 +88,6 @@ async def test_nobody_is_told_of_a_block_that_is_not_stored_yet() -> None:
     ledger.may_commit.set()
     await writer.stop()
     assert told == [([1], 1)]
-
-
-async def test_blocks_that_wait_are_stored_together_and_none_twice() -> None:
     ledger = SlowLedger()
     writer, told, _ = _start(ledger)
     writer.store([_block(1)], PROOF)
@@ -116,7 +113,7 @@ async def test_a_boundary_is_the_last_block_of_its_commit_whatever_waits_behind_
     assert told == [([1], 1), ([2, 3], 3), ([4], 4)]
 
 
-async def test_a_store_that_takes_no_more_stops_the_node_from_signing_and_tells_nobody() -> None:
+async def test_a_store_that_takes_no_more_and_a_writer_that_fails_stop_the_node_from_signing() -> None:
     ledger = SlowLedger()
     ledger.refuses = True
     writer, told, failures = _start(ledger)
@@ -125,6 +122,21 @@ async def test_a_store_that_takes_no_more_stops_the_node_from_signing_and_tells_
     await writer.stop()
     assert told == []
     assert len(failures) == 1
+    ledger = SlowLedger()
+    writer, told, failures = _start(ledger)
+
+    def fail(_snapshot: object) -> None:
+        raise RuntimeError("no more threads")
+
+    writer.set_milestones(1, fail)
+    ledger.may_commit.set()
+    writer.store([_block(1)], PROOF)
+    await _let_run()
+    assert len(failures) == 1
+    assert "RuntimeError" in failures[0]
+    async with asyncio.timeout(1):
+        await writer.stop()
+    assert told == []
 
 
 async def test_blocks_are_stored_and_told_though_nothing_can_be_made_of_a_milestone() -> None:
@@ -144,24 +156,6 @@ async def test_blocks_are_stored_and_told_though_nothing_can_be_made_of_a_milest
     await writer.stop()
     assert passed == ["snapshot", "snapshot"]
     assert (told, failures) == ([([1], 1), ([2], 2)], [])
-
-
-async def test_a_writer_that_ends_by_an_error_that_nobody_foresaw_stops_the_node_from_signing() -> None:
-    ledger = SlowLedger()
-    writer, told, failures = _start(ledger)
-
-    def fail(_snapshot: object) -> None:
-        raise RuntimeError("no more threads")
-
-    writer.set_milestones(1, fail)
-    ledger.may_commit.set()
-    writer.store([_block(1)], PROOF)
-    await _let_run()
-    assert len(failures) == 1
-    assert "RuntimeError" in failures[0]
-    async with asyncio.timeout(1):
-        await writer.stop()
-    assert told == []
 
 
 async def test_a_listener_that_fails_stops_the_node_from_signing_for_good() -> None:

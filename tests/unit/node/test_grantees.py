@@ -98,13 +98,11 @@ def test_parts_are_taken_for_a_grant_that_may_come_or_stands_and_not_after_its_e
     state, now_ms = story.hospital.state, story.hospital.time_ms
     require_open_grant(state, bytes(32), now_ms)
     require_open_grant(state, story.grant_id, story.until_ms - 1)
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^GRANT_ENDED:"):
         require_open_grant(state, story.grant_id, story.until_ms)
-    assert refusal.value.code == "GRANT_ENDED"
     story.hospital.must(story.visit.key, "access", "revoke", story.grant_id)
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=r"^GRANT_ENDED:"):
         require_open_grant(story.hospital.state, story.grant_id, now_ms)
-    assert refusal.value.code == "GRANT_ENDED"
 
 
 def test_all_grantees_of_a_visit_wait_in_one_line_and_its_owner_in_her_own() -> None:

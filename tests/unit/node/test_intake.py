@@ -22,7 +22,7 @@ from node.budgets.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_intake import LOOPBACK_ALLOWANCE, PEER_ALLOWANCE, Outcome, TransactionIntake
 from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, transaction
-from tests.virtual_time import run_virtual
+from tests.virtual_time import in_virtual_time
 
 STRANGER = Source("loopback", "127.0.0.1")
 OTHER = Source("loopback", "127.0.0.2")
@@ -69,14 +69,14 @@ def forged(number: int, by: int = 0) -> bytes:
     return encode(TransactionWire(body=mine.body_bytes, signature=transaction(number + 1, by=by + 1).signature))
 
 
-def _run(pool: Mempool, story: Callable[[TransactionIntake], Awaitable[None]], over: list[str] | None = None) -> None:
-    async def main() -> None:
-        named = [] if over is None else over
-        intake = TransactionIntake(pool, lambda: NOW_MS, lambda source, _error: named.append(source))
-        await story(intake)
-        await intake.stop()
-
-    run_virtual(main())
+@in_virtual_time
+async def _run(
+    pool: Mempool, story: Callable[[TransactionIntake], Awaitable[None]], over: list[str] | None = None
+) -> None:
+    named = [] if over is None else over
+    intake = TransactionIntake(pool, lambda: NOW_MS, lambda source, _error: named.append(source))
+    await story(intake)
+    await intake.stop()
 
 
 async def _submit(intake: TransactionIntake, source: Source, wires: list[bytes]) -> list[Outcome]:

@@ -146,15 +146,13 @@ def test_records_come_back_in_order_with_kind_and_sequence(disk):
     ]
 
 
-def test_what_was_synced_survives_a_crash_and_the_rest_is_forgotten(disk):
+def test_what_was_synced_survives_a_crash_and_a_reopened_journal_goes_on_where_it_was(disk):
     journal = journal_with(disk, b"said")
     journal.append(b"not said")
     assert (journal.synced_sequence, journal.next_sequence) == (1, 3)
     disk.crash()
     assert reopened(disk) == [b"said"]
-
-
-def test_a_reopened_journal_goes_on_where_it_was(disk):
+    disk = FakeDisk()
     journal_with(disk, b"one", b"two").close()
     journal = Journal.open(PATH, disk=disk)
     assert journal.append(b"three") == 3
@@ -180,14 +178,12 @@ def test_a_tail_torn_at_any_byte_is_cut_and_the_journal_goes_on(disk):
         assert reopened(disk) == [*found, b"after"]
 
 
-def test_a_tail_of_zeros_or_garbage_is_cut(disk):
+def test_a_tail_of_zeros_garbage_or_unsynced_records_out_of_order_is_cut(disk):
     journal_with(disk, b"first").close()
     for torn in (b"\x00" * 500, b"garbage" * 20, module._FRAME_MAGIC * 9):
         disk.crash(torn=torn)
         assert reopened(disk) == [b"first"]
-
-
-def test_unsynced_records_torn_out_of_order_are_a_torn_tail(disk):
+    disk = FakeDisk()
     journal_with(disk, b"first").close()
     tail = tail_of(disk, b"second", b"third")
     half = len(tail) // 2
@@ -227,16 +223,14 @@ def test_a_record_that_was_taken_out_is_damage(disk):
     assert code_of(Journal.open, PATH, disk=disk) == "JOURNAL_DAMAGED"
 
 
-def test_a_damaged_head_is_damage(disk):
+def test_damage_of_the_head_is_refused_and_the_journal_left_as_it_is(disk):
     journal_with(disk, b"first").close()
     whole = disk.names[PATH].durable
     for changed in (b"", whole[:10], b"\x00" * len(whole), whole[:30] + b"?" + whole[31:]):
         disk.names[PATH].durable = changed
         disk.crash()
         assert code_of(Journal.open, PATH, disk=disk) == "JOURNAL_DAMAGED"
-
-
-def test_a_refused_journal_is_left_as_it_is_and_not_locked(disk):
+    disk = FakeDisk()
     journal_with(disk, b"first", b"second").close()
     disk.names[PATH].content = disk.names[PATH].content[:-1] + b"?"
     before = disk.names[PATH].content[:20] + b"!" + disk.names[PATH].content[21:]
@@ -259,18 +253,13 @@ def test_bytes_inside_a_record_cannot_pose_as_a_frame(disk):
     assert reopened(disk) == [b"first"]
 
 
-def test_a_missing_journal_is_never_made_by_opening(disk):
+def test_a_journal_has_one_owner_and_is_never_made_by_opening_or_over_another(disk):
     assert code_of(Journal.open, PATH, disk=disk) == "JOURNAL_MISSING"
     assert disk.names == {}
-
-
-def test_a_journal_is_never_made_over_another(disk):
     journal_with(disk, b"first").close()
     assert code_of(Journal.create, PATH, disk=disk) == "DATA_DIRECTORY_INVALID"
     assert reopened(disk) == [b"first"]
-
-
-def test_a_journal_has_one_owner(disk):
+    disk = FakeDisk()
     journal_with(disk, b"first")
     assert code_of(Journal.open, PATH, disk=disk) == "DATA_DIRECTORY_IN_USE"
 
@@ -329,15 +318,13 @@ def test_compaction_to_nothing_still_goes_on_counting(disk):
     assert (again.entries, again.next_sequence) == ((), 3)
 
 
-def test_compaction_carries_over_what_came_after_the_callers_choice(disk):
+def test_compaction_carries_over_what_came_after_the_choice_and_what_is_not_synced(disk):
     journal = journal_with(disk, b"1", b"2", b"3")
     journal.append(b"4")
     journal.compact([(0, b"kept of 1 and 2")], through=2)
     disk.crash()
     assert reopened(disk) == [b"kept of 1 and 2", b"3", b"4"]
-
-
-def test_compaction_by_default_carries_over_what_is_not_synced(disk):
+    disk = FakeDisk()
     journal = journal_with(disk, b"1")
     sequence = journal.append(b"2")
     journal.compact([])

@@ -38,13 +38,16 @@ def test_a_full_disk_that_was_freed_takes_the_journal_again(disk):
     assert reopened(disk) == [b"1 2 3", b"4"]
 
 
-def test_sequences_only_grow_over_a_recovery(disk):
+def test_sequences_only_grow_over_a_recovery_and_a_closed_journal_is_not_recovered(disk):
     journal = broken_by_full_disk(disk)
     disk.room = None
     before = journal.next_sequence
     journal.recover([(0, b"1 2 3")])
     assert journal.synced_sequence >= before
     assert journal.append(b"4") == journal.synced_sequence + 1
+    journal = journal_with(FakeDisk(), b"1")
+    journal.close()
+    assert code_of(journal.recover, [(0, b"1")]) == "JOURNAL_UNWRITABLE"
 
 
 def test_a_sync_that_failed_is_not_trusted_afterwards(disk):
@@ -83,12 +86,6 @@ def test_a_recovery_that_failed_half_way_is_tried_again(disk):
     journal.sync()
     disk.crash()
     assert reopened(disk) == [b"1 2 3", b"4"]
-
-
-def test_a_closed_journal_is_not_recovered(disk):
-    journal = journal_with(disk, b"1")
-    journal.close()
-    assert code_of(journal.recover, [(0, b"1")]) == "JOURNAL_UNWRITABLE"
 
 
 # The operator's flag

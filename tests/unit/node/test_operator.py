@@ -53,16 +53,16 @@ async def test_figures_are_for_who_shows_a_token() -> None:
             assert (await client.get(path)).status == 200
 
 
-async def test_without_tokens_no_figure_is_shown() -> None:
+async def test_without_its_token_nothing_is_shown_or_moved_and_a_web_page_is_answered_nothing() -> None:
     async with TestClient(TestServer(create_operator_listener(Status()))) as client:
         for shown in ({}, {"Authorization": "Bearer "}):
             assert (await client.get("/status", headers=shown)).status == 401
-
-
-async def test_the_reading_token_moves_nothing() -> None:
     async with TestClient(TestServer(listener())) as client:
         assert (await client.get("/custody", headers=READING)).status == 401
         assert (await client.post("/faults", headers=READING)).status >= 400
+    async with TestClient(TestServer(listener())) as client:
+        for path in (*OPEN_PATHS, *READING_PATHS):
+            assert (await client.get(path, headers=OPERATOR | {"Origin": "http://127.0.0.1:1"})).status == 403
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:7274", "127.0.0.1.evil.example", "10.0.0.7:1", ""])
@@ -77,12 +77,6 @@ async def test_another_name_than_this_machine_s_is_answered_nothing(host: str) -
 async def test_this_machine_has_three_names(host: str) -> None:
     async with TestClient(TestServer(listener())) as client:
         assert (await client.get("/status", headers=READING | {"Host": host})).status == 200
-
-
-async def test_a_web_page_is_answered_nothing() -> None:
-    async with TestClient(TestServer(listener())) as client:
-        for path in (*OPEN_PATHS, *READING_PATHS):
-            assert (await client.get(path, headers=OPERATOR | {"Origin": "http://127.0.0.1:1"})).status == 403
 
 
 def test_the_token_is_for_its_user_alone(tmp_path: Path) -> None:

@@ -14,9 +14,8 @@ async def test_a_node_that_no_peer_hears_takes_nothing_and_still_answers(code: s
     problems: list[BlockRobotError] = [BlockRobotError(code)]
     inner = FakePool(await SmallLedger().start(), ManualClock())
     pool = ClientPool(inner, lambda: problems[0] if problems else None)
-    with pytest.raises(BlockRobotError) as refusal:
+    with pytest.raises(BlockRobotError, match=f"^{code}:"):
         await pool.submit([b"anything"])
-    assert refusal.value.code == code
     assert pool.status(bytes(32)) == "unknown"
     problems.clear()
     (result,) = await pool.submit([b"anything"])

@@ -90,12 +90,16 @@ async def test_a_running_node_prunes_in_steps_and_keeps_headers() -> None:
         assert decoded.block(7) is None
 
 
-async def test_young_blocks_stay_however_many_there_are() -> None:
+async def test_young_blocks_stay_and_pruning_ends_at_the_newest_block() -> None:
     chain, store = written(400), MemoryStore()
     await chain.fill(store)
     await Pruner(store, 1, lambda: None).run_once()
     with store.snapshot() as view:
         assert view.earliest_height == 0
+    chain, store = written(5), MemoryStore()
+    assert await prune_ledger(store, 100) == 0
+    await chain.fill(store)
+    assert await prune_ledger(store, 100) == 5
 
 
 async def test_a_running_node_prunes_when_its_directory_asks_for_it(tmp_path: Path) -> None:
@@ -146,13 +150,6 @@ async def test_an_archive_drops_nothing_old_or_asked_for(tmp_path: Path) -> None
     assert pruner.describe() == {"archive": True, "earliest_ms": chain.blocks[0].header.timestamp_ms, "held_by": None}
 
 
-async def test_pruning_ends_at_the_newest_block() -> None:
-    chain, store = written(5), MemoryStore()
-    assert await prune_ledger(store, 100) == 0
-    await chain.fill(store)
-    assert await prune_ledger(store, 100) == 5
-
-
 async def test_a_stopped_node_is_pruned_as_far_as_its_custodian_has_come(tmp_path: Path) -> None:
     create_network(tmp_path / "network", nodes=2, organisations=1, base_port=46_500)
     configs = [load_config(tmp_path / "network" / "nodes" / name) for name in ("node-1", "node-2")]
@@ -184,9 +181,8 @@ def test_the_settings_are_read_from_the_configuration_and_checked(tmp_path: Path
     assert load_config(data_dir) == config
     for wrong in ("keep_blocks = 5", "keep_blocks = 0", "keep_blocks = true", 'keep_blocks = "all"', "archive = 1"):
         path.write_text(text.replace(written, wrong))
-        with pytest.raises(BlockRobotError) as refused:
+        with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID:"):
             load_config(data_dir)
-        assert refused.value.code == "CONFIGURATION_INVALID"
     with pytest.raises(BlockRobotError) as refused:
         create_network(tmp_path / "other", nodes=2, organisations=1, base_port=46_500, archives=["node-3"])
     assert (refused.value.code, (tmp_path / "other").exists()) == ("CONFIGURATION_INVALID", False)

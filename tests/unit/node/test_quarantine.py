@@ -40,16 +40,13 @@ def test_each_failure_holds_a_transaction_longer(quarantine: Quarantine, watch: 
         assert quarantine.held() == frozenset()
 
 
-def test_a_lost_block_holds_less_long_and_gives_no_reason_not_to_vote(quarantine: Quarantine, watch: Watch) -> None:
+def test_a_loss_holds_less_long_than_a_failure_and_shortens_none(quarantine: Quarantine, watch: Watch) -> None:
     for _ in range(5):
         quarantine.note_lost([ONE, OTHER])
     assert quarantine.held() == {ONE, OTHER}
     assert quarantine.find_failing([ONE, OTHER]) is None
     watch.now_s += LOST_PAUSES_MS[-1] / 1000 + 0.1
     assert quarantine.held() == frozenset()
-
-
-def test_a_loss_does_not_shorten_what_a_failure_holds(quarantine: Quarantine, watch: Watch) -> None:
     for _ in range(3):
         quarantine.note_failure(ONE, "")
     quarantine.note_lost([ONE])
@@ -57,11 +54,16 @@ def test_a_loss_does_not_shorten_what_a_failure_holds(quarantine: Quarantine, wa
     assert quarantine.held() == {ONE}
 
 
-def test_what_failed_is_not_tried_again_for_a_while(quarantine: Quarantine, watch: Watch) -> None:
+def test_what_failed_is_tried_again_after_a_while_and_not_before(quarantine: Quarantine, watch: Watch) -> None:
     quarantine.note_failure(ONE, "")
     assert quarantine.find_failing([OTHER, ONE]) == ONE
     watch.now_s += PAUSES_MS[0] / 1000 + 1
     assert quarantine.find_failing([OTHER, ONE]) is None
+    quarantine.note_change(("visitors", 2), "MemoryError")
+    assert quarantine.has_failed(("visitors", 2))
+    assert not quarantine.has_failed(("visitors", 3))
+    watch.now_s += TRANSACTION_LIFETIME_MAX_MS / 1000 + 1
+    assert not quarantine.has_failed(("visitors", 2))
 
 
 def test_what_is_remembered_is_bounded(quarantine: Quarantine) -> None:
@@ -83,14 +85,6 @@ def test_losses_push_out_no_failure(quarantine: Quarantine, watch: Watch) -> Non
     assert quarantine.find_failing([ONE]) == ONE
     watch.now_s += PAUSES_MS[0] / 1000 + 1
     assert quarantine.find_failing([ONE]) == ONE
-
-
-def test_a_change_that_failed_is_tried_again_after_a_while(quarantine: Quarantine, watch: Watch) -> None:
-    quarantine.note_change(("visitors", 2), "MemoryError")
-    assert quarantine.has_failed(("visitors", 2))
-    assert not quarantine.has_failed(("visitors", 3))
-    watch.now_s += TRANSACTION_LIFETIME_MAX_MS / 1000 + 1
-    assert not quarantine.has_failed(("visitors", 2))
 
 
 def test_only_blocks_that_others_could_execute_are_told(quarantine: Quarantine) -> None:

@@ -9,7 +9,7 @@ import pytest
 from node.consensus.journal import Journal
 from node.consensus.journal_writer import JournalWriter
 from tests.unit.node.test_journal import IDENTITY, PATH, FakeDisk, reopened
-from tests.virtual_time import run_virtual
+from tests.virtual_time import in_virtual_time
 
 
 class Stage:
@@ -39,57 +39,49 @@ class Stage:
         return reopened(self.disk)
 
 
-def test_rewriting_twice_leaves_one_snapshot_and_what_came_after_it() -> None:
-    async def story() -> None:
-        stage = Stage()
-        stage.say(b"1", b"2")
-        stage.recorder.rewrite()
-        stage.recorder.rewrite()
-        stage.say(b"3")
-        stage.recorder.rewrite()
-        stage.say(b"4")
-        assert stage.survives() == [b"1+2+3", b"4"]
-
-    run_virtual(story())
+@in_virtual_time
+async def test_rewriting_twice_leaves_one_snapshot_and_what_came_after_it() -> None:
+    stage = Stage()
+    stage.say(b"1", b"2")
+    stage.recorder.rewrite()
+    stage.recorder.rewrite()
+    stage.say(b"3")
+    stage.recorder.rewrite()
+    stage.say(b"4")
+    assert stage.survives() == [b"1+2+3", b"4"]
 
 
-def test_what_was_appended_and_not_synced_is_in_the_snapshot_and_not_twice_in_the_journal() -> None:
-    async def story() -> None:
-        stage = Stage()
-        stage.say(b"1")
-        stage.say(b"2", sync=False)
-        stage.recorder.rewrite()
-        stage.say(b"3")
-        assert stage.survives() == [b"1+2", b"3"]
-
-    run_virtual(story())
+@in_virtual_time
+async def test_what_was_appended_and_not_synced_is_in_the_snapshot_and_not_twice_in_the_journal() -> None:
+    stage = Stage()
+    stage.say(b"1")
+    stage.say(b"2", sync=False)
+    stage.recorder.rewrite()
+    stage.say(b"3")
+    assert stage.survives() == [b"1+2", b"3"]
 
 
 @pytest.mark.parametrize("fault", ["room", "sync_fails", "directory_sync_fails"])
-def test_a_rewrite_that_the_disk_refuses_begins_an_outage_and_ends_with_the_whole_word(fault: str) -> None:
-    async def story() -> None:
-        stage = Stage()
-        stage.say(b"1")
-        setattr(stage.disk, fault, 0 if fault == "room" else True)
-        stage.recorder.rewrite()
-        assert stage.told == ["outage"]
-        setattr(stage.disk, fault, None if fault == "room" else False)
-        while stage.told[-1] != "recovery":  # noqa: ASYNC110 - written in a thread, which virtual time does not wait for
-            await asyncio.sleep(1)
-        stage.say(b"2")
-        await stage.recorder.stop()
-        assert stage.survives() == [b"1", b"2"]
-
-    run_virtual(story())
+@in_virtual_time
+async def test_a_rewrite_that_the_disk_refuses_begins_an_outage_and_ends_with_the_whole_word(fault: str) -> None:
+    stage = Stage()
+    stage.say(b"1")
+    setattr(stage.disk, fault, 0 if fault == "room" else True)
+    stage.recorder.rewrite()
+    assert stage.told == ["outage"]
+    setattr(stage.disk, fault, None if fault == "room" else False)
+    while stage.told[-1] != "recovery":  # noqa: ASYNC110 - written in a thread, which virtual time does not wait for
+        await asyncio.sleep(1)
+    stage.say(b"2")
+    await stage.recorder.stop()
+    assert stage.survives() == [b"1", b"2"]
 
 
-def test_a_recorder_that_was_stopped_tries_no_more() -> None:
-    async def story() -> None:
-        stage = Stage()
-        stage.disk.room = 0
-        stage.say(b"1")
-        await stage.recorder.stop()
-        assert stage.told == ["outage"]
-        assert stage.recorder._recovering is None
-
-    run_virtual(story())
+@in_virtual_time
+async def test_a_recorder_that_was_stopped_tries_no_more() -> None:
+    stage = Stage()
+    stage.disk.room = 0
+    stage.say(b"1")
+    await stage.recorder.stop()
+    assert stage.told == ["outage"]
+    assert stage.recorder._recovering is None

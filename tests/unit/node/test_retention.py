@@ -65,9 +65,13 @@ async def cutoff_of(chain: RecordingChain, keep: int = 1, followed: int | None =
     return await Retention(await chain.store()).find_cutoff(keep, followed)
 
 
-def test_the_longest_retention_is_that_of_the_contract() -> None:
+async def test_the_longest_retention_is_that_of_the_contract_and_without_a_block_there_is_no_cutoff() -> None:
     source = files("contracts.privacy").joinpath("records.py").read_text(encoding="utf-8")
     assert f"RETENTION_MAX_MS = {RETENTION_MAX_MS}\n" in source
+    store = MemoryStore()
+    assert await Retention(store).find_cutoff(1, None) == (0, HeldBy.NOTHING)
+    with pytest.raises(BlockRobotError, match=r"^STORAGE_DAMAGED:"):
+        Retention(store).earliest()
 
 
 @pytest.mark.parametrize(("age_ms", "below"), [(BLOCKS_KEPT_MS, 0), (BLOCKS_KEPT_MS + 1, 1)])
@@ -120,14 +124,6 @@ async def test_what_keeps_an_old_block_is_named() -> None:
     assert await cutoff_of(chain, keep=4) == (8, HeldBy.FLOOR)
     assert await cutoff_of(chain, keep=4, followed=3) == (4, HeldBy.CUSTODIAN)
     assert await cutoff_of(chain, keep=4, followed=-1) == (0, HeldBy.CUSTODIAN)
-
-
-async def test_a_ledger_without_a_block_has_no_cutoff() -> None:
-    store = MemoryStore()
-    assert await Retention(store).find_cutoff(1, None) == (0, HeldBy.NOTHING)
-    with pytest.raises(BlockRobotError) as refused:
-        Retention(store).earliest()
-    assert refused.value.code == "STORAGE_DAMAGED"
 
 
 RECORDS = st.builds(

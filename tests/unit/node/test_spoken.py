@@ -96,15 +96,12 @@ def test_another_leaders_block_that_is_passed_on_is_no_proposal_of_this_node() -
     assert len(peers.heard) == 2
 
 
-def test_only_the_last_rounds_are_kept() -> None:
+def test_only_the_last_rounds_are_kept_and_what_is_no_word_of_a_round_passes_too() -> None:
     spoken = _spoken([0])
     for number in range(ROUNDS_KEPT_COUNT + 5):
         spoken.note(0, number, VOTED)
     kept = [row["round"] for row in spoken.describe()]
     assert kept == list(range(5, ROUNDS_KEPT_COUNT + 5))
-
-
-def test_what_is_not_a_word_of_a_round_passes_too() -> None:
     peers = _Peers()
     outbox = LoggingOutbox(peers, _spoken([0]))
     outbox.gossip_again()

@@ -52,37 +52,28 @@ async def _error(blocks: list[Block], proof: FinalityProof, height: int = 0) -> 
     return None
 
 
-async def test_a_run_of_blocks_with_its_proof_is_believed() -> None:
+async def test_a_run_of_blocks_is_believed_with_its_own_proof_alone() -> None:
     assert await _refusal(CHAIN[1:9], prove(GENESIS, CHAIN, 8)) == ""
     assert await _refusal(CHAIN[5:9], prove(GENESIS, CHAIN, 8), height=4) == ""
-
-
-async def test_a_proof_of_too_few_is_not_believed() -> None:
     child = CHAIN[9]
     proof = FinalityProof(CHAIN[8].header_bytes, child.header_bytes, certify(GENESIS, child, (0, 1)))
     assert await _refusal(CHAIN[1:9], proof) == "CERTIFICATE_INVALID"
-
-
-async def test_a_certified_child_of_a_later_round_proves_nothing() -> None:
     child = CHAIN[10]
     proof = FinalityProof(CHAIN[8].header_bytes, child.header_bytes, certify(GENESIS, child))
     assert await _refusal(CHAIN[1:9], proof) == "PROOF_INVALID"
-
-
-async def test_a_proof_of_another_block_than_the_last_is_not_believed() -> None:
     assert await _refusal(CHAIN[1:9], prove(GENESIS, CHAIN, 7)) == "CERTIFICATE_INVALID"
 
 
-async def test_a_gap_in_the_run_is_noticed() -> None:
+async def test_a_run_with_a_gap_or_a_block_that_was_changed_or_signed_by_another_is_noticed() -> None:
     assert await _refusal([*CHAIN[1:4], *CHAIN[5:9]], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
     assert await _refusal(CHAIN[2:9], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
-
-
-async def test_a_block_that_was_changed_on_the_way_is_noticed() -> None:
     header = msgspec.structs.replace(CHAIN[3].header, gas_used=5)
     data = encode(header)
     changed = Block(data, sign_block(KEYS[header.producer], header.chain_id, 0, header.round, sha256(data)), ())
     assert await _refusal([*CHAIN[1:3], changed, *CHAIN[4:9]], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
+    # The id of a block does not cover its producer's signature.
+    forged = msgspec.structs.replace(CHAIN[3], signature=CHAIN[2].signature)
+    assert await _refusal([*CHAIN[1:3], forged, *CHAIN[4:9]], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
 
 
 @pytest.mark.parametrize("from_height", [1, 5, 9])
@@ -118,12 +109,6 @@ async def test_a_pruned_run_is_not_served_and_the_peer_hears_from_where_on_there
     assert (len(later.blocks), later.earliest_height) == (2, 5)
 
 
-async def test_a_block_signed_by_another_producer_is_noticed() -> None:
-    """The id of a block does not cover its producer's signature."""
-    forged = msgspec.structs.replace(CHAIN[3], signature=CHAIN[2].signature)
-    assert await _refusal([*CHAIN[1:3], forged, *CHAIN[4:9]], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
-
-
 def _changed(block: Block, **changes: Any) -> Block:
     header = msgspec.structs.replace(block.header, **changes)
     data = encode(header)
@@ -139,11 +124,16 @@ async def test_a_run_that_goes_on_behind_a_boundary_is_not_believed(changes: dic
     assert (error.code, "behind a boundary" in error.detail) == ("BLOCK_INVALID", True)
 
 
-async def test_a_run_of_another_epoch_is_not_believed() -> None:
+async def test_a_run_of_another_epoch_proves_nothing() -> None:
     proof = prove(GENESIS, CHAIN, 8)
     later = encode(msgspec.structs.replace(CHAIN[8].header, epoch=1))
     foreign = msgspec.structs.replace(proof, header_bytes=later)
     assert await _refusal(CHAIN[1:9], foreign) == "PROOF_OTHER_EPOCH"
+    below, boundary = CHAIN[1], _changed(CHAIN[2], next_schedule_hash=bytes(32))
+    first = _changed(
+        CHAIN[3], epoch=1, round=1, parent_id=boundary.block_id, qc=genesis_certificate(boundary.block_id, 1)
+    )
+    assert proof_from_blocks(below, boundary, first) is None
 
 
 async def test_a_run_ends_at_the_boundary_with_the_proof_that_began_the_next_epoch() -> None:
@@ -159,11 +149,3 @@ async def test_a_run_ends_at_the_boundary_with_the_proof_that_began_the_next_epo
         assert finality_of(snapshot, 3) == own
     assert len(batch.blocks) == 3
     assert batch.proof == own
-
-
-def test_the_certificate_of_another_epochs_round_zero_proves_nothing() -> None:
-    below, boundary = CHAIN[1], _changed(CHAIN[2], next_schedule_hash=bytes(32))
-    first = _changed(
-        CHAIN[3], epoch=1, round=1, parent_id=boundary.block_id, qc=genesis_certificate(boundary.block_id, 1)
-    )
-    assert proof_from_blocks(below, boundary, first) is None

@@ -26,7 +26,7 @@ from node.sync.block_ranges import read_range
 from node.sync.block_sync import RANGE_COUNT, Synchroniser
 from tests.unit.node.hand_made_chain import KEYS
 from tests.unit.node.written_chain import WritingMachine, WrittenChain
-from tests.virtual_time import run_virtual
+from tests.virtual_time import in_virtual_time
 
 Serve = Callable[[FinalizedRequest], Awaitable[BlockBatch]]
 
@@ -112,16 +112,14 @@ class Behind:
                 assert list(own.scan(b"", 10_000)) == list(theirs.scan(b"", 10_000))
 
 
-def story(blocks: int, tell: Callable[[Behind], Awaitable[None]], chain: WrittenChain | None = None) -> None:
-    async def run() -> None:
-        behind = Behind(chain or long_chain(blocks))
-        await behind.start()
-        try:
-            await tell(behind)
-        finally:
-            await behind.stop()
-
-    run_virtual(run())
+@in_virtual_time
+async def story(blocks: int, tell: Callable[[Behind], Awaitable[None]], chain: WrittenChain | None = None) -> None:
+    behind = Behind(chain or long_chain(blocks))
+    await behind.start()
+    try:
+        await tell(behind)
+    finally:
+        await behind.stop()
 
 
 def long_chain(blocks: int) -> WrittenChain:

@@ -44,15 +44,12 @@ def test_each_robot_has_its_bytes_and_the_quotas_stand_beside() -> None:
     assert (told["blockrobot_custody_disk_free_bytes", ""], told["blockrobot_custody_disk_reserve_bytes", ""]) == (5, 2)
 
 
-def test_the_lines_are_bounded_and_nothing_is_left_out_of_the_sum() -> None:
+def test_lines_are_bounded_and_there_is_none_for_what_is_unknown() -> None:
     count = ROBOTS_IN_METRICS_MAX_COUNT + 10
     told = read(*(row(number) for number in range(1, count + 1)))
     lines = {robot: value for (name, robot), value in told.items() if name == "blockrobot_uploads_today_bytes"}
     assert len(lines) == ROBOTS_IN_METRICS_MAX_COUNT + 1
     assert lines[f"{count:066x}"] == 100 + count, "who brought most is named"
     assert lines[OTHER_ROBOTS] == sum(100 + number for number in range(1, 11))
-
-
-def test_clips_of_no_robot_and_an_unknown_disk_have_no_line() -> None:
     told = read(row(1, robot=""), free=None, reserve=None)
     assert not any(name.startswith(("blockrobot_uploads_", "blockrobot_custody_disk")) for name, _ in told)

@@ -33,15 +33,12 @@ def fill(places: ViewPlaces, source: Source) -> int:
     return taken
 
 
-def test_one_source_takes_its_share_and_no_more() -> None:
+def test_sources_take_a_share_and_many_keys_of_visits_at_one_address_share_one() -> None:
     places = ViewPlaces()
     assert fill(places, GREEDY) == VIEWS_OF_SOURCE_MAX_COUNT < VIEWS_WAITING_MAX_COUNT // 4
     assert fill(places, MODEST) == VIEWS_OF_SOURCE_MAX_COUNT
     places.give_back(GREEDY)
     assert fill(places, GREEDY) == 1
-
-
-def test_many_keys_of_visits_at_one_address_share_one_share() -> None:
     places = ViewPlaces()
     keys = [Source("visit_keys", "192.0.2.1", f"{number:02}") for number in range(40)]
     taken = [fill(places, key) for key in keys]

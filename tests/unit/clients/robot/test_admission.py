@@ -33,15 +33,12 @@ def test_readings_apart_are_weighed_in_any_order_and_near_ones_only_paired(order
     assert admission.only_paired_count == 949
 
 
-def test_another_antenna_or_tag_is_another_matter() -> None:
+def test_another_antenna_or_tag_is_another_matter_and_strangers_crowd_nobody_out() -> None:
     admission = InputThrottle()
     assert admission.weighs(reading(0), known=True)
     assert admission.weighs(reading(0, antenna=2), known=True)
     assert admission.weighs(reading(0, uid="E3"), known=True)
     assert not admission.weighs(reading(0), known=True), "the same reading, reported twice"
-
-
-def test_strangers_cannot_crowd_out_whom_the_robot_is_for() -> None:
     admission = InputThrottle()
     weighed = sum(admission.weighs(reading(0, f"stranger-{n}"), known=False) for n in range(1_000))
     assert weighed == STRANGERS_MAX_PER_S

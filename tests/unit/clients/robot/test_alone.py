@@ -31,49 +31,44 @@ def every(step_ms: int, until_ms: int, verdict: str = "alone") -> dict[int, str]
     return dict.fromkeys(range(0, until_ms + 1, step_ms), verdict)
 
 
-def test_one_person_in_range_and_in_the_picture_was_alone() -> None:
+def test_somebody_was_alone_only_once_the_frames_after_have_come_and_are_settled() -> None:
     judged = scene(every(100, 3_000)).judge(1_000, 1_200)
     assert judged is not None
     assert (judged.keeper, judged.owners) == ("ann", ("ann",))
-
-
-def test_nothing_is_said_before_the_frames_after_it_have_come_and_are_settled() -> None:
     assert scene(every(100, 1_500)).judge(1_000, 1_000) is None
     assert scene(every(100, 3_000), settled=False).judge(1_000, 1_000) is None
     assert scene({}).judge(1_000, 1_000) is None
-
-
-def test_at_the_end_what_is_not_settled_was_not_seen_alone() -> None:
     judged = scene(every(100, 3_000), settled=False).judge(1_000, 1_000, final=True)
     assert judged is not None
     assert (judged.keeper, judged.owners) == ("", ())
 
 
-def test_one_frame_with_somebody_beside_her_is_enough_to_withhold() -> None:
+def test_one_frame_with_somebody_beside_her_or_nobody_known_to_be_her_is_enough_to_withhold() -> None:
     judged = scene(every(100, 3_000) | {1_400: "together"}).judge(1_000, 1_000)
     assert judged is not None
     assert (judged.keeper, judged.reason) == ("", Reason.NOT_ALONE)
-
-
-def test_a_frame_in_which_nobody_is_known_to_be_her_is_enough_to_withhold() -> None:
     judged = scene(every(100, 3_000) | {600: "lost"}).judge(1_000, 1_000)
     assert judged is not None
     assert (judged.keeper, judged.reason) == ("", Reason.NOT_MATCHED)
 
 
-def test_two_tags_in_range_are_two_people_wherever_the_camera_looks() -> None:
+def test_every_tag_in_range_is_a_person_wherever_the_camera_looks() -> None:
     judged = scene(every(100, 3_000), owners=("ann", "ben")).judge(1_000, 1_000)
     assert judged is not None
     assert (judged.keeper, judged.owners) == ("", ("ann", "ben"))
-
-
-def test_a_strangers_tag_in_range_is_a_person_too() -> None:
     alone = scene(every(100, 9_000))
     alone.note_stranger(7_000, 7_000)
     early, late = alone.judge(1_500, 1_500), alone.judge(3_000, 3_000)
     assert early is not None
     assert late is not None
     assert (early.keeper, late.keeper) == ("ann", "")
+
+
+def test_colour_is_cut_out_only_by_the_frame_of_the_same_moment() -> None:
+    alone = scene(every(100, 3_000))
+    assert [type(verdict) for verdict in alone.silhouettes(1_010) or ()] == [Kept]
+    assert alone.silhouettes(1_050) == []
+    assert alone.silhouettes(2_990) is None
 
 
 def test_a_storm_of_strangers_is_remembered_without_end_of_memory() -> None:
@@ -92,13 +87,6 @@ def test_a_gap_between_frames_vouches_for_nobody() -> None:
         judged = scene(verdicts).judge(1_000, 1_000)
         assert judged is not None
         assert judged.keeper == ""
-
-
-def test_colour_is_cut_out_only_by_the_frame_of_the_same_moment() -> None:
-    alone = scene(every(100, 3_000))
-    assert [type(verdict) for verdict in alone.silhouettes(1_010) or ()] == [Kept]
-    assert alone.silhouettes(1_050) == []
-    assert alone.silhouettes(2_990) is None
 
 
 def test_what_is_older_than_half_a_minute_is_forgotten() -> None:

@@ -49,20 +49,14 @@ def test_the_bag_holds_exactly_what_was_rendered(small_bag: Path, small_scenario
     assert [frame.captured_at_ms - RUN_START_MS for frame in frames] == [0, 100, 200, 300, 400, 500]
 
 
-def test_sightings_come_in_order_with_distance_and_facing(small_bag: Path) -> None:
+def test_sightings_come_in_order_and_do_not_print_their_tag(small_bag: Path) -> None:
     seen = [event for event in BagSource(small_bag).events() if isinstance(event, Sighting)]
     assert [event.first_seen_ms - RUN_START_MS for event in seen] == [100, 300, 500]
     assert {event.uid for event in seen} == {UID}
     assert all(event.facing is Facing.FRONT and event.sigma_m == pytest.approx(0.3) for event in seen)
     assert all(event.distance_m is not None and 1 < event.distance_m < 4 for event in seen)
-
-
-def test_a_sighting_does_not_print_its_tag(small_bag: Path) -> None:
     seen = next(event for event in BagSource(small_bag).events() if isinstance(event, Sighting))
     assert UID not in repr(seen)
-
-
-def test_empty_frames_are_kept_apart_from_the_run(small_bag: Path) -> None:
     source = BagSource(small_bag)
     assert (source.frame_count, source.sighting_count, source.empty_frame_count) == (6, 3, 3)
     assert len(source.empty_frames()) == 3

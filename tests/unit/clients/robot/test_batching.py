@@ -18,39 +18,33 @@ def sequences(clips: list[ReadyClip]) -> list[list[int]]:
     return [[frame.sequence for frame in clip.frames] for clip in clips]
 
 
-def test_a_clip_spans_less_than_its_length() -> None:
+def test_a_clip_spans_less_than_its_length_and_has_no_more_than_a_record_may() -> None:
     batcher = Batcher(500)
     closed = [clip for number in range(12) for clip in batcher.add_kept(kept(number, 100 * number), 0)]
     assert sequences(closed) == [[0, 1, 2, 3, 4], [5, 6, 7, 8, 9]]
     assert sequences(batcher.flush()) == [[10, 11]]
-
-
-def test_with_length_zero_every_picture_is_a_record_as_in_the_paper() -> None:
     batcher = Batcher(0)
     assert [sequences(batcher.add_kept(kept(number, number), 0)) for number in range(3)] == [[[0]], [[1]], [[2]]]
     assert batcher.flush() == []
-
-
-def test_a_clip_never_has_more_frames_than_a_record_may() -> None:
     batcher = Batcher(10**9)
     closed = [
         clip for number in range(2 * CLIP_FRAMES_MAX_COUNT + 1) for clip in batcher.add_kept(kept(number, number), 0)
     ]
     assert [len(clip.frames) for clip in closed] == [CLIP_FRAMES_MAX_COUNT, CLIP_FRAMES_MAX_COUNT]
-
-
-def test_a_clip_of_large_pictures_closes_early() -> None:
     batcher = Batcher(10**9)
     closed = [clip for number in range(5) for clip in batcher.add_kept(kept(number, number, size_bytes=2**21), 0)]
     assert sequences(closed) == [[0, 1], [2, 3]]
 
 
-def test_two_owners_are_never_in_one_clip() -> None:
+def test_a_clip_has_one_owner_and_its_withheld_frames_say_nothing_to_another() -> None:
     batcher = Batcher(500)
     for number in range(3):
         batcher.add_kept(kept(number, number, "ann"), 0)
         batcher.add_kept(kept(number, number, "bob"), 0)
     assert {clip.alias: len(clip.frames) for clip in batcher.flush()} == {"ann": 3, "bob": 3}
+    batcher.add_withheld("bob", "contact")
+    batcher.add_kept(kept(0, 0, "ann"), 0)
+    assert {clip.alias: clip.withheld for clip in batcher.flush()} == {"ann": (), "bob": (("contact", 1),)}
 
 
 def test_an_owner_is_told_with_the_next_clip_what_was_withheld() -> None:
@@ -63,39 +57,24 @@ def test_an_owner_is_told_with_the_next_clip_what_was_withheld() -> None:
     assert clip.withheld == (("contact", 2), ("merged", 1))
 
 
-def test_withheld_frames_are_counted_once() -> None:
+def test_withheld_frames_are_counted_once_and_a_tail_that_is_withheld_whole_still_told() -> None:
     batcher = Batcher(500)
     batcher.add_withheld("ann", "contact")
     batcher.add_kept(kept(1, 100), 0)
     first = batcher.add_kept(kept(2, 700), 0)
     assert [clip.withheld for clip in first] == [(("contact", 1),)]
     assert [clip.withheld for clip in batcher.flush()] == [()]
-
-
-def test_a_tail_that_is_withheld_whole_is_still_told() -> None:
-    batcher = Batcher(500)
     batcher.add_withheld("ann", "occluded")
     (clip,) = batcher.flush()
     assert (clip.frames, clip.withheld) == ((), (("occluded", 1),))
 
 
-def test_withheld_frames_of_one_owner_say_nothing_to_another() -> None:
-    batcher = Batcher(500)
-    batcher.add_withheld("bob", "contact")
-    batcher.add_kept(kept(0, 0, "ann"), 0)
-    assert {clip.alias: clip.withheld for clip in batcher.flush()} == {"ann": (), "bob": (("contact", 1),)}
-
-
-def test_a_clip_whose_owner_went_away_is_closed_by_the_clock() -> None:
+def test_the_clock_closes_the_clip_of_who_went_away_and_makes_none_without_pictures() -> None:
     batcher = Batcher(500)
     batcher.add_kept(kept(0, 400), 1_000)
     assert batcher.close_idle(1_499) == []
     assert sequences(batcher.close_idle(1_500)) == [[0]]
     assert batcher.close_idle(9_999) == []
-
-
-def test_the_clock_alone_makes_no_clip_without_pictures() -> None:
-    batcher = Batcher(500)
     batcher.add_withheld("ann", "contact")
     assert batcher.close_idle(10**6) == []
 

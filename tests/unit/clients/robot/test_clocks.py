@@ -258,12 +258,15 @@ def test_so_many_origins_are_remembered_and_the_one_longest_unheard_is_forgotten
     assert clocks.refused["sighting-time"] == READERS_MAX_COUNT + 5
 
 
-def test_where_no_receipt_is_told_stamps_are_taken_at_their_word() -> None:
+def test_where_no_receipt_is_told_stamps_are_taken_at_their_word_and_no_end_before_a_beginning() -> None:
     clocks = RunClocks()
     read, taken = sighting(START_MS, None), frame(0, START_MS, None)
     assert clocks.admit(read) == [read]
     assert clocks.admit(taken) == [taken]
     assert clocks.estimates() == {}
+    clocks = RunClocks()
+    assert clocks.admit(sighting(START_MS, START_MS, lasting_ms=-1)) == []
+    assert clocks.refused["sighting-time"] == 1
 
 
 def test_readings_that_waited_for_a_set_clock_to_be_confirmed_are_not_lost() -> None:
@@ -318,12 +321,6 @@ def test_of_a_reading_that_began_long_ago_the_end_counts(received: bool) -> None
         (one,) = sightings(clocks.admit(sighting(START_MS - told, START_MS if received else None, lasting_ms=told)))
         assert (one.first_seen_ms, one.last_seen_ms) == (START_MS - kept, START_MS)
     assert clocks.shortened_count == 2
-
-
-def test_a_reading_that_ends_before_it_begins_is_refused() -> None:
-    clocks = RunClocks()
-    assert clocks.admit(sighting(START_MS, START_MS, lasting_ms=-1)) == []
-    assert clocks.refused["sighting-time"] == 1
 
 
 def test_what_waits_in_doubt_is_bounded() -> None:

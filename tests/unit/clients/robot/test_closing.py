@@ -21,20 +21,17 @@ from tests.unit.clients.robot.test_consent_in_a_run import WALK
 from tests.unit.clients.robot.test_delivery import LATENCY_MS, Run
 from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
 from tests.unit.clients.robot.test_spool import KEY, clip
-from tests.virtual_time import run_virtual
+from tests.virtual_time import in_virtual_time, run_virtual
 
 pytestmark = pytest.mark.usefixtures("inline_threads")
 
 
-def test_a_visit_is_closed_with_its_count_and_closing_twice_is_harmless(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_visit_is_closed_with_its_count_and_closing_twice_is_harmless(tmp_path: Path) -> None:
     run = Run(tmp_path, clips=2)
-
-    async def main() -> None:
-        delivery = await run.deliver_all()
-        await delivery.close_visit(run.done[0].clip.owner, 2)
-        await delivery.close_visit(run.done[0].clip.owner, 2)
-
-    run_virtual(main())
+    delivery = await run.deliver_all()
+    await delivery.close_visit(run.done[0].clip.owner, 2)
+    await delivery.close_visit(run.done[0].clip.owner, 2)
     assert run.network.closed == {run.done[0].clip.owner: 2}
 
 
@@ -134,7 +131,10 @@ class TwoOver(Run):
 
 
 @pytest.mark.parametrize("cut_ms", range(1_300, 1_600, 20))
-def test_a_clip_that_is_sealed_while_another_visit_is_closed_is_counted_in_its_own(tmp_path: Path, cut_ms: int) -> None:
+@in_virtual_time
+async def test_a_clip_that_is_sealed_while_another_visit_is_closed_is_counted_in_its_own(
+    tmp_path: Path, cut_ms: int
+) -> None:
     """Its visit is over soon after, and not closed short of it: the chain would refuse it, at each start again."""
     run = TwoOver(tmp_path)
 
@@ -142,45 +142,38 @@ def test_a_clip_that_is_sealed_while_another_visit_is_closed_is_counted_in_its_o
         run.seal(3, run.SECOND)
         run.going_on.clear()
 
-    async def main() -> None:
-        await run.close_while(seal_the_last, cut_ms=cut_ms)
-        await run.under_way.close_over(run.visits, run.going_on.__contains__)
-
-    run_virtual(main())
+    await run.close_while(seal_the_last, cut_ms=cut_ms)
+    await run.under_way.close_over(run.visits, run.going_on.__contains__)
     assert run.network.closed == {run.FIRST: 1, run.SECOND: 2}
     assert (run.visits.counts, run.spool.names()) == ({}, [])
 
 
-def test_a_visit_that_is_refused_keeps_no_other_from_being_closed(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_visit_that_is_refused_keeps_no_other_from_being_closed(tmp_path: Path) -> None:
     run = TwoOver(tmp_path)
     run.going_on.clear()
-
-    async def main() -> None:
-        await run.close_while(lambda: run.network.close_refusals.append("SENDER_NOT_ADMITTED"), cut_ms=1)
-        assert run.network.closed == {run.SECOND: 1}
-        await run.under_way.close_over(run.visits, run.going_on.__contains__)
-
-    run_virtual(main())
+    await run.close_while(lambda: run.network.close_refusals.append("SENDER_NOT_ADMITTED"), cut_ms=1)
+    assert run.network.closed == {run.SECOND: 1}
+    await run.under_way.close_over(run.visits, run.going_on.__contains__)
     assert run.network.closed == {run.FIRST: 1, run.SECOND: 1}
 
 
-def test_a_visit_that_went_on_after_a_clip_was_destroyed_is_closed_with_what_is_on_the_chain(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_visit_that_went_on_after_a_clip_was_destroyed_is_closed_with_what_is_on_the_chain(
+    tmp_path: Path,
+) -> None:
     run = Run(tmp_path / "spool", clips=3)
     first = run.spool.get(run.names[0])
     visits = OpenVisits(tmp_path / "visits", KEY)
     run.refused = {first.upload.record_id}
-
-    async def main() -> None:
-        delivery = run.delivery()
-        for place, name in enumerate(run.names):
-            note(visits, first.owner, place + 1)
-            delivery.start(name)
-            await delivery.drain()
-            if place == 0:
-                visits.lower(first.owner)
-        await delivery.close_over(visits, lambda _: False)
-
-    run_virtual(main())
+    delivery = run.delivery()
+    for place, name in enumerate(run.names):
+        note(visits, first.owner, place + 1)
+        delivery.start(name)
+        await delivery.drain()
+        if place == 0:
+            visits.lower(first.owner)
+    await delivery.close_over(visits, lambda _: False)
     assert (run.network.closed, visits.counts) == ({first.owner: 2}, {})
 
 
@@ -193,19 +186,18 @@ def test_a_visit_of_an_earlier_life_is_left_to_the_end_of_the_run(tmp_path: Path
     assert (visits.counts, run.network.asked_visits) == ({b"\x02" * 33: 0}, [])
 
 
-def test_a_visit_all_of_whose_clips_were_destroyed_during_the_run_is_forgotten_without_a_word(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_visit_all_of_whose_clips_were_destroyed_during_the_run_is_forgotten_without_a_word(
+    tmp_path: Path,
+) -> None:
     run = Run(tmp_path / "spool")
     sealed = run.spool.get(run.names[0])
     visits = OpenVisits(tmp_path / "visits", KEY)
     note(visits, sealed.owner, 1)
     run.refused = {sealed.upload.record_id}
-
-    async def main() -> None:
-        delivery = await run.deliver_all()
-        visits.lower(sealed.owner)
-        await delivery.close_over(visits, lambda _: False)
-
-    run_virtual(main())
+    delivery = await run.deliver_all()
+    visits.lower(sealed.owner)
+    await delivery.close_over(visits, lambda _: False)
     assert (visits.counts, run.network.calls, run.network.asked_visits) == ({}, [], [])
 
 

@@ -23,7 +23,7 @@ from consensus.records.envelopes import open_metadata
 from consensus.records.metadata import RecordMetadata
 from tests.unit.clients.robot.test_pipeline import ANN, UID, Robot, roster
 from tests.unit.clients.robot.test_spool import KEY
-from tests.virtual_time import run_virtual, virtual_now_ms
+from tests.virtual_time import in_virtual_time, run_virtual, virtual_now_ms
 from tests.walking_alone import walking_alone
 
 pytestmark = pytest.mark.usefixtures("inline_threads")
@@ -114,22 +114,19 @@ def test_consent_that_is_withdrawn_while_frames_wait_for_the_matcher_leaves_noth
     assert "no-consent" in reasons
 
 
-def test_consent_that_is_withdrawn_while_sealed_clips_wait_for_the_network_leaves_nothing(
+@in_virtual_time
+async def test_consent_that_is_withdrawn_while_sealed_clips_wait_for_the_network_leaves_nothing(
     tmp_path: Path, walk_bag: Path
 ) -> None:
     robot = Meddled(tmp_path, walk_bag, roster())
-
-    async def main() -> None:
-        robot.network.refusals = ["NODE_UNREACHABLE"] * 10_000
-        running = asyncio.create_task(robot.run())
-        await asyncio.sleep(30)
-        assert robot.spool.names()
-        robot.registry.say(robot.handle(), "withdrawn")
-        await asyncio.sleep(3)
-        robot.network.refusals = []
-        await running
-
-    run_virtual(main())
+    robot.network.refusals = ["NODE_UNREACHABLE"] * 10_000
+    running = asyncio.create_task(robot.run())
+    await asyncio.sleep(30)
+    assert robot.spool.names()
+    robot.registry.say(robot.handle(), "withdrawn")
+    await asyncio.sleep(3)
+    robot.network.refusals = []
+    await running
     assert (robot.network.visits, robot.network.records, robot.network.uploads) == ({}, {}, {})
     assert robot.spool.names() == []
     counts = robot.statistics.count_frames()
@@ -218,13 +215,7 @@ def test_a_registry_that_cannot_be_reached_closes_the_robot_and_the_owner_is_tol
     figures = robot.consents.figures
     assert (counts.kept, counts.lost) == (0, 0)
     assert counts.covered > 0
-    assert set(counts.withheld_reasons) <= {
-        "registry-stale",
-        "no-silhouette",
-        "no-distance",
-        "ambiguous",
-        "disordered",
-    }
+    assert set(counts.withheld_reasons) <= {"registry-stale", "no-silhouette", "no-distance", "ambiguous", "disordered"}
     assert counts.withheld_reasons["registry-stale"] > 0
     assert (figures.stale_count, figures.failures > 100) == (1, True)
     assert robot.network.uploads == {}
@@ -293,7 +284,8 @@ def test_when_a_visit_is_closed_does_not_tell_that_she_said_no(tmp_path: Path, w
 
 
 @pytest.mark.parametrize("after_frames", [3, 15])
-def test_a_robot_whose_key_was_revoked_stops_also_while_nothing_is_to_be_recorded(
+@in_virtual_time
+async def test_a_robot_whose_key_was_revoked_stops_also_while_nothing_is_to_be_recorded(
     tmp_path: Path, walk_bag: Path, after_frames: int
 ) -> None:
     """The camera falls silent for good: only the robot itself can notice."""
@@ -304,28 +296,23 @@ def test_a_robot_whose_key_was_revoked_stops_also_while_nothing_is_to_be_recorde
     class Live(Meddled):
         live = True
 
-    async def main() -> None:
-        robot = Live(tmp_path, walk_bag, roster(), purposes=("research",))
-        robot.act, robot.after_frames, robot.pause_s = revoke, after_frames, 10**6
-        began_ms = virtual_now_ms()
-        with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
-            await robot.run()
-        assert virtual_now_ms() - began_ms < 10_000
-
-    run_virtual(main())
+    robot = Live(tmp_path, walk_bag, roster(), purposes=("research",))
+    robot.act, robot.after_frames, robot.pause_s = revoke, after_frames, 10**6
+    began_ms = virtual_now_ms()
+    with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
+        await robot.run()
+    assert virtual_now_ms() - began_ms < 10_000
 
 
-def test_what_fails_while_the_camera_is_silent_ends_the_run(tmp_path: Path, walk_bag: Path) -> None:
+@in_virtual_time
+async def test_what_fails_while_the_camera_is_silent_ends_the_run(tmp_path: Path, walk_bag: Path) -> None:
     class Live(Meddled):
         live = True
 
-    async def main() -> None:
-        robot = Live(tmp_path, walk_bag, roster())
-        robot.act, robot.after_frames, robot.pause_s = lambda _: None, 15, 10**6
-        robot.spool = Spool(tmp_path / "spool", KEY, max_bytes=10)
-        began_ms = virtual_now_ms()
-        with pytest.raises(BlockRobotError, match="SPOOL_FULL"):
-            await robot.run()
-        assert virtual_now_ms() - began_ms < 60_000
-
-    run_virtual(main())
+    robot = Live(tmp_path, walk_bag, roster())
+    robot.act, robot.after_frames, robot.pause_s = lambda _: None, 15, 10**6
+    robot.spool = Spool(tmp_path / "spool", KEY, max_bytes=10)
+    began_ms = virtual_now_ms()
+    with pytest.raises(BlockRobotError, match="SPOOL_FULL"):
+        await robot.run()
+    assert virtual_now_ms() - began_ms < 60_000

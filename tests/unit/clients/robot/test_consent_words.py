@@ -10,8 +10,11 @@ def said(figures: ConsentFigures) -> str:
     return "\n".join(consent_lines(figures.summarise()))
 
 
-def test_a_run_in_which_consent_was_no_matter_says_nothing_of_it() -> None:
+def test_no_consent_says_nothing_and_one_just_given_is_not_called_a_no() -> None:
     assert said(ConsentFigures(readings=90, failures=3)) == ""
+    text = said(ConsentFigures(sightings_refused={"consent-coming": 29}))
+    assert "29 readings were of tags whose bearers' consent had not begun" in text
+    assert "do not consent" not in text
 
 
 def test_what_stood_in_the_way_is_said_in_plain_words() -> None:
@@ -23,9 +26,3 @@ def test_what_stood_in_the_way_is_said_in_plain_words() -> None:
     assert "7 readings were of tags whose bearers do not consent" in text
     assert "had not begun" not in text
     assert "3 sealed clips were destroyed" in text
-
-
-def test_a_consent_that_was_just_given_is_not_called_a_no() -> None:
-    text = said(ConsentFigures(sightings_refused={"consent-coming": 29}))
-    assert "29 readings were of tags whose bearers' consent had not begun" in text
-    assert "do not consent" not in text

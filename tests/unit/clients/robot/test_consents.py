@@ -27,7 +27,7 @@ from consensus.state.consent import CHOICES
 from consensus.state.identity import HANDLE, MEMBER
 from tests.unit.clients.robot.registry_stand_in import PERSON_KEY, ROBOT, RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_spool import clip
-from tests.virtual_time import run_virtual, virtual_now_ms
+from tests.virtual_time import in_virtual_time, run_virtual, virtual_now_ms
 
 ANN, BEN = b"a" * 32, b"b" * 32
 DAY_MS = 24 * 3600 * 1000
@@ -125,21 +125,19 @@ async def test_who_left_or_never_registered_is_refused_whatever_stands_in_her_ro
 
 
 @pytest.mark.parametrize("no", ["withdrawn", "refused"])
-def test_a_no_counts_from_the_reading_that_sees_it_for_every_picture_that_waits(no: str) -> None:
-    async def main() -> None:
-        ward = Ward()
-        ward.registry.say(ANN)
-        await ward.consents.refresh()
-        await asyncio.sleep(5)
-        taken_ms = virtual_now_ms()
-        ward.registry.say(ANN, no)
-        assert ward.refusal(taken_at_ms=taken_ms) is None, "the robot cannot know yet"
-        ward.registry.idle = True
-        await ward.consents.refresh()
-        assert ward.refusal(taken_at_ms=taken_ms) is Refusal.NO_CONSENT, "though it holds by the next block only"
-        assert ward.refusal(taken_at_ms=taken_ms + 60_000) is Refusal.NO_CONSENT
-
-    run_virtual(main())
+@in_virtual_time
+async def test_a_no_counts_from_the_reading_that_sees_it_for_every_picture_that_waits(no: str) -> None:
+    ward = Ward()
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    await asyncio.sleep(5)
+    taken_ms = virtual_now_ms()
+    ward.registry.say(ANN, no)
+    assert ward.refusal(taken_at_ms=taken_ms) is None, "the robot cannot know yet"
+    ward.registry.idle = True
+    await ward.consents.refresh()
+    assert ward.refusal(taken_at_ms=taken_ms) is Refusal.NO_CONSENT, "though it holds by the next block only"
+    assert ward.refusal(taken_at_ms=taken_ms + 60_000) is Refusal.NO_CONSENT
 
 
 @story()
@@ -205,15 +203,13 @@ async def test_a_registry_that_cannot_be_reached_closes_and_opens_again(ward: Wa
         (-CLOCK_AHEAD_MAX_MS + 100, None),
     ],
 )
-def test_a_robot_whose_clock_is_wrong_keeps_nothing(off_ms: int, expected: Refusal | None) -> None:
-    async def main() -> None:
-        ward = Ward()
-        ward.registry.say(ANN, since_ms=virtual_now_ms() - DAY_MS)
-        await ward.consents.refresh()
-        ward.off_ms = off_ms
-        assert ward.refusal() is expected
-
-    run_virtual(main())
+@in_virtual_time
+async def test_a_robot_whose_clock_is_wrong_keeps_nothing(off_ms: int, expected: Refusal | None) -> None:
+    ward = Ward()
+    ward.registry.say(ANN, since_ms=virtual_now_ms() - DAY_MS)
+    await ward.consents.refresh()
+    ward.off_ms = off_ms
+    assert ward.refusal() is expected
 
 
 def test_an_idle_chain_with_slow_heartbeats_is_not_taken_for_a_dead_one() -> None:

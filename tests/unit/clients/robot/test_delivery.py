@@ -27,7 +27,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
 from tests.unit.clients.robot.test_spool import KEY, clip
-from tests.virtual_time import run_virtual, virtual_now_ms
+from tests.virtual_time import in_virtual_time, run_virtual, virtual_now_ms
 
 pytestmark = pytest.mark.usefixtures("inline_threads")
 
@@ -235,18 +235,15 @@ def test_a_cut_of_ten_minutes_loses_nothing_and_is_not_hammered_at(tmp_path: Pat
     assert max(gaps) <= RETRY_MAX_MS + LATENCY_MS
 
 
-def test_a_record_whose_answer_was_lost_is_there_once(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_record_whose_answer_was_lost_is_there_once(tmp_path: Path) -> None:
     """The chain took it, the robot did not hear: the second attempt is refused as RECORD_EXISTS, and that is success."""
     run = Run(tmp_path)
-
-    async def main() -> None:
-        delivery = run.delivery()
-        await delivery.announce(run.spool.get(run.names[0]))
-        run.network.answers_lost_count = 1
-        delivery.start(run.names[0])
-        await delivery.drain()
-
-    run_virtual(main())
+    delivery = run.delivery()
+    await delivery.announce(run.spool.get(run.names[0]))
+    run.network.answers_lost_count = 1
+    delivery.start(run.names[0])
+    await delivery.drain()
     assert len(run.network.times("record")) == 2
     assert len(run.network.records) == 1
     assert (len(run.done), run.spool.names()) == (1, [])
@@ -311,18 +308,15 @@ def test_a_robot_killed_at_any_moment_delivers_everything_once(tmp_path: Path) -
         assert run.spool.names() == []
 
 
-def test_stopping_leaves_what_is_not_final_in_the_spool(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_stopping_leaves_what_is_not_final_in_the_spool(tmp_path: Path) -> None:
     run = Run(tmp_path, clips=2)
-
-    async def main() -> None:
-        run.network.refusals = ["NODE_UNREACHABLE"] * 10_000
-        delivery = run.delivery()
-        for name in run.names:
-            delivery.start(name)
-        await asyncio.sleep(60)
-        await delivery.stop()
-
-    run_virtual(main())
+    run.network.refusals = ["NODE_UNREACHABLE"] * 10_000
+    delivery = run.delivery()
+    for name in run.names:
+        delivery.start(name)
+    await asyncio.sleep(60)
+    await delivery.stop()
     assert run.spool.names() == run.names
     assert run.done == []
 
@@ -342,31 +336,28 @@ def test_only_so_many_are_under_way_at_once(tmp_path: Path) -> None:
     assert run.network.at_once_max_count == DELIVERIES_AT_ONCE_MAX_COUNT
 
 
-def test_a_spool_that_filled_up_over_days_is_not_held_in_memory(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_spool_that_filled_up_over_days_is_not_held_in_memory(tmp_path: Path) -> None:
     """Clips wait for the registry one after another; only so many are read beforehand."""
     run = Run(tmp_path, clips=3 * CLIPS_LOADED_MAX_COUNT)
     loaded: list[str] = []
     get = run.spool.get
     run.spool.get = lambda name: loaded.append(name) or get(name)  # type: ignore[method-assign,func-returns-value]
+    heard = asyncio.Event()
 
-    async def main() -> None:
-        heard = asyncio.Event()
+    async def may_record(_: SpooledClip) -> bool:
+        await heard.wait()
+        return True
 
-        async def may_record(_: SpooledClip) -> bool:
-            await heard.wait()
-            return True
-
-        run.may_record = may_record  # type: ignore[method-assign]
-        delivery = run.delivery()
-        for name in run.names:
-            delivery.start(name)
-        await asyncio.sleep(60)
-        assert loaded == run.names[:CLIPS_LOADED_MAX_COUNT]
-        heard.set()
-        await delivery.drain()
-        await delivery.stop()
-
-    run_virtual(main())
+    run.may_record = may_record  # type: ignore[method-assign]
+    delivery = run.delivery()
+    for name in run.names:
+        delivery.start(name)
+    await asyncio.sleep(60)
+    assert loaded == run.names[:CLIPS_LOADED_MAX_COUNT]
+    heard.set()
+    await delivery.drain()
+    await delivery.stop()
     assert (len(run.network.records), run.spool.names()) == (len(run.names), [])
 
 
@@ -418,38 +409,32 @@ def test_a_clip_whose_person_said_no_is_destroyed_before_anything_is_announced(t
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_no_that_comes_while_the_network_is_away_stops_what_waits(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_no_that_comes_while_the_network_is_away_stops_what_waits(tmp_path: Path) -> None:
     """Sealed and spooled, tried again and again: once the network is back nothing of it is recorded."""
     run = Run(tmp_path, clips=3)
-
-    async def main() -> None:
-        run.network.refusals = ["NODE_UNREACHABLE"] * 10_000
-        delivery = run.delivery()
-        for name in run.names:
-            delivery.start(name)
-        await asyncio.sleep(30)
-        run.refused = {run.spool.get(name).upload.record_id for name in run.names}
-        run.network.refusals = []
-        await delivery.drain()
-        await delivery.stop()
-
-    run_virtual(main())
+    run.network.refusals = ["NODE_UNREACHABLE"] * 10_000
+    delivery = run.delivery()
+    for name in run.names:
+        delivery.start(name)
+    await asyncio.sleep(30)
+    run.refused = {run.spool.get(name).upload.record_id for name in run.names}
+    run.network.refusals = []
+    await delivery.drain()
+    await delivery.stop()
     assert (run.network.visits, run.network.records, run.network.uploads) == ({}, {}, {})
     assert (len(run.dropped), run.spool.names()) == (3, [])
 
 
-def test_a_no_after_the_visit_was_announced_stops_the_records(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_a_no_after_the_visit_was_announced_stops_the_records(tmp_path: Path) -> None:
     run = Run(tmp_path, clips=2)
-
-    async def main() -> None:
-        delivery = run.delivery()
-        await delivery.announce(run.spool.get(run.names[0]))
-        run.refused = {run.spool.get(run.names[1]).upload.record_id}
-        for name in run.names:
-            delivery.start(name)
-        await delivery.drain()
-
-    run_virtual(main())
+    delivery = run.delivery()
+    await delivery.announce(run.spool.get(run.names[0]))
+    run.refused = {run.spool.get(run.names[1]).upload.record_id}
+    for name in run.names:
+        delivery.start(name)
+    await delivery.drain()
     assert (len(run.network.records), len(run.done), len(run.dropped), run.spool.names()) == (1, 1, 1, [])
 
 

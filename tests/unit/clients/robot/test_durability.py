@@ -22,7 +22,7 @@ from tests.unit.clients.robot.test_consent_in_a_run import WALK
 from tests.unit.clients.robot.test_delivery import Run
 from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
 from tests.unit.clients.robot.test_spool import KEY
-from tests.virtual_time import run_virtual
+from tests.virtual_time import in_virtual_time, run_virtual
 
 
 class Counted(Run):
@@ -63,16 +63,15 @@ def syncing_threads(monkeypatch: pytest.MonkeyPatch) -> list[threading.Thread]:
     return threads
 
 
-def test_the_event_loop_never_waits_for_the_medium(tmp_path: Path, syncing_threads: list[threading.Thread]) -> None:
+@in_virtual_time
+async def test_the_event_loop_never_waits_for_the_medium(
+    tmp_path: Path, syncing_threads: list[threading.Thread]
+) -> None:
     run = Counted(tmp_path, clips=4)
     run.refuse(*run.names[:2])
     syncing_threads.clear()
-
-    async def main() -> None:
-        delivery = await run.deliver_all()
-        await delivery.close_over(run.visits, lambda _: False)
-
-    run_virtual(main())
+    delivery = await run.deliver_all()
+    await delivery.close_over(run.visits, lambda _: False)
     assert (len(run.dropped), run.network.closed, run.on_disk) == (2, {run.owner: 2}, (0, {}))
     assert len(syncing_threads) >= 2 * 3 + 2 + 1, "each clip's name, bytes and name again; each count; the closing"
     assert threading.main_thread() not in syncing_threads

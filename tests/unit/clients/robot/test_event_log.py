@@ -27,16 +27,13 @@ from consensus.errors import BlockRobotError
 UID = "E2801160600002054A1B2C3D"
 
 
-def test_a_tag_has_one_alias_in_a_run_and_another_in_the_next() -> None:
+def test_a_tag_has_one_alias_in_a_run_which_says_nothing_of_the_uid() -> None:
     first, second = AliasBook(), AliasBook()
     alias = first.alias(UID.encode())
     assert first.alias(UID.encode()) == alias
     assert second.alias(UID.encode()) != alias
     assert first.alias(b"another") != alias
-
-
-def test_an_alias_says_nothing_of_the_uid() -> None:
-    """Were it any function of the UID, a dictionary of UIDs would undo it; two books agree on nothing."""
+    # Were it any function of the UID, a dictionary of UIDs would undo it; two books agree on nothing.
     aliases = {AliasBook().alias(UID.encode()) for _ in range(20)}
     assert len(aliases) > 15
     assert all(part not in alias for alias in aliases for part in (UID, UID.lower(), UID[-6:].lower()))
@@ -80,26 +77,27 @@ def test_a_second_run_is_appended(tmp_path: Path) -> None:
     assert len(read_events(path)) == 8
 
 
-def test_every_activity_is_counted(tmp_path: Path) -> None:
+def test_what_was_logged_is_in_the_file_at_once(tmp_path: Path) -> None:
+    """It can be read while the run goes on, and a robot that is killed has told what it did until then."""
+    with EventLog(tmp_path / "events.jsonl") as log:
+        log.write(1_000, IMAGE_RETRIEVE, "frame-1")
+        assert len(read_events(tmp_path / "events.jsonl")) == 1
+
+
+def test_every_known_activity_is_counted_and_a_closed_log_takes_nothing(tmp_path: Path) -> None:
     with EventLog(tmp_path / "events.jsonl") as log:
         for activity in ACTIVITIES:
             log.write(0, activity, "frame-0")
         log.write(0, IMAGE_RETRIEVE, "frame-1")
         assert log.counts == dict.fromkeys(ACTIVITIES, 1) | {IMAGE_RETRIEVE: 2}
-
-
-def test_an_unknown_activity_is_refused(tmp_path: Path) -> None:
     with EventLog(tmp_path / "events.jsonl") as log, pytest.raises(KeyError):
         log.write(0, "IMAGE_SOLD", "frame-0")
-
-
-def test_a_closed_log_takes_nothing(tmp_path: Path) -> None:
     log = EventLog(tmp_path / "events.jsonl")
     with pytest.raises(ValueError, match="closed"):
         log.write(0, IMAGE_RETRIEVE, "frame-0")
 
 
-def test_csv_has_one_row_an_event(tmp_path: Path) -> None:
+def test_csv_has_one_row_an_event_and_xes_one_trace_a_case(tmp_path: Path) -> None:
     write_run(tmp_path / "events.jsonl")
     write_csv(read_events(tmp_path / "events.jsonl"), tmp_path / "events.csv")
     with (tmp_path / "events.csv").open(encoding="utf-8", newline="") as file:
@@ -107,10 +105,6 @@ def test_csv_has_one_row_an_event(tmp_path: Path) -> None:
     assert [row["activity"] for row in rows] == [IMAGE_RETRIEVE, RFID_RETRIEVE, IMAGE_PAIRED, BLOCKCHAIN_TRANSACTION]
     assert rows[0]["alias"] == ""
     assert rows[2]["alias"].startswith("tag-")
-
-
-def test_xes_has_one_trace_a_case_with_its_events_in_order(tmp_path: Path) -> None:
-    write_run(tmp_path / "events.jsonl")
     events = read_events(tmp_path / "events.jsonl")
     write_xes([*events, Event(5, IMAGE_RETRIEVE, "<&\"'>")], tmp_path / "events.xes")
     space = {"x": "http://www.xes-standard.org/"}
@@ -175,10 +169,3 @@ def test_a_log_is_for_its_owner_alone_and_not_where_a_dangling_link_leads(tmp_pa
     with pytest.raises(OSError, match="exists"):
         write_run(tmp_path / "link")
     assert not target.exists()
-
-
-def test_what_was_logged_is_in_the_file_at_once(tmp_path: Path) -> None:
-    """It can be read while the run goes on, and a robot that is killed has told what it did until then."""
-    with EventLog(tmp_path / "events.jsonl") as log:
-        log.write(1_000, IMAGE_RETRIEVE, "frame-1")
-        assert len(read_events(tmp_path / "events.jsonl")) == 1

@@ -34,14 +34,11 @@ def code_of(error: pytest.ExceptionInfo[BlockRobotError]) -> str:
     return error.value.code
 
 
-def test_keys_are_found_again_and_are_for_the_user_only(tmp_path: Path) -> None:
+def test_keys_are_found_again_for_the_user_only_and_never_overwritten(tmp_path: Path) -> None:
     made = create_identity(tmp_path / "robot")
     again = load_identity(tmp_path / "robot")
     assert (again.identity.secret, again.sealing, again.spool) == (made.identity.secret, made.sealing, made.spool)
     assert (tmp_path / "robot" / "robot.keys").stat().st_mode & 0o777 == 0o600
-
-
-def test_a_robot_is_never_overwritten(tmp_path: Path) -> None:
     made = create_identity(tmp_path)
     with pytest.raises(BlockRobotError) as caught:
         create_identity(tmp_path)
@@ -63,14 +60,10 @@ def test_a_robot_whose_keys_cannot_be_sealed_is_not_left_half_made(
     create_identity(tmp_path)
 
 
-def test_five_different_keys_are_drawn(tmp_path: Path) -> None:
+def test_five_different_keys_are_drawn_and_none_shows_when_a_robot_is_printed(tmp_path: Path) -> None:
     made = create_identity(tmp_path)
     secrets_of = {made.identity.secret, made.spend.secret, made.view.secret, made.sealing, made.spool}
     assert len(secrets_of) == 5
-
-
-def test_no_secret_shows_when_a_robot_is_printed(tmp_path: Path) -> None:
-    made = create_identity(tmp_path)
     for secret in (made.identity.secret, made.spend.secret, made.view.secret, made.sealing, made.spool):
         assert secret.hex() not in repr(made)
         assert repr(secret) not in repr(made)

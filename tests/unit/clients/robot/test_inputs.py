@@ -65,13 +65,18 @@ async def test_registered_colour_has_the_size_of_depth_and_other_colour_any() ->
     assert inputs.refused == {"rgb": {"size": 1}}
 
 
-async def test_too_many_bad_frames_in_a_row_end_the_stream_with_a_fault() -> None:
+async def test_too_many_bad_frames_in_a_row_end_the_stream_and_a_good_one_begins_the_count_anew() -> None:
     inputs = Inputs(SHAPE)
     events = [frame(0), *[Refused(1, "frame", "encoding")] * REFUSED_IN_A_ROW_MAX_COUNT, frame(1)]
     assert await drain(inputs, events) == events[:1]
     assert inputs.fault is not None
     assert inputs.fault.code == "FRAMES_UNUSABLE"
     assert "encoding" in inputs.fault.detail
+    inputs = Inputs(SHAPE)
+    bad: list[SourceEvent] = [Refused(1, "frame", "size")] * (REFUSED_IN_A_ROW_MAX_COUNT - 1)
+    assert len(await drain(inputs, [*bad, frame(0), *bad])) == 1
+    assert inputs.fault is None
+    assert len(await drain(Inputs(SHAPE), [*bad, SIGHTING, *bad])) == 1
 
 
 @pytest.mark.parametrize("kind", ["sighting", "rgb", "label", "audio"])
@@ -115,19 +120,13 @@ async def test_a_storm_of_bad_messages_does_not_fill_the_log_and_none_is_lost_fr
     assert sum(noted) == NOTED_EACH_COUNT + 2 * NOTED_TOGETHER_COUNT + 5
 
 
-async def test_a_good_frame_in_between_begins_the_count_anew_and_sightings_do_not() -> None:
-    inputs = Inputs(SHAPE)
-    bad: list[SourceEvent] = [Refused(1, "frame", "size")] * (REFUSED_IN_A_ROW_MAX_COUNT - 1)
-    assert len(await drain(inputs, [*bad, frame(0), *bad])) == 1
-    assert inputs.fault is None
-    assert len(await drain(Inputs(SHAPE), [*bad, SIGHTING, *bad])) == 1
-
-
-async def test_a_stream_that_breaks_off_gives_all_before_the_break_and_keeps_the_fault() -> None:
+async def test_a_stream_that_breaks_off_gives_all_before_and_any_other_failure_is_no_end() -> None:
     inputs = Inputs(SHAPE)
     events = [frame(0), SIGHTING]
     assert await drain(inputs, events, BlockRobotError("BAG_DAMAGED", "It breaks off.")) == events
     assert inputs.summarise_fault() == RunFault(code="BAG_DAMAGED", detail="It breaks off.")
+    with pytest.raises(BlockRobotError, match="BAG_TOPIC_MISSING"):
+        await drain(Inputs(SHAPE), [frame(0)], BlockRobotError("BAG_TOPIC_MISSING"))
 
 
 @pytest.mark.parametrize("code", sorted(ENDS))
@@ -135,8 +134,3 @@ async def test_what_ends_a_run_before_its_stream_is_its_fault(code: str) -> None
     inputs = Inputs(SHAPE)
     assert await drain(inputs, [SIGHTING], BlockRobotError(code, "It is over.")) == [SIGHTING]
     assert inputs.summarise_fault() == RunFault(code=code, detail="It is over.")
-
-
-async def test_any_other_failure_is_not_taken_for_the_end_of_a_recording() -> None:
-    with pytest.raises(BlockRobotError, match="BAG_TOPIC_MISSING"):
-        await drain(Inputs(SHAPE), [frame(0)], BlockRobotError("BAG_TOPIC_MISSING"))

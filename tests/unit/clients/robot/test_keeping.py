@@ -25,7 +25,7 @@ from consensus.primitives.keys import PrivateKey
 from tests.unit.clients.robot.counted import note
 from tests.unit.clients.robot.registry_stand_in import ROBOT, RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_spool import KEY, clip
-from tests.virtual_time import run_virtual, virtual_now_ms
+from tests.virtual_time import in_virtual_time, virtual_now_ms
 
 pytestmark = pytest.mark.usefixtures("inline_threads")
 
@@ -87,15 +87,13 @@ class Desk:
         ]
 
 
-def at_the_desk(folder: Path, story: Callable[[Desk], Any]) -> None:
-    async def main() -> None:
-        desk = Desk(folder)
-        await desk.consents.refresh()
-        await asyncio.sleep(0.01)
-        with desk.log:
-            await story(desk)
-
-    run_virtual(main())
+@in_virtual_time
+async def at_the_desk(folder: Path, story: Callable[[Desk], Any]) -> None:
+    desk = Desk(folder)
+    await desk.consents.refresh()
+    await asyncio.sleep(0.01)
+    with desk.log:
+        await story(desk)
 
 
 def test_while_consent_holds_everything_is_kept_and_the_owner_told(tmp_path: Path) -> None:

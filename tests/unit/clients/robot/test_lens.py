@@ -61,33 +61,21 @@ async def story(
     return used, went, lens
 
 
-def test_what_is_known_at_the_start_is_used_and_nothing_waits(small_bag: Path) -> None:
+def test_a_focal_length_counts_from_when_it_is_known_and_only_the_first_frame_waits(small_bag: Path) -> None:
     used, went, lens = run_virtual(story(small_bag, 0, 3))
     assert (used, went) == ([FOCAL_PX], [0, 0, 1_000, 2_000])
     assert lens.summarise() == CameraFigures(focal_px=FOCAL_PX, focal_from="camera-info", frames_before=0)
-
-
-def test_the_first_frame_waits_for_the_focal_length_and_readings_do_not(small_bag: Path) -> None:
     used, went, lens = run_virtual(story(small_bag, 1.5, 2))
     assert (used, went[0]) == ([FOCAL_PX], 0)
     assert 1_500 <= went[1] < 1_600
     assert lens.summarise().frames_before == 0
-
-
-def test_a_focal_length_that_comes_later_still_counts_from_then_on(small_bag: Path) -> None:
     used, went, lens = run_virtual(story(small_bag, 4.5, 5))
     assert used == [FOCAL_PX]
     assert went[1] == pytest.approx(FOCAL_WAIT_MAX_S * 1000, abs=60)
     assert lens.summarise() == CameraFigures(focal_px=FOCAL_PX, focal_from="camera-info", frames_before=3)
-
-
-def test_one_that_never_comes_is_told_as_assumed(small_bag: Path) -> None:
     used, _, lens = run_virtual(story(small_bag, 3_600, 4))
     assert used == []
     assert lens.summarise() == CameraFigures(focal_px=FOCAL_DEFAULT_PX, focal_from="assumed", frames_before=4)
-
-
-def test_a_recording_tells_it_at_once_or_never(small_bag: Path) -> None:
     _, went, _ = run_virtual(story(small_bag, 3_600, 2, live=False))
     assert went == [0, 0, 1_000]
 

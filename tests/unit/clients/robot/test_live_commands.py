@@ -148,9 +148,16 @@ def test_a_run_of_which_nothing_was_in_reach_of_a_reading_says_that_nothing_was_
     )
 
 
-def test_antennas_that_the_file_does_not_name_are_said_with_how_often_they_were_heard() -> None:
+def test_the_last_lines_tell_of_antennas_distances_and_json_that_nobody_expected() -> None:
     line = list(summary_lines(summary_of(COUNTS, antennas_unnamed={"/rfid": {"0": 26}})))[1]
     assert line.startswith("Antennas heard on /rfid that its front and back do not name: 0 (26 times).")
+    statistics = RunStatistics(window_ms=5_000)
+    for _ in range(2):
+        statistics.add_off("tag-1", MatchEvidence(12.0, None, 30, 1.5, 1.0, 30, 0, 1, 2.0, 0.4, 2.5))
+    line = list(summary_lines(replace(summary_of(COUNTS), distances_off=statistics.summarise_distances_off())))[1]
+    assert line.startswith("tag-1, 2 kept: its distances are on average +1.50 m off the camera's (stated error 1.00 m;")
+    lines = list(summary_lines(summary_of(COUNTS, messages_refused={"sighting": {"json": 90}})))
+    assert lines[-1] == 'A field holds JSON text: name the value in it in the topics file, as in epc = "data{}.uid".'
 
 
 def test_tags_that_were_never_bound_are_said_with_the_matchers_numbers() -> None:
@@ -168,19 +175,6 @@ def test_tags_that_were_never_bound_are_said_with_the_matchers_numbers() -> None
     )
 
 
-def test_distances_that_disagree_are_said_though_frames_were_kept() -> None:
-    statistics = RunStatistics(window_ms=5_000)
-    for _ in range(2):
-        statistics.add_off("tag-1", MatchEvidence(12.0, None, 30, 1.5, 1.0, 30, 0, 1, 2.0, 0.4, 2.5))
-    line = list(summary_lines(replace(summary_of(COUNTS), distances_off=statistics.summarise_distances_off())))[1]
-    assert line.startswith("tag-1, 2 kept: its distances are on average +1.50 m off the camera's (stated error 1.00 m;")
-
-
-def test_json_where_none_was_expected_is_said_with_what_to_write() -> None:
-    lines = list(summary_lines(summary_of(COUNTS, messages_refused={"sighting": {"json": 90}})))
-    assert lines[-1] == 'A field holds JSON text: name the value in it in the topics file, as in epc = "data{}.uid".'
-
-
 @pytest.mark.parametrize(("is_terminal", "before"), [(True, "\r\x1b[K"), (False, "")])
 def test_at_a_terminal_a_notice_takes_the_place_of_the_line_of_progress(
     monkeypatch: pytest.MonkeyPatch, is_terminal: bool, before: str
@@ -196,9 +190,13 @@ def test_at_a_terminal_a_notice_takes_the_place_of_the_line_of_progress(
     assert broken_line(RunProgress(), 0, "spool", is_live=True).startswith("Ended at once.")
 
 
-def test_clips_that_wait_from_a_run_before_are_announced() -> None:
+def test_clips_from_a_run_before_and_uploads_that_were_not_taken_are_told() -> None:
     assert waiting_line(1).startswith("1 sealed clip waits from a run before")
     assert waiting_line(8).startswith("8 sealed clips wait from a run before")
+    summary = replace(summary_of(COUNTS), uploads_refused={"DISK_RESERVE_REACHED": 1, "UPLOAD_QUOTA_EXCEEDED": 7})
+    line = list(summary_lines(summary))[1]
+    assert "took no upload 8 times (1 DISK_RESERVE_REACHED, 7 UPLOAD_QUOTA_EXCEEDED)" in line
+    assert len(list(summary_lines(summary_of(COUNTS)))) == 1
 
 
 def test_approved_empty_frames_are_called_approved_once(tmp_path: Path) -> None:
@@ -210,10 +208,3 @@ def test_approved_empty_frames_are_called_approved_once(tmp_path: Path) -> None:
     approve_scene(tmp_path / "robot", "ward-3", by="A. Nurse", days=1, now_ms=now_ms)
     said = " ".join(robot(tmp_path, "background", "list").output.split())
     assert f"ward-3: {FRAMES_MIN_COUNT} frames, approved by A. Nurse until 2" in said
-
-
-def test_the_last_lines_say_how_often_custodians_took_no_upload() -> None:
-    summary = replace(summary_of(COUNTS), uploads_refused={"DISK_RESERVE_REACHED": 1, "UPLOAD_QUOTA_EXCEEDED": 7})
-    line = list(summary_lines(summary))[1]
-    assert "took no upload 8 times (1 DISK_RESERVE_REACHED, 7 UPLOAD_QUOTA_EXCEEDED)" in line
-    assert len(list(summary_lines(summary_of(COUNTS)))) == 1

@@ -25,14 +25,11 @@ START_MS = 1_579_278_405_650
 DAY_MS = 86_400_000
 
 
-def test_the_window_is_closed_at_both_ends() -> None:
+def test_the_window_is_closed_at_both_ends_and_at_the_last_instant() -> None:
     pairing = Pairing()
     pairing.add_sighting("a", 10_000, 10_000)
     decided = [d for i, at in enumerate((4_999, 5_000, 15_000, 15_001)) for d in pairing.add_frame(i, at)]
     assert [d.owners for d in decided + pairing.flush()] == [(), ("a",), ("a",), ()]
-
-
-def test_a_sighting_at_the_last_instant_still_counts() -> None:
     pairing = Pairing()
     assert pairing.add_frame(0, 0) == []
     assert pairing.advance(6_000) == []
@@ -41,20 +38,17 @@ def test_a_sighting_at_the_last_instant_still_counts() -> None:
     assert decision.owners == ("a",)
 
 
-def test_only_unknown_tags_are_said_to_be_unknown() -> None:
-    pairing = Pairing()
-    pairing.add_sighting("x", 0, 0, known=False)
-    decided = [*pairing.add_frame(0, 0), *pairing.add_frame(1, 20_000), *pairing.flush()]
-    assert [d.reason for d in decided] == [NOT_PAIRED_UNKNOWN_TAG, NOT_PAIRED_NO_TAG]
-
-
-def test_a_known_tag_outweighs_an_unknown_one() -> None:
+def test_a_known_tag_outweighs_an_unknown_one_and_only_unknown_ones_are_said_to_be() -> None:
     pairing = Pairing()
     pairing.add_frame(0, 0)
     pairing.add_sighting("x", 0, 0, known=False)
     pairing.add_sighting("b", 0, 0)
     (decision,) = pairing.flush()
     assert (decision.owners, decision.reason) == (("b",), "")
+    pairing = Pairing()
+    pairing.add_sighting("x", 0, 0, known=False)
+    decided = [*pairing.add_frame(0, 0), *pairing.add_frame(1, 20_000), *pairing.flush()]
+    assert [d.reason for d in decided] == [NOT_PAIRED_UNKNOWN_TAG, NOT_PAIRED_NO_TAG]
 
 
 def test_a_sighting_that_ended_is_remembered_for_the_frames_that_wait() -> None:
@@ -162,15 +156,12 @@ def test_the_receipt_of_a_sighting_moves_time_on_when_the_camera_has_stopped() -
     assert decision.owners == ()
 
 
-def test_memory_of_sightings_is_bounded() -> None:
+def test_memory_of_sightings_and_room_for_tags_are_bounded_and_what_is_too_many_counted() -> None:
     pairing = Pairing()
     for second in range(1_000):
         pairing.add_sighting(f"tag-{second}", second * 1_000, second * 1_000)
         pairing.add_frame(second, second * 1_000)
     assert len(pairing._known) < 70
-
-
-def test_more_tags_than_there_is_room_for_are_counted_and_the_others_still_pair() -> None:
     pairing = Pairing()
     for number in range(TAGS_MAX_COUNT + 5):
         pairing.add_sighting(f"tag-{number}", START_MS, START_MS)
@@ -178,18 +169,12 @@ def test_more_tags_than_there_is_room_for_are_counted_and_the_others_still_pair(
     pairing.add_frame(0, START_MS)
     (decision,) = pairing.flush()
     assert len(decision.owners) == TAGS_MAX_COUNT
-
-
-def test_more_separate_readings_of_one_tag_than_there_is_room_for_are_counted() -> None:
     pairing = Pairing(window_ms=1)
     for number in range(INTERVALS_MAX_COUNT + 5):
         pairing.add_sighting("a", START_MS + number * 10, START_MS + number * 10)
     assert pairing.refused == {REFUSED_INTERVALS_FULL: 5}
     pairing.add_sighting("a", START_MS, START_MS + 10)
     assert pairing.refused == {REFUSED_INTERVALS_FULL: 5}, "a reading that joins others needs no room"
-
-
-def test_a_storm_of_strangers_takes_no_more_room_than_one() -> None:
     pairing = Pairing()
     for number in range(20_000):
         at = START_MS + number // 10

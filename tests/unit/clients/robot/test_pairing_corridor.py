@@ -140,11 +140,7 @@ def near_at_s(scenario: Scenario) -> float:
     raise AssertionError("nobody came near")
 
 
-@given(
-    st.integers(0, 9_999),
-    st.floats(0.5, 1.8),
-    st.floats(-1.0, 1.0),
-)
+@given(st.integers(0, 9_999), st.floats(0.5, 1.8), st.floats(-1.0, 1.0))
 def test_a_bearer_is_detected_within_five_seconds_of_coming_within_three_metres(
     seed: int, speed: float, x: float
 ) -> None:

@@ -20,31 +20,22 @@ def warned(text: str) -> list[str]:
     return list(warn_of_readings(parse_topics(text)))
 
 
-def test_readings_without_a_distance_are_said_to_keep_nothing() -> None:
+def test_readings_without_a_distance_are_said_to_keep_nothing_and_distances_alone_only_who_walks() -> None:
     (warning,) = warned(TAGS)
     assert "/rfid" in warning
     assert "no-distance" in warning
-
-
-def test_readers_that_are_asked_themselves_have_no_distance_either() -> None:
     (warning,) = warned('[[llrp]]\nhost = "10.0.0.7"\n')
     assert "no-distance" in warning
-
-
-def test_distances_alone_are_said_to_keep_only_people_who_walk() -> None:
     (warning,) = warned(TAGS + DISTANCE)
     assert 'facing = "front"' in warning
     assert "stand still" in warning
     assert "after about 4 s" in warning
+    assert list(warn_of_readings(Topics())) == []
 
 
 @pytest.mark.parametrize("facing", ['facing = "front"', 'antenna = "data{}.antenna"\nfront = [1]'])
 def test_who_says_which_way_the_antenna_looks_is_warned_of_nothing(facing: str) -> None:
     assert warned(TAGS + DISTANCE + facing) == []
-
-
-def test_the_robots_own_type_of_reading_is_warned_of_nothing() -> None:
-    assert list(warn_of_readings(Topics())) == []
 
 
 def test_a_recording_that_tells_no_focal_length_is_warned_of() -> None:

@@ -51,14 +51,11 @@ def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> 
     return run
 
 
-def test_what_could_not_be_used_is_told_by_reason(replay: Any) -> None:
+def test_what_could_not_be_used_is_told_by_reason_and_tags_off_the_roster_by_number(replay: Any) -> None:
     done = replay()
     assert done.exit_code == 0
     assert "Not usable: 3 depth images (2 size: of a wrong size; 1 step: width" in done.output
     assert "6 of rgb: 6 kept" in done.output
-
-
-def test_tags_that_are_not_on_the_roster_are_told_by_number(replay: Any) -> None:
     assert "not on the roster" not in replay().output
     told = replay(unknown=(37, 2)).output
     assert "Readings of 2 tags that are not on the roster: 37; nothing is kept for them." in told

@@ -22,7 +22,7 @@ from tests.unit.clients.robot.registry_stand_in import ROBOT, RegistryStandIn
 from tests.unit.clients.robot.test_delivery import FakeNetwork
 from tests.unit.clients.robot.test_pipeline import CHAIN, DAY_MS, roster
 from tests.unit.clients.robot.test_spool import KEY
-from tests.virtual_time import run_virtual, virtual_now_ms
+from tests.virtual_time import in_virtual_time, virtual_now_ms
 
 HOUR_MS = 3_600_000
 HEARTBEAT_MS = 30_000
@@ -71,11 +71,11 @@ class Start:
         self.registry.idle = False
 
 
-def begin(folder: Path, bag: Path, monkeypatch: pytest.MonkeyPatch, story: Callable[[Start], Awaitable[None]]) -> None:
-    async def main() -> None:
-        await story(Start(folder, bag, monkeypatch))
-
-    run_virtual(main())
+@in_virtual_time
+async def begin(
+    folder: Path, bag: Path, monkeypatch: pytest.MonkeyPatch, story: Callable[[Start], Awaitable[None]]
+) -> None:
+    await story(Start(folder, bag, monkeypatch))
 
 
 def test_the_first_block_after_an_outage_is_waited_for_and_every_frame_covered(

@@ -280,14 +280,12 @@ def test_a_sense_without_consent_leaves_no_trace(tmp_path: Path, world: World, a
     assert set(files) <= {"depth", "emotion", "notice"}
 
 
-def test_the_owner_is_told_how_much_of_a_sense_was_withheld(tmp_path: Path, world: World, alone: Path) -> None:
+def test_the_owner_is_told_how_much_of_a_sense_was_withheld_and_none_is_plain_on_the_disk(
+    tmp_path: Path, world: World, alone: Path
+) -> None:
     robot = run(tmp_path, world, alone)
     statistics = [robot.statistics, *robot.statistics.senses.values()]
     assert sum(told_of(world, robot).values()) == sum(each.withheld_count for each in statistics)
-
-
-def test_no_plain_sense_is_on_the_disk(tmp_path: Path, world: World, alone: Path) -> None:
-    robot = run(tmp_path, world, alone)
     assert robot.statistics.count_senses()["emotion"].kept >= 2
     for path in [path for path in tmp_path.rglob("*") if path.is_file() and path.suffix != ".mcap"]:
         assert b"calm" not in path.read_bytes()

@@ -27,11 +27,13 @@ def test_a_frame_counts_as_kept_only_when_its_record_is_final() -> None:
     assert (counts.kept, counts.lost, statistics.records_final) == (2, 0, 1)
 
 
-def test_withheld_frames_are_not_lost() -> None:
+def test_withheld_frames_are_not_lost_and_a_summary_of_nothing_is_zero() -> None:
     statistics = RunStatistics(window_ms=5_000, covered=5, withheld={"contact": 2, "ambiguous": 3})
     counts = statistics.count_frames()
     assert (counts.withheld, counts.lost) == (5, 0)
     assert list(counts.withheld_reasons) == ["ambiguous", "contact"]
+    assert Distribution().summarise() == Latency(p50=0.0, p95=0.0, max=0.0)
+    assert filled(list(range(101))).summarise() == Latency(p50=50.0, p95=95.0, max=100.0)
 
 
 def test_latencies_are_measured_from_what_they_say() -> None:
@@ -59,14 +61,11 @@ def test_how_long_a_frame_took_counts_from_when_it_was_decided() -> None:
     assert statistics.summarise_latencies().decided_to_final.max == 300.0
 
 
-def test_a_clip_of_the_run_before_is_a_record_but_no_frame_of_this_run() -> None:
+def test_a_clip_of_the_run_before_is_no_frame_of_this_run_and_stored_bytes_are_those_of_ciphertexts() -> None:
     statistics = RunStatistics(window_ms=5_000)
     deliver(statistics, 3, 2_000)
     counts = statistics.count_frames()
     assert (statistics.records_final, counts.kept, counts.lost) == (1, 0, 0)
-
-
-def test_stored_bytes_are_those_of_the_ciphertexts() -> None:
     statistics = RunStatistics(window_ms=5_000)
     deliver(statistics, 1, 2_000)
     deliver(statistics, 2, 3_000)
@@ -78,11 +77,6 @@ def filled(values: list[int]) -> Distribution:
     for value in values:
         distribution.add(value)
     return distribution
-
-
-def test_a_summary_of_nothing_is_zero_and_of_much_is_its_distribution() -> None:
-    assert Distribution().summarise() == Latency(p50=0.0, p95=0.0, max=0.0)
-    assert filled(list(range(101))).summarise() == Latency(p50=50.0, p95=95.0, max=100.0)
 
 
 @pytest.mark.parametrize("values", [[7], [3, 9], [5, 5, 5, 1], [-40, 12, 900, 12, 9_999], [1, 2, 3, 4, 100, 100]])

@@ -11,14 +11,11 @@ from clients.robot.pairing.rosters import UnknownTags
 from clients.robot.run.run_summary import UnknownTagCounts
 
 
-def test_readings_and_tags_are_counted_apart() -> None:
+def test_readings_and_tags_are_counted_apart_and_what_is_remembered_is_no_uid() -> None:
     unknown = UnknownTags()
     for uid in ("E1", "E2", "E1", "E1"):
         unknown.note(uid)
     assert unknown.summarise() == UnknownTagCounts(readings=4, tags=2, more_tags=False)
-
-
-def test_what_is_remembered_is_no_uid_and_differs_from_run_to_run() -> None:
     first, second = UnknownTags(), UnknownTags()
     for unknown in (first, second):
         unknown.note("E280116060000001")

@@ -35,10 +35,15 @@ def book() -> VisitBook:
     return VisitBook(CHAIN, ROBOT, "demo")
 
 
-def test_one_visit_lasts_while_its_person_is_there() -> None:
+def test_a_visit_lasts_while_its_person_is_there_and_nothing_is_recorded_once_it_may_be_closed() -> None:
     visits, ann = book(), Person()
     first = visits.chain_for("ann", ann.row, START_MS)
     assert visits.chain_for("ann", ann.row, START_MS + 60_000) is first
+    # Though the clock is set back.
+    visits, ann = book(), Person()
+    first = visits.chain_for("ann", ann.row, START_MS)
+    assert not visits.goes_on(first.owner, START_MS + VISIT_MAX_MS + CLOSE_DELAY_MAX_MS)
+    assert visits.chain_for("ann", ann.row, START_MS).owner != first.owner
 
 
 def test_a_new_visit_begins_before_ten_minutes_are_over() -> None:
@@ -72,12 +77,15 @@ def test_a_visit_that_is_over_is_in_nobodys_memory() -> None:
     assert "ann" not in visits._open
 
 
-def test_two_visits_of_one_person_have_nothing_in_common_on_the_chain() -> None:
+def test_two_visits_of_one_person_have_nothing_in_common_and_the_announced_time_is_coarse() -> None:
     visits, ann = book(), Person()
     first = visits.chain_for("ann", ann.row, START_MS)
     second = visits.chain_for("ann", ann.row, START_MS + VISIT_MAX_MS)
     assert first.owner != second.owner
     assert first.ephemeral != second.ephemeral
+    chain = book().chain_for("ann", Person().row, START_MS)
+    assert chain.bucket_ms % TIME_BUCKET_MS == 0
+    assert 0 <= START_MS - chain.bucket_ms < TIME_BUCKET_MS
 
 
 def test_only_the_person_finds_and_uses_her_visit() -> None:
@@ -93,12 +101,6 @@ def test_only_the_person_finds_and_uses_her_visit() -> None:
     assert found[1] != chain.owner
     own = derive_owner_key(ann.spend, ann.view, chain.ephemeral, chain_id=CHAIN, robot=ROBOT)
     assert own.public_key == chain.owner
-
-
-def test_the_announced_time_is_coarse() -> None:
-    chain = book().chain_for("ann", Person().row, START_MS)
-    assert chain.bucket_ms % TIME_BUCKET_MS == 0
-    assert 0 <= START_MS - chain.bucket_ms < TIME_BUCKET_MS
 
 
 def test_a_visit_is_closed_after_its_nine_minutes_and_a_random_delay_whatever_ended_it() -> None:
@@ -124,11 +126,3 @@ def test_the_time_of_closing_is_drawn_for_each_visit() -> None:
         )
     assert len(delays) > 6
     assert min(delays) < CLOSE_DELAY_MAX_MS / 2 < max(delays)
-
-
-def test_nothing_is_recorded_in_a_visit_that_may_be_closed() -> None:
-    """Though the clock is set back."""
-    visits, ann = book(), Person()
-    first = visits.chain_for("ann", ann.row, START_MS)
-    assert not visits.goes_on(first.owner, START_MS + VISIT_MAX_MS + CLOSE_DELAY_MAX_MS)
-    assert visits.chain_for("ann", ann.row, START_MS).owner != first.owner

@@ -91,29 +91,16 @@ def with_frame(frame: FrameDownload) -> ClipDownload:
     return msgspec.structs.replace(DOWNLOAD, frames=frames)
 
 
-def test_a_whole_download_has_no_corrupted_frame() -> None:
+def test_a_download_names_the_frames_that_are_corrupted_and_no_erased_one() -> None:
     assert check_clip_download(DOWNLOAD, *ROOTS) == []
-
-
-def test_one_changed_byte_names_its_frame() -> None:
     frame = DOWNLOAD.frames[1]
     text = msgspec.structs.replace(frame, ciphertext=frame.ciphertext[:-1] + b"\xff")
     key = msgspec.structs.replace(frame, sealed_key=b"\xff" + frame.sealed_key[1:])
     assert check_clip_download(with_frame(text), *ROOTS) == [1]
     assert check_clip_download(with_frame(key), *ROOTS) == [1]
-
-
-def test_an_erased_frame_is_not_a_corrupted_one() -> None:
     assert check_clip_download(with_frame(FrameDownload(2, True, b"", b"")), *ROOTS) == []
-
-
-def test_exchanged_frames_are_both_named() -> None:
     first, second = DOWNLOAD.frames[:2]
-    frames = [
-        msgspec.structs.replace(second, index=0),
-        msgspec.structs.replace(first, index=1),
-        DOWNLOAD.frames[2],
-    ]
+    frames = [msgspec.structs.replace(second, index=0), msgspec.structs.replace(first, index=1), DOWNLOAD.frames[2]]
     assert check_clip_download(msgspec.structs.replace(DOWNLOAD, frames=frames), *ROOTS) == [0, 1]
 
 

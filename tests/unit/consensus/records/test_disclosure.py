@@ -17,33 +17,23 @@ def sealed(content: bytes = NOTE) -> bytes:
     return seal_metadata(bytes(OWNER.public_key), content)
 
 
-def test_the_key_of_a_box_opens_it_for_who_has_no_private_key() -> None:
+def test_the_key_of_a_box_opens_it_and_no_other_and_is_not_the_private_key() -> None:
     box = sealed()
     key = derive_box_key(bytes(OWNER), box)
     assert open_disclosed_metadata(bytes(OWNER.public_key), key, box) == NOTE == open_metadata(bytes(OWNER), box)
-
-
-def test_it_opens_no_other_box_of_the_same_owner() -> None:
     key = derive_box_key(bytes(OWNER), sealed())
     with pytest.raises(BlockRobotError, match="ENVELOPE_INVALID"):
         open_disclosed_metadata(bytes(OWNER.public_key), key, sealed())
-
-
-def test_it_is_not_the_private_key_nor_equal_for_two_boxes() -> None:
     keys = {derive_box_key(bytes(OWNER), sealed()) for _ in range(20)}
     assert len(keys) == 20
     assert bytes(OWNER) not in keys
 
 
-def test_a_box_is_its_owners_and_nobody_elses() -> None:
+def test_a_box_is_its_owners_and_nobody_elses_and_no_changed_byte_opens() -> None:
     box = sealed()
     for owner, public in ((STRANGER, STRANGER), (STRANGER, OWNER), (OWNER, STRANGER)):
         with pytest.raises(BlockRobotError, match="ENVELOPE_INVALID"):
             open_disclosed_metadata(bytes(public.public_key), derive_box_key(bytes(owner), box), box)
-
-
-def test_no_changed_byte_opens() -> None:
-    box = sealed()
     key = derive_box_key(bytes(OWNER), box)
     for place in range(0, len(box), 7):
         changed = box[:place] + bytes([box[place] ^ 1]) + box[place + 1 :]

@@ -63,8 +63,16 @@ def test_a_frame_opens_only_with_its_key_in_its_place() -> None:
         assert code_of(open_frame, *arguments) == "ENVELOPE_INVALID"
 
 
-def test_frames_of_like_size_have_one_size() -> None:
+def test_envelopes_and_sealed_metadata_have_one_size_for_like_contents() -> None:
     assert len(seal_frame(KEY, NONCE, RECORD_ID, 0, b"a")) == len(seal_frame(KEY, NONCE, RECORD_ID, 0, bytes(900)))
+    public = bytes(PERSON.public_key)
+    for text in (b"", b"sensor", bytes(508)):
+        sealed = seal_metadata(public, text)
+        assert len(sealed) == SEALED_METADATA_BYTES
+        assert open_metadata(bytes(PERSON), sealed) == text
+    assert code_of(seal_metadata, public, bytes(509)) == "UPLOAD_INVALID"
+    assert code_of(open_metadata, bytes(PERSON), bytes(559)) == "ENVELOPE_INVALID"
+    assert code_of(open_metadata, bytes(STRANGER), seal_metadata(public, b"sensor")) == "ENVELOPE_INVALID"
 
 
 def test_an_envelope_without_padding_inside_is_no_frame() -> None:
@@ -79,36 +87,19 @@ def test_keys_nonces_and_record_ids_of_other_sizes_are_refused() -> None:
     assert code_of(seal_bytes, KEY, NONCE, RECORD_ID[:15], 0, b"") == "VALUE_INVALID"
 
 
-def test_a_data_key_is_sealed_to_one_person() -> None:
+def test_a_data_key_is_sealed_to_one_person_and_never_twice_the_same() -> None:
     sealed = seal_data_key(bytes(PERSON.public_key), KEY)
     assert len(sealed) == SEALED_KEY_BYTES == 80
     assert open_data_key(bytes(PERSON), sealed) == KEY
     assert code_of(open_data_key, bytes(STRANGER), sealed) == "ENVELOPE_INVALID"
     assert code_of(open_data_key, bytes(PERSON), sealed[:-1]) == "ENVELOPE_INVALID"
     assert code_of(open_data_key, bytes(PERSON), sealed + b"\x00") == "ENVELOPE_INVALID"
-
-
-def test_sealing_twice_does_not_show_that_it_is_the_same() -> None:
     assert seal_data_key(bytes(PERSON.public_key), KEY) != seal_data_key(bytes(PERSON.public_key), KEY)
 
 
-def test_nothing_is_sealed_to_a_key_that_is_none() -> None:
+def test_nothing_is_sealed_to_or_opened_by_a_key_that_is_none() -> None:
     assert code_of(seal_to, bytes(31), b"text") == "KEY_INVALID"
     assert code_of(seal_to, bytes(32), b"text") == "KEY_INVALID"
     assert code_of(seal_data_key, bytes(PERSON.public_key), KEY[:31]) == "KEY_INVALID"
-
-
-def test_a_sealed_box_that_is_too_short_or_a_key_that_is_none_does_not_open() -> None:
     assert code_of(open_sealed, bytes(PERSON), bytes(47)) == "ENVELOPE_INVALID"
     assert code_of(open_sealed, bytes(31), seal_to(bytes(PERSON.public_key), b"text")) == "ENVELOPE_INVALID"
-
-
-def test_sealed_metadata_has_one_size() -> None:
-    public = bytes(PERSON.public_key)
-    for text in (b"", b"sensor", bytes(508)):
-        sealed = seal_metadata(public, text)
-        assert len(sealed) == SEALED_METADATA_BYTES
-        assert open_metadata(bytes(PERSON), sealed) == text
-    assert code_of(seal_metadata, public, bytes(509)) == "UPLOAD_INVALID"
-    assert code_of(open_metadata, bytes(PERSON), bytes(559)) == "ENVELOPE_INVALID"
-    assert code_of(open_metadata, bytes(STRANGER), seal_metadata(public, b"sensor")) == "ENVELOPE_INVALID"

@@ -18,17 +18,11 @@ def made(owner: bytes = OWNER, chain_id: bytes = CHAIN, ephemeral: PrivateKey = 
     return derive_grant_salt(ephemeral, VIEW.public_key, chain_id=chain_id, owner=owner)
 
 
-def test_owner_and_grantee_derive_the_same_salt() -> None:
+def test_owner_and_grantee_derive_one_salt_and_nobody_else_nor_any_other_grant() -> None:
     assert derive_grant_salt(VIEW, EPHEMERAL.public_key, chain_id=CHAIN, owner=OWNER) == made()
     assert len(made()) == 32
-
-
-def test_another_visit_chain_or_grant_has_another_salt() -> None:
     others = [made(owner=VIEW.public_key), made(chain_id=sha256(b"x")), made(ephemeral=PrivateKey(sha256(b"s")))]
     assert len({made(), *others}) == 4
-
-
-def test_nobody_else_derives_it() -> None:
     stranger = PrivateKey(sha256(b"stranger"))
     assert derive_grant_salt(stranger, EPHEMERAL.public_key, chain_id=CHAIN, owner=OWNER) != made()
 

@@ -47,18 +47,12 @@ def test_metadata_survives_its_encoding() -> None:
     assert decode(encode(record), RecordMetadata) == record
 
 
-def test_a_whole_chain_has_no_gaps() -> None:
+def test_a_chain_names_the_record_that_is_missing_exchanged_or_repeated() -> None:
     assert find_chain_gaps(_chain(6)) == []
     assert find_chain_gaps([]) == []
-
-
-def test_a_missing_record_is_named() -> None:
     records = _chain(6)
     assert find_chain_gaps(records[:2] + records[4:]) == [2, 3]
     assert find_chain_gaps(records[1:]) == [0]
-
-
-def test_an_exchanged_or_repeated_record_is_named() -> None:
     records = _chain(4)
     forged = msgspec.structs.replace(records[2], sensor="other")
     assert find_chain_gaps([*records[:2], forged, records[3]]) == [3]

@@ -28,14 +28,10 @@ def change(**changes: object) -> Notice:
     return msgspec.structs.replace(demo_notice(), **changes)
 
 
-def test_equal_words_have_one_form_and_one_hash() -> None:
+def test_a_notice_has_one_form_and_one_hash() -> None:
     document = encode_notice(demo_notice())
     assert decode_notice(document) == demo_notice()
     assert notice_digest(document) == notice_digest(encode_notice(demo_notice()))
-
-
-def test_a_document_in_another_form_is_refused() -> None:
-    document = encode_notice(demo_notice())
     for damaged in (b" " + document, document[:-1], document.replace(b'"schema"', b'"shema"'), b"\xff", b"[]"):
         with pytest.raises(BlockRobotError, match="form"):
             decode_notice(damaged)
@@ -56,9 +52,8 @@ def test_a_document_in_another_form_is_refused() -> None:
     ],
 )
 def test_what_says_too_little_is_no_notice(changes: dict[str, object]) -> None:
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^NOTICE_INVALID:"):
         encode_notice(change(**changes))
-    assert caught.value.code == "NOTICE_INVALID"
 
 
 @pytest.mark.parametrize(
@@ -67,9 +62,8 @@ def test_what_says_too_little_is_no_notice(changes: dict[str, object]) -> None:
 )
 def test_a_purpose_has_a_published_code_and_grounds_of_the_law(wrong: dict[str, object]) -> None:
     purpose = msgspec.structs.replace(demo_notice().purposes[0], **wrong)
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^NOTICE_INVALID:"):
         encode_notice(change(purposes=[purpose]))
-    assert caught.value.code == "NOTICE_INVALID"
 
 
 def test_a_notice_that_no_transaction_could_carry_is_refused() -> None:
@@ -93,7 +87,7 @@ def test_a_version_is_read_from_the_state_with_its_words_or_not_at_all() -> None
             read_row("hospital", other)
 
 
-def test_a_change_is_told_line_by_line() -> None:
+def test_a_change_is_told_line_by_line_and_no_text_forges_one() -> None:
     before = demo_notice()
     after = change(third_countries="Pictures are kept in a country without an adequate level of protection, too.")
     gone, come = tell_changes(before, after)
@@ -101,10 +95,6 @@ def test_a_change_is_told_line_by_line() -> None:
     assert come == f"+ Other countries: {after.third_countries}"
     assert tell_changes(before, before) == []
     assert len(tell_notice(before)) > 20
-
-
-def test_a_line_feed_in_a_text_forges_no_line() -> None:
-    before = demo_notice()
     forged = "\n- Data: pictures From: robot\n+ Purpose care: nothing is recorded any more."
     after = change(measures=[*before.measures, f"Locked rooms.{forged}"])
     assert tell_changes(before, after) == [

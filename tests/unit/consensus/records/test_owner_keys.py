@@ -25,22 +25,11 @@ def _open(secret: bytes = b"r", robot: bytes = ROBOT, chain_id: bytes = CHAIN) -
     return open_visit_keys(sha256(secret), VIEW.public_key, SPEND.public_key, chain_id=chain_id, robot=robot)
 
 
-def test_the_person_finds_her_visit_and_can_sign_for_it() -> None:
-    visit = _open()
-    found = scan_announcement(VIEW, SPEND.public_key, visit.ephemeral, visit.view_tag, chain_id=CHAIN, robot=ROBOT)
-    assert found == visit.owner
-    assert derive_owner_key(SPEND, VIEW, visit.ephemeral, chain_id=CHAIN, robot=ROBOT).public_key == visit.owner
-
-
-def test_the_scheme_stays_as_published() -> None:
+def test_the_scheme_stays_as_published_and_the_view_key_does_not_sign() -> None:
     visit = _open()
     assert visit.owner.hex() == "03cc2e451f107adf91c7b76ab6cd2d73596644674ef89eddbc2ee3e4f1f33f22ab"
     assert visit.ephemeral == PrivateKey(sha256(b"r")).public_key
     assert visit.view_tag == 253
-
-
-def test_the_view_key_finds_but_does_not_sign() -> None:
-    visit = _open()
     other_spend = PrivateKey(sha256(b"other"))
     derived = derive_owner_key(other_spend, VIEW, visit.ephemeral, chain_id=CHAIN, robot=ROBOT)
     assert derived.public_key != visit.owner
@@ -69,14 +58,11 @@ def test_a_stranger_finds_nothing_even_where_the_view_tag_agrees() -> None:
     assert strangers < 15
 
 
-def test_an_announcement_that_is_no_point_is_nobodys() -> None:
+def test_what_is_no_point_is_nobodys_and_opens_no_visit() -> None:
     for ephemeral in (b"", bytes(33), b"\x02" + b"\xff" * 32):
         assert scan_announcement(VIEW, SPEND.public_key, ephemeral, 0, chain_id=CHAIN, robot=ROBOT) is None
         with pytest.raises(BlockRobotError, match="KEY_INVALID"):
             derive_owner_key(SPEND, VIEW, ephemeral, chain_id=CHAIN, robot=ROBOT)
-
-
-def test_a_person_without_valid_keys_gets_no_visit() -> None:
     with pytest.raises(BlockRobotError, match="KEY_INVALID"):
         open_visit_keys(sha256(b"r"), bytes(33), SPEND.public_key, chain_id=CHAIN, robot=ROBOT)
     with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
@@ -88,6 +74,5 @@ def test_the_new_key_signs_the_chain_the_visit_and_itself() -> None:
     signature = sign_transfer(new, chain_id=chain_id, root=root)
     assert recover(TRANSFER_TAG, signature, chain_id + root + new.public_key) == new.public_key
     for wrong in ({"chain_id": b"short", "root": root}, {"chain_id": chain_id, "root": b"short"}):
-        with pytest.raises(BlockRobotError) as caught:
+        with pytest.raises(BlockRobotError, match=r"^VALUE_INVALID:"):
             sign_transfer(new, **wrong)
-        assert caught.value.code == "VALUE_INVALID"

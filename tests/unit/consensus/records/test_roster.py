@@ -36,12 +36,7 @@ UID = "E2801160600002071234ABCD"
 
 def _row(proof: bytes = b"", uid: str = UID) -> RosterRow:
     return RosterRow(
-        tag=roster_tag(KEY, uid),
-        handle=sha256(b"handle"),
-        spend=SPEND,
-        view=VIEW,
-        sealing=sha256(b"x"),
-        proof=proof,
+        tag=roster_tag(KEY, uid), handle=sha256(b"handle"), spend=SPEND, view=VIEW, sealing=sha256(b"x"), proof=proof
     )
 
 
@@ -144,24 +139,15 @@ def _proven(state: MemoryState, value: bytes) -> RosterRow:
     return _row(encode(RowProof(member=MEMBER, value=value, proof=proof)))
 
 
-def test_a_row_is_proven_against_the_state() -> None:
+def test_a_row_is_proven_against_the_state_with_the_chains_keys() -> None:
     state, value = _state()
     assert verify_row(_proven(state, value), state.state_root) == MEMBER
-
-
-def test_a_row_with_other_keys_than_the_chains_is_refused() -> None:
     state, value = _state(spend=VIEW)
     with pytest.raises(BlockRobotError, match="ROSTER_INVALID"):
         verify_row(_proven(state, value), state.state_root)
-
-
-def test_a_row_of_a_member_who_left_is_refused() -> None:
     state, value = _state(status="left")
     with pytest.raises(BlockRobotError, match="ROSTER_INVALID"):
         verify_row(_proven(state, value), state.state_root)
-
-
-def test_a_row_of_another_state_or_without_proof_is_refused() -> None:
     state, value = _state()
     for row, root in ((_proven(state, value), bytes(32)), (_row(), state.state_root)):
         with pytest.raises(BlockRobotError, match="ROSTER_INVALID"):

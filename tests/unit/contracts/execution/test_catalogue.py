@@ -53,9 +53,12 @@ def test_an_upgrade_compiles_that_contract_and_no_other(chain: Consortium) -> No
     assert [name for name in first if second[name] is not first[name]] == ["visitors"]
 
 
-def test_a_state_without_a_table_is_no_chain_of_ours() -> None:
+def test_a_state_without_a_table_or_with_an_unknown_source_is_refused(chain: Consortium) -> None:
     with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
         Catalogue().active(MemoryState())
+    chain.state.apply({MACHINE_TABLE.flat: encode_value({"visitors": [1, bytes(32), True, 1]})})
+    with pytest.raises(BlockRobotError, match="STORAGE_DAMAGED"):
+        Catalogue().active(chain.state)
 
 
 @pytest.mark.parametrize("damage", ["gone", "part", "changed"])
@@ -68,11 +71,5 @@ def test_a_source_that_is_missing_or_another_is_never_run(chain: Consortium, dam
         "changed": {place + b"/" + u32(0): encode_value(VISITORS_2.encode())},
     }[damage]
     chain.state.apply({SOURCE.key(compute_source_hash(VISITORS)): None} | change)
-    with pytest.raises(BlockRobotError, match="STORAGE_DAMAGED"):
-        Catalogue().active(chain.state)
-
-
-def test_a_table_that_names_an_unknown_source_is_damaged(chain: Consortium) -> None:
-    chain.state.apply({MACHINE_TABLE.flat: encode_value({"visitors": [1, bytes(32), True, 1]})})
     with pytest.raises(BlockRobotError, match="STORAGE_DAMAGED"):
         Catalogue().active(chain.state)

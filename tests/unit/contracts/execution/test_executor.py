@@ -141,11 +141,15 @@ def test_a_call_that_cannot_be_made_fails_with_a_receipt(
     assert result.gas_used > 0
 
 
-def test_an_endless_call_costs_its_whole_limit(bench: Bench) -> None:
+def test_an_endless_call_costs_its_limit_and_bytes_alone_may_use_it_up(bench: Bench) -> None:
     limits = ExecutionLimits(call_gas=10_000, block_gas=30_000)
     result = bench.run(bench.call("spin"), bench.call("add", "a", 1), limits=limits)
     assert _codes(result) == ["OUT_OF_GAS", "OK"]
     assert result.receipts[0].gas_used == 10_000
+    limits = ExecutionLimits(call_gas=100)
+    for contract in ("counter", "nothing"):
+        receipt = bench.run(bench.call("drop", "n" * 10_000, contract=contract), limits=limits).receipts[0]
+        assert (receipt.ok, receipt.gas_used) == (False, 100)
 
 
 def test_a_leader_stops_where_the_block_is_full_and_a_voter_refuses(bench: Bench) -> None:
@@ -262,10 +266,3 @@ def test_a_full_block_of_junk_takes_half_of_a_blocks_gas(bench: Bench) -> None:
 def test_each_call_pays_for_its_bytes(bench: Bench, contract: str, entry: str) -> None:
     call = bench.call(entry, "n" * 10_000, contract=contract)
     assert bench.run(call).gas_used > len(call.wire) // WIRE_BYTES_A_GAS
-
-
-def test_bytes_alone_may_use_up_a_calls_gas(bench: Bench) -> None:
-    limits = ExecutionLimits(call_gas=100)
-    for contract in ("counter", "nothing"):
-        receipt = bench.run(bench.call("drop", "n" * 10_000, contract=contract), limits=limits).receipts[0]
-        assert (receipt.ok, receipt.gas_used) == (False, 100)

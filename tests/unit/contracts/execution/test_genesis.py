@@ -34,35 +34,25 @@ def test_the_first_state_holds_organisations_custodians_and_purposes() -> None:
     assert state.state_root == compute_root(state.writes.items())
 
 
-def test_the_file_survives_json_and_gives_the_same_state() -> None:
+def test_the_file_survives_json_and_completing_it_again_changes_nothing() -> None:
     genesis = build_genesis()
     read = genesis_from_json(genesis_to_json(genesis))
     assert read == genesis
     assert open_genesis(read) == build_genesis_state(genesis)
     assert genesis.block().header.state_root == genesis.state_root
-
-
-def test_completing_again_changes_nothing() -> None:
-    genesis = build_genesis()
     assert complete_genesis(genesis) == genesis
     assert complete_genesis(msgspec.structs.replace(genesis, state_root=b"")).chain_id == genesis.chain_id
 
 
-def test_another_root_in_the_file_is_refused_on_start() -> None:
+def test_another_root_language_or_contract_in_the_file_is_refused_on_start() -> None:
     genesis = msgspec.structs.replace(build_genesis(), state_root=bytes(32))
     with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
         open_genesis(genesis)
-
-
-def test_a_chain_of_another_contract_language_is_refused_on_start() -> None:
-    """With other prices of gas the node would come to other results, and halt in the middle of the chain."""
+    # With other prices of gas the node would come to other results, and halt in the middle of the chain.
     genesis = msgspec.structs.replace(build_genesis(), contract_language=LANGUAGE_VERSION + 1)
     for start in (require_contracts, open_genesis):
         with pytest.raises(BlockRobotError, match=r"GENESIS_INVALID.*language"):
             start(genesis)
-
-
-def test_other_contracts_in_the_file_are_refused() -> None:
     genesis = build_genesis()
     other = ContractEntry(name="identity", source_hash=bytes(32))
     for contracts in ((), genesis.contracts[1:], (*genesis.contracts[:-1], other)):

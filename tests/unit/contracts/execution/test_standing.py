@@ -13,15 +13,11 @@ def _stands(hospital: Hospital, name: str, contract: str = "access", entry: str 
     return has_standing(hospital.state, transaction, hospital.time_ms)
 
 
-def test_members_custodians_registrars_and_admins_stand(hospital: Hospital) -> None:
-    hospital.enrol("anna")
+def test_members_custodians_registrars_and_admins_stand_until_they_left(hospital: Hospital) -> None:
+    anna = hospital.enrol("anna")
     for name in ("anna/identity", "robot/identity", "custodian-1", "registrar", "admin"):
         assert _stands(hospital, name), name
     assert not _stands(hospital, "stranger")
-
-
-def test_a_member_who_left_stands_no_more(hospital: Hospital) -> None:
-    anna = hospital.enrol("anna")
     hospital.must(anna.identity, "identity", "leave", anna.handle)
     assert not _stands(hospital, "anna/identity")
 

@@ -58,14 +58,11 @@ def _check(transactions: list[Transaction], parent_time_ms: int = NOW - 1) -> No
     )
 
 
-def test_a_blocks_time_lies_after_its_parents() -> None:
+def test_a_block_lies_after_its_parent_and_holds_each_transaction_once_and_not_too_many() -> None:
     _check([_transaction()])
     for parent_time_ms in (NOW, NOW + 1):
         with pytest.raises(BlockRobotError, match="BLOCK_INVALID"):
             _check([], parent_time_ms)
-
-
-def test_a_block_holds_each_transaction_once_and_not_too_many() -> None:
     with pytest.raises(BlockRobotError, match="twice"):
         _check([_transaction(), _transaction()])
     with pytest.raises(BlockRobotError, match="too many"):

@@ -84,15 +84,12 @@ def test_what_does_not_fit_is_refused_by_name(kind: str, text: str) -> None:
     assert len(refusal.value.detail) < 200
 
 
-def test_arguments_are_counted_and_the_entry_is_shown() -> None:
+def test_arguments_are_counted_and_an_entry_is_found_by_name_and_kind() -> None:
     both = entry("int", "str", required=1)
     assert read_arguments(both, ["1"]) == [1]
     assert signature_of(both) == "act(p0: int, p1: str = ...) -> None"
     with pytest.raises(BlockRobotError, match=r"act\(p0: int, p1: str = ...\) -> None takes 1 to 2 arguments, not 3"):
         read_arguments(both, ["1", "2", "3"])
-
-
-def test_an_entry_is_found_by_name_and_kind() -> None:
     entries = (entry("int"),)
     assert find_entry("notes", entries, "act", "export").name == "act"
     with pytest.raises(BlockRobotError, match=r"notes.act is no view but one marked @export. There are: none."):

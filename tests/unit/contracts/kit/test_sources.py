@@ -22,11 +22,12 @@ def test_a_source_is_read_as_a_node_would_get_it(tmp_path: Path) -> None:
         Chain(folder=tmp_path).deploy("f.py")
 
 
-def test_what_is_no_text_is_named(tmp_path: Path) -> None:
+def test_what_is_no_text_or_no_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "photo.py"
     path.write_bytes(b"\x89PNG\xff")
     with pytest.raises(BlockRobotError, match=r"photo\.py is not a text file"):
         read_source(path)
+    assert not is_contract_file(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,3 @@ def test_a_contract_marks_entries_and_imports_nothing(tmp_path: Path, text: str,
     path = tmp_path / "it.py"
     path.write_text(text, encoding="utf-8")
     assert is_contract_file(path) is is_contract
-
-
-def test_a_folder_is_no_contract(tmp_path: Path) -> None:
-    assert not is_contract_file(tmp_path)

@@ -34,13 +34,19 @@ def test_an_owner_asks_and_custodians_release(hospital: Hospital, visit: Visit) 
     assert unasked.code == "RECORD_NOT_REQUESTED"
 
 
-def test_no_record_named_means_the_whole_visit(hospital: Hospital, visit: Visit) -> None:
+def test_a_request_without_records_means_the_whole_visit_and_a_custodian_refuses_with_a_reason(
+    hospital: Hospital, visit: Visit
+) -> None:
     asked = hospital.must(visit.key, "access", "request", [], "own-access")
     hospital.must(hospital.custodians[0], "access", "released", asked.txid, sorted(visit.records))
     other = hospital.open_visit(hospital.enrol("ben"))
     foreign = hospital.record(other)
     receipt = hospital.send(hospital.custodians[0], "access", "released", asked.txid, [foreign])
     assert receipt.code == "NOT_THE_OWNER"
+    refused = hospital.must(hospital.custodians[1], "access", "refused", asked.txid, "CLIP_ERASED")
+    assert data_of(refused, "refused")["code"] == "CLIP_ERASED"
+    assert hospital.send(hospital.custodians[1], "access", "refused", asked.txid, "").code == "CODE_WRONG"
+    assert hospital.send(hospital.custodians[1], "access", "refused", bytes(32), "X").code == "ACCESS_UNKNOWN"
 
 
 def test_a_custodian_that_says_the_same_again_is_not_heard_twice(hospital: Hospital, visit: Visit) -> None:
@@ -59,14 +65,6 @@ def test_a_custodian_that_says_the_same_again_is_not_heard_twice(hospital: Hospi
     assert (kinds.count("access_released"), kinds.count("access_refused")) == (2, 1)
 
 
-def test_a_custodian_refuses_with_a_reason(hospital: Hospital, visit: Visit) -> None:
-    asked = hospital.must(visit.key, "access", "request", [], "own-access")
-    refused = hospital.must(hospital.custodians[1], "access", "refused", asked.txid, "CLIP_ERASED")
-    assert data_of(refused, "refused")["code"] == "CLIP_ERASED"
-    assert hospital.send(hospital.custodians[1], "access", "refused", asked.txid, "").code == "CODE_WRONG"
-    assert hospital.send(hospital.custodians[1], "access", "refused", bytes(32), "X").code == "ACCESS_UNKNOWN"
-
-
 @pytest.mark.parametrize(
     ("records", "purpose", "code"),
     [
@@ -83,12 +81,16 @@ def test_a_request_outside_the_limits_is_refused(
     assert hospital.send(visit.key, "access", "request", records, purpose).code == code
 
 
-def test_nobody_sees_the_records_of_another(hospital: Hospital, visit: Visit) -> None:
+def test_nobody_sees_the_records_of_another_nor_judges_them(hospital: Hospital, visit: Visit) -> None:
     ben = hospital.enrol("ben")
     other = hospital.open_visit(ben)
     receipt = hospital.send(other.key, "access", "request", visit.records[:1], "own-access")
     assert receipt.code == "NOT_THE_OWNER"
     assert hospital.send(ben.identity, "access", "request", visit.records[:1], "own-access").code == "VISIT_UNKNOWN"
+    foreign = hospital.record(other)
+    mixed = [[visit.records[0], "verified", []], [foreign, "corrupted", []]]
+    assert hospital.send(visit.key, "access", "verdict", mixed).code == "NOT_THE_OWNER"
+    assert hospital.view("access", "verdict_of", visit.records[0]) is None
 
 
 def test_an_owner_states_a_verdict(hospital: Hospital, visit: Visit) -> None:
@@ -140,26 +142,12 @@ def test_a_verdict_that_is_none_is_refused_whole(
     assert hospital.value("audit", b"count/" + visit.owner) == before
 
 
-def test_nobody_judges_what_is_another_visits(hospital: Hospital, visit: Visit) -> None:
-    other = hospital.open_visit(hospital.enrol("ben"))
-    foreign = hospital.record(other)
-    mixed = [[visit.records[0], "verified", []], [foreign, "corrupted", []]]
-    assert hospital.send(visit.key, "access", "verdict", mixed).code == "NOT_THE_OWNER"
-    assert hospital.view("access", "verdict_of", visit.records[0]) is None
-
-
 def test_the_longest_verdict_is_within_the_gas_of_a_call(hospital: Hospital) -> None:
     """64 records with 64 changed pictures each: the most that one call may name."""
     visit = hospital.open_visit(hospital.enrol("anna"))
     names = [hospital.record(visit) for _ in range(64)]
     receipt = hospital.must(visit.key, "access", "verdict", [[name, "corrupted", list(range(64))] for name in names])
     assert receipt.gas_used <= CALL_GAS_MAX * 3 // 4
-
-
-def test_what_is_being_erased_is_not_released_any_more(hospital: Hospital, visit: Visit) -> None:
-    hospital.must(visit.key, "erasure", "request", visit.records[:1], [])
-    receipt = hospital.send(visit.key, "access", "request", visit.records[:1], "own-access")
-    assert receipt.code == "RECORD_ERASED"
 
 
 def test_sixty_four_records_fit_into_one_call(hospital: Hospital) -> None:
@@ -169,6 +157,12 @@ def test_sixty_four_records_fit_into_one_call(hospital: Hospital) -> None:
     asked = hospital.must(visit.key, "access", "request", visit.records, "own-access")
     receipt = hospital.must(hospital.custodians[0], "access", "released", asked.txid, sorted(visit.records))
     assert receipt.gas_used <= CALL_GAS_MAX * 3 // 4
+
+
+def test_what_is_being_erased_is_not_released_any_more(hospital: Hospital, visit: Visit) -> None:
+    hospital.must(visit.key, "erasure", "request", visit.records[:1], [])
+    receipt = hospital.send(visit.key, "access", "request", visit.records[:1], "own-access")
+    assert receipt.code == "RECORD_ERASED"
 
 
 def test_an_owner_asks_256_times_a_day_and_goes_on_the_next(hospital: Hospital, visit: Visit) -> None:

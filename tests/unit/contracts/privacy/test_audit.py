@@ -36,14 +36,10 @@ def test_a_visits_story_is_told_in_order(hospital: Hospital) -> None:
     assert hospital.value("audit", b"entry/" + visit.owner + u32(4)) == story[4]
 
 
-def test_a_failed_call_leaves_no_trace_in_the_audit(hospital: Hospital) -> None:
+def test_the_audit_is_written_by_calls_that_succeed_and_by_nobody_directly(hospital: Hospital) -> None:
     visit = hospital.open_visit(hospital.enrol("anna"))
     hospital.send(visit.key, "access", "request", [bytes(16)], "own-access")
     assert hospital.value("audit", b"count/" + visit.owner) == 1
-
-
-def test_nobody_writes_the_audit_directly(hospital: Hospital) -> None:
-    visit = hospital.open_visit(hospital.enrol("anna"))
     everyone = [visit.key, hospital.robot.identity, hospital.registrar, hospital.admin, *hospital.custodians]
     for key in everyone:
         receipt = hospital.send(key, "audit", "append", visit.owner, b"", "recorded", {})

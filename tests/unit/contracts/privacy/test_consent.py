@@ -78,11 +78,17 @@ def test_who_is_never_recorded_has_nothing_to_consent_to(hospital: Hospital, rol
     assert code(hospital, person, "withdraw", [], []) == "NOT_RECORDED"
 
 
-def test_a_robot_cannot_consent_and_nobody_consents_for_another(hospital: Hospital, anna: Person) -> None:
+def test_a_robot_cannot_consent_nor_anybody_for_another_nor_a_contract_in_between(
+    hospital: Hospital, anna: Person
+) -> None:
     assert code(hospital, hospital.robot, "give", ["care"], ["depth"], 0, 0, 0) == "NOT_RECORDED"
     for key in (hospital.robot.identity, hospital.registrar, hospital.admin, key_of("stranger")):
         receipt = hospital.send(key, "consent", "give", anna.handle, ["research"], ["rgb"], 0, 0, 0, 0)
         assert receipt.code == "NOT_THE_MEMBER"
+    # `access` would call with the caller's key: only a transaction counts.
+    source = '@export\ndef trick(handle: bytes):\n    call("consent", "give", handle, ["care"], ["rgb"], 0, 0, 0, 0)\n'
+    hospital.contracts = {**hospital.contracts, "trick": compile_contract(source, "trick")}
+    assert hospital.send(anna.identity, "trick", "trick", anna.handle).code == "CALL_INDIRECT"
 
 
 def test_a_giving_holds_from_the_next_block_or_from_the_height_that_it_names(hospital: Hospital) -> None:
@@ -291,10 +297,3 @@ def test_nothing_of_a_tag_or_a_visit_is_in_a_row(hospital: Hospital, anna: Perso
     found = [step for by_sensor in row.values() for steps in by_sensor.values() for step in steps]
     assert {type(item) for step in found for item in step[:-1]} == {int, str}
     assert {step[-1] for step in found} == {b""}, "nobody acts for her: there is no mandate to be named"
-
-
-def test_a_contract_in_between_speaks_for_nobody(hospital: Hospital, anna: Person) -> None:
-    """`access` would call with the caller's key: only a transaction counts."""
-    source = '@export\ndef trick(handle: bytes):\n    call("consent", "give", handle, ["care"], ["rgb"], 0, 0, 0, 0)\n'
-    hospital.contracts = {**hospital.contracts, "trick": compile_contract(source, "trick")}
-    assert hospital.send(anna.identity, "trick", "trick", anna.handle).code == "CALL_INDIRECT"

@@ -78,14 +78,11 @@ def test_who_has_seen_her_own_no_final_gives_again_at_once(hospital: Hospital, b
     assert allowed(hospital, ben)
 
 
-def test_the_last_word_of_a_block_counts(hospital: Hospital, ben: Person) -> None:
+def test_the_last_word_of_a_block_counts_and_a_no_that_was_held_back(hospital: Hospital, ben: Person) -> None:
     give, back = giving(hospital, ben), hospital.sign(ben.identity, "consent", "withdraw", ben.handle, [], [])
     assert [receipt.code for receipt in hospital.block([give, back])] == ["OK", "OK"]
     hospital.block([])
     assert not allowed(hospital, ben)
-
-
-def test_a_no_that_was_held_back_still_counts(hospital: Hospital, ben: Person) -> None:
     back = hospital.sign(ben.identity, "consent", "refuse", ben.handle, ["care"], [])
     say(hospital, ben, "give", *CARE, 0, 0, 0)
     assert arrive(hospital, back) == "OK"

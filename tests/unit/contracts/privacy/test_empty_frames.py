@@ -25,10 +25,7 @@ def test_what_is_approved_is_listed_with_who_said_so_and_when(hospital: Hospital
     told = hospital.must(hospital.admin, "records", "approve_empty_frames", robot, [frame(0)])
     hospital.must(officer.identity, "records", "approve_empty_frames", robot, [frame(0), frame(1)])
     rows = hospital.view("records", "empty_frames", robot)
-    assert [row[:2] for row in rows] == [
-        [frame(0), hospital.admin.public_key],
-        [frame(1), officer.identity.public_key],
-    ]
+    assert [row[:2] for row in rows] == [[frame(0), hospital.admin.public_key], [frame(1), officer.identity.public_key]]
     assert all(0 < row[2] <= hospital.time_ms for row in rows)
     admin = hospital.admin.public_key
     assert data_of(told, "empty_frames_approved") == {"robot": robot, "frames": [frame(0)], "approver": admin}

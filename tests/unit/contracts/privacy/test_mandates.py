@@ -289,19 +289,15 @@ def test_a_giving_that_was_held_back_does_not_undo_a_later_word(family: Family) 
     assert late.code == "WORD_OLDER"
 
 
-def test_the_representative_speaks_by_the_key_that_is_hers_now(family: Family) -> None:
+def test_the_representative_speaks_for_the_person_of_the_mandate_by_the_key_that_is_hers_now(family: Family) -> None:
+    other = family.hospital.enrol("other")
     mandate_id = family.give()
+    assert family.say(family.mother, "withdraw", [], [], of=other).code == "NOT_THE_MEMBER"
+    assert family.say(family.child, "withdraw", [], [], of=family.mother).code == "NOT_THE_MEMBER", "nor the other way"
     assert family.yes(family.first) == "NOT_THE_MEMBER", "who gave it has no part in it"
     family.hospital.must(family.hospital.admin, "identity", "revoke", family.mother.handle)
     assert family.yes(family.mother) == "NOT_THE_MEMBER"
     assert family.refusal(family.mother, "end", mandate_id) == "NOT_OF_THE_MANDATE"
-
-
-def test_nobody_acts_for_others_than_the_person_of_the_mandate(family: Family) -> None:
-    other = family.hospital.enrol("other")
-    family.give()
-    assert family.say(family.mother, "withdraw", [], [], of=other).code == "NOT_THE_MEMBER"
-    assert family.say(family.child, "withdraw", [], [], of=family.mother).code == "NOT_THE_MEMBER", "nor the other way"
 
 
 # When it holds no more

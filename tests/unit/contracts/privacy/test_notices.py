@@ -23,11 +23,14 @@ def test_versions_follow_each_other_and_all_stay(hospital: Hospital) -> None:
     assert (kept.row.version, kept.notice) == (1, demo_notice())
 
 
-def test_only_an_admin_publishes_and_for_his_own_organisation_alone(hospital: Hospital) -> None:
+def test_an_admin_alone_publishes_and_a_new_notice_changes_no_consent(hospital: Hospital) -> None:
     anna = hospital.enrol("anna")
     for key in (anna.identity, hospital.registrar, hospital.custodians[0], key_of("stranger")):
         assert hospital.send(key, "consent", "publish_notice", b"words").code == "NOT_AN_ADMIN"
     assert hospital.value("consent", b"notice/ward") is None
+    before = [hospital.value("consent", key) for key in (b"changes", b"of/" + anna.handle)]
+    hospital.must(hospital.admin, "consent", "publish_notice", b"words")
+    assert [hospital.value("consent", key) for key in (b"changes", b"of/" + anna.handle)] == before
 
 
 def test_what_is_in_force_is_not_published_twice_nor_anything_empty_or_endless(hospital: Hospital) -> None:
@@ -36,10 +39,3 @@ def test_what_is_in_force_is_not_published_twice_nor_anything_empty_or_endless(h
     for document in (b"", b"x" * 14_001):
         assert hospital.send(hospital.admin, "consent", "publish_notice", document).code == "NOTICE_SIZE_WRONG"
     hospital.must(hospital.admin, "consent", "publish_notice", b"x" * 14_000)
-
-
-def test_a_new_notice_changes_no_consent_so_that_robots_refuse_nobody_for_it(hospital: Hospital) -> None:
-    anna = hospital.enrol("anna")
-    before = [hospital.value("consent", key) for key in (b"changes", b"of/" + anna.handle)]
-    hospital.must(hospital.admin, "consent", "publish_notice", b"words")
-    assert [hospital.value("consent", key) for key in (b"changes", b"of/" + anna.handle)] == before

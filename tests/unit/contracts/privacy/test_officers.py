@@ -67,12 +67,7 @@ def test_two_officers_erase_together_and_it_stands_in_the_audit_of_the_visit(pai
     told = [event for event in hospital.view("audit", "events", visit.owner, 0, 50) if event["kind"] != "recorded"]
     assert [event["kind"] for event in told][1:3] == ["erased_by_officers", "erasure_requested"]
     officers = [pair.first.identity.public_key, pair.second.identity.public_key]
-    assert told[1]["data"] == {
-        "proposal_id": proposal_id,
-        "reason": "key-lost",
-        "officers": officers,
-        "records": 3,
-    }
+    assert told[1]["data"] == {"proposal_id": proposal_id, "reason": "key-lost", "officers": officers, "records": 3}
     entry = hospital.view("officers", "proposal", proposal_id)
     assert (entry["visits"], entry["records"], entry["status"], entry["org"]) == (1, 3, "approved", "ward")
     assert hospital.view("officers", "proposals", 0, 10) == [proposal_id]

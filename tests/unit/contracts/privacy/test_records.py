@@ -64,6 +64,13 @@ def test_a_record_costs_little(hospital: Hospital) -> None:
     assert receipt.gas_used < 5_000
 
 
+def test_retention_may_be_long_but_not_for_ever(hospital: Hospital) -> None:
+    visit = hospital.open_visit(hospital.enrol("anna"))
+    hospital.record(visit, 0, expires_at_ms=hospital.time_ms + RETENTION_MAX_MS)
+    beyond = hospital.record_arguments(visit, 1, expires_at_ms=hospital.time_ms + RETENTION_MAX_MS + 101)
+    assert hospital.send(hospital.robot.identity, "records", "record", *beyond).code == "EXPIRY_WRONG"
+
+
 def test_a_visit_with_hundreds_of_records_is_listed_whole(hospital: Hospital) -> None:
     visit = hospital.open_visit(hospital.enrol("anna"))
     transactions = [
@@ -144,13 +151,6 @@ def test_a_record_outside_the_limits_is_refused(hospital: Hospital, change: dict
     visit = hospital.open_visit(hospital.enrol("anna"))
     arguments = hospital.record_arguments(visit, **change)
     assert hospital.send(hospital.robot.identity, "records", "record", *arguments).code == code
-
-
-def test_retention_may_be_long_but_not_for_ever(hospital: Hospital) -> None:
-    visit = hospital.open_visit(hospital.enrol("anna"))
-    hospital.record(visit, 0, expires_at_ms=hospital.time_ms + RETENTION_MAX_MS)
-    beyond = hospital.record_arguments(visit, 1, expires_at_ms=hospital.time_ms + RETENTION_MAX_MS + 101)
-    assert hospital.send(hospital.robot.identity, "records", "record", *beyond).code == "EXPIRY_WRONG"
 
 
 def test_a_visit_lasts_ten_minutes(hospital: Hospital) -> None:

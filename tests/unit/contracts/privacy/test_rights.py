@@ -139,14 +139,12 @@ def test_a_later_ground_does_not_reach_back_to_a_named_record_that_had_expired(
     hospital.must(hospital.custodians[0], "erasure", "expired", [early], bytes(32))
 
 
-def test_a_restriction_that_keeps_is_not_weakened_by_another(hospital: Hospital, visit: Visit) -> None:
+def test_a_restriction_that_keeps_is_weakened_by_no_other_and_stops_no_erasure(
+    hospital: Hospital, visit: Visit
+) -> None:
     hospital.must(visit.key, "rights", "restrict", [], "legal-claim")
     assert hospital.send(visit.key, "rights", "restrict", [], "accuracy").code == "RESTRICTION_STANDS"
     hospital.must(visit.key, "rights", "restrict", [], "unlawful")
-
-
-def test_a_restricted_record_can_still_be_erased_by_its_person(hospital: Hospital, visit: Visit) -> None:
-    hospital.must(visit.key, "rights", "restrict", [], "legal-claim")
     asked = hospital.must(visit.key, "erasure", "request", visit.records[:1], [])
     hospital.receipts_of_all(asked.txid)
     assert hospital.view("records", "get", visit.records[0])["status"] == "erased"

@@ -232,12 +232,9 @@ def test_a_decision_to_keep_a_version_that_is_no_more_keeps_nothing(chain: Conso
     require_works(chain)
 
 
-def test_the_machine_and_the_contract_name_the_same_governing_contracts() -> None:
+def test_machine_and_contract_name_the_same_governing_contracts_and_none_can_be_switched_off() -> None:
     assert read_limit("GOVERNING") == GOVERNING
-
-
-def test_no_contract_that_ships_can_be_switched_off() -> None:
-    """Rights of people call each other's contracts, and what the network is run by: one without the others is nothing."""
+    # Rights of people call each other's contracts, and what the network is run by: one without the others is nothing.
     assert set(SHIPPED_CONTRACTS) == set(GOVERNING)
 
 

@@ -201,12 +201,9 @@ def test_a_key_that_nobody_can_have_is_refused(consortium: Consortium, key: byte
         consortium.refused("KEY_WRONG", admin_of("org-01"), "membership", "propose", "replace_keys", fields)
 
 
-def test_the_last_organisation_with_an_admin_stays() -> None:
+def test_the_last_admin_producer_and_custodian_stay() -> None:
     chain = Consortium(organisations=1, nodes=1)
     chain.refused("LAST_ADMINS", admin_of("org-01"), "membership", "propose", "remove_org", {"name": "org-01"})
-
-
-def test_a_node_that_holds_the_last_producer_or_custodian_stays() -> None:
     chain = Consortium(organisations=1, nodes=2)
     chain.refused("LAST_CUSTODIAN", admin_of("org-01"), "membership", "propose", "remove_node", {"name": "node-01"})
     chain.agree("remove_node", {"name": "node-02"})

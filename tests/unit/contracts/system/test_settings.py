@@ -26,9 +26,10 @@ def test_a_setting_takes_effect_with_the_second_of_three_voices(consortium: Cons
     consortium.refused("PROPOSAL_CLOSED", admin_of("org-01"), "settings", "approve", proposed.txid)
 
 
-def test_a_value_that_is_in_force_already_makes_no_new_epoch(consortium: Consortium) -> None:
+def test_a_setting_that_is_unknown_or_in_force_already_makes_no_new_epoch(consortium: Consortium) -> None:
     consortium.agree_setting("production", "on-demand")
     assert consortium.boundaries == []
+    consortium.refused("SETTING_UNKNOWN", admin_of("org-01"), "settings", "propose", "colour", 1)
 
 
 def test_every_setting_of_a_chain_may_be_changed(consortium: Consortium) -> None:
@@ -93,10 +94,6 @@ WRONG: list[tuple[str, Any]] = [
 @pytest.mark.parametrize(("name", "value"), WRONG)
 def test_a_value_out_of_range_is_refused(consortium: Consortium, name: str, value: Any) -> None:
     consortium.refused("VALUE_WRONG", admin_of("org-01"), "settings", "propose", name, value)
-
-
-def test_an_unknown_setting_is_refused(consortium: Consortium) -> None:
-    consortium.refused("SETTING_UNKNOWN", admin_of("org-01"), "settings", "propose", "colour", 1)
 
 
 def test_two_proposals_that_together_contradict_each_other_do_not_both_take_effect(consortium: Consortium) -> None:

@@ -174,10 +174,7 @@ def test_calls_of_an_old_interface_are_told_what_changed(chain: Consortium) -> N
     height = deploy(chain, "visitors", VISITORS_2)
     said = f"Version 2 of visitors is active since height {height}:"
     old = chain.send(ANYONE, "visitors", "enter", "Bob")
-    assert (old.code, old.message) == (
-        "ARGUMENTS_INVALID",
-        f"{said} enter takes (str, int). Version 1 took (str).",
-    )
+    assert (old.code, old.message) == ("ARGUMENTS_INVALID", f"{said} enter takes (str, int). Version 1 took (str).")
     assert 1000 < old.gas_used < 1200
     gone = chain.send(ANYONE, "visitors", "leave", "Ada")
     assert (gone.code, gone.message) == ("ENTRY_UNKNOWN", f"{said} it has no entry leave. Version 1 had one.")

@@ -11,12 +11,9 @@ from contracts.vm import ContractSourceError, compile_contract
 from contracts.vm.model.values import DICT_KEY_MAX_CHARS
 
 
-def test_a_result_counts_as_often_as_its_parts_stand_in_it(run):
+def test_a_result_counts_as_often_as_its_parts_and_memory_that_runs_out_is_no_fault_of_the_arguments(run, bench):
     assert run("return [bytes(100000)] * 10 ** 5").code in ("OUT_OF_GAS", "MEMORY_BUDGET")
     assert run("return ['a' * 1000] * 20").ok
-
-
-def test_what_does_not_fit_the_memory_is_no_fault_of_the_arguments(run, bench):
     bench.deploy("other", "@export\ndef f(x: list):\n    pass\n")
     bench.gas_limit = 10**7
     assert run("call('other', 'f', [bytes(100000)] * 10 ** 3)").code == "MEMORY_BUDGET"
@@ -62,13 +59,10 @@ def test_constants_made_of_constants_do_not_double_for_ever(pair):
     assert {one.code for one in caught.value.diagnostics} == {"CONSTANT"}
 
 
-def test_a_large_constant_is_not_read_anew_for_every_use():
+def test_constants_hold_what_a_contract_needs_and_are_not_read_anew_for_every_use():
     source = "X = 'a' * 20000\nY = (1,) * 2000\n\n\n@export\ndef f():\n" + "    x = X\n    y = Y\n" * 2500
     started = time.thread_time()
     compile_contract(source, "it")
     assert time.thread_time() - started < 2, "read anew, the constants would be a hundred megabytes"
-
-
-def test_constants_hold_as_much_as_a_contract_needs_and_no_more():
     with pytest.raises(ContractSourceError):
         compile_contract("X = 'a' * 200000\n\n\n@export\ndef f():\n    pass\n", "it")

@@ -76,15 +76,12 @@ def market(bench):
     return bench
 
 
-def test_a_call_keeps_the_caller_and_names_the_calling_contract(market):
+def test_a_call_names_the_calling_contract_and_a_failing_callee_fails_the_whole_call(market):
     outcome = market.call("shop.through", 5)
     assert outcome.result == [5, 5, "shop", "", 5]
     assert [(contract, name) for contract, name, _ in outcome.events] == [("ledger", "added")]
     assert b"shop" in outcome.events[0][2]
     assert sorted(market.host.entries) == [b"ledger\x00total", b"shop\x00mine"]
-
-
-def test_a_failing_callee_fails_the_whole_call_with_its_code_and_line(market):
     outcome = market.call("shop.breaks", "BROKEN_THERE")
     assert (outcome.code, outcome.line) == ("BROKEN_THERE", 16)
     assert outcome.message.startswith("In contract ledger: ")
@@ -117,13 +114,10 @@ def test_only_exports_and_views_that_exist_can_be_called(market, contract, entry
     assert market.call("shop.nowhere", contract, entry).code == "ENTRY_UNKNOWN"
 
 
-def test_a_view_reads_through_calls_and_writes_not_even_through_them(market):
+def test_a_view_reads_through_calls_and_writes_not_even_through_them_or_below_an_export(market):
     market.call("ledger.add", 3)
     assert market.call("shop.peek", mode="view").result == 3
     assert market.call("shop.sly", mode="view").code == "VIEW_WRITES"
-
-
-def test_a_view_called_by_an_export_writes_nothing_either(market):
     market.deploy("front", "@export\ndef f():\n    call('shop', 'sly')\n")
     assert market.call("front.f").code == "VIEW_WRITES"
 
@@ -143,11 +137,8 @@ def test_an_export_may_write_again_after_it_called_a_view(market):
     assert market.call("front.f").ok
 
 
-def test_lists_are_not_shared_between_contracts(market):
+def test_neither_contracts_nor_the_node_share_lists(market, bench):
     assert market.call("shop.shared", [0]).result == [0]
-
-
-def test_the_arguments_of_the_node_are_not_changed_by_a_contract(bench):
     bench.deploy("it", "@export\ndef f(items: list) -> int:\n    items.append(1)\n    return len(items)\n")
     given = [[]]
     assert bench.call("it.f", given[0]).result == 1
@@ -162,12 +153,9 @@ def test_an_entry_is_called_in_its_own_way_only(market, mode, entry):
     assert market.call(f"ledger.{entry}", 1, mode=mode).code == "ENTRY_UNKNOWN"
 
 
-def test_genesis_entries_run_while_the_genesis_block_is_made(market):
+def test_genesis_entries_run_while_the_genesis_block_is_made_and_helpers_are_no_entries(market, bench):
     assert market.call("ledger.begin", mode="genesis").ok
     assert market.call("ledger.total", mode="view").result == 5
-
-
-def test_helpers_are_no_entries(bench):
     bench.deploy("it", "def helper():\n    return 1\n\n@export\ndef f():\n    return helper()\n")
     assert bench.call("it.helper").code == "ENTRY_UNKNOWN"
 
@@ -190,10 +178,12 @@ def test_the_abi_tells_names_types_and_what_may_be_left_out(bench):
     assert bench.contracts["it"].abi.entry("g") is None
 
 
-def test_arguments_that_fit_their_types_come_through(bench):
+def test_arguments_that_fit_come_through_and_a_result_that_breaks_its_promise_fails(bench):
     bench.deploy("it", TYPES)
     assert bench.call("it.f", 1, None, [b"x"], {"k": [1]}).result == [1, None, [b"x"], {"k": [1]}, True, None]
     assert bench.call("it.f", 1, "s", [], {}, False, {"any": 1}).result == [1, "s", [], {}, False, {"any": 1}]
+    bench.deploy("it", "@view\ndef f() -> int:\n    return 'text'\n")
+    assert bench.call("it.f", mode="view").code == "TYPE_ERROR"
 
 
 @pytest.mark.parametrize(
@@ -210,8 +200,3 @@ def test_arguments_that_do_not_fit_are_refused_before_the_call(bench, arguments)
     outcome = bench.call("it.f", *arguments)
     assert outcome.code == "ARGUMENTS_INVALID"
     assert outcome.gas_used < 300
-
-
-def test_a_result_that_breaks_its_promise_is_a_failure(bench):
-    bench.deploy("it", "@view\ndef f() -> int:\n    return 'text'\n")
-    assert bench.call("it.f", mode="view").code == "TYPE_ERROR"

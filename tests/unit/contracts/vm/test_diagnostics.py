@@ -46,15 +46,12 @@ def g(a: int):
     ]
 
 
-def test_a_problem_has_a_column_a_sentence_and_a_fix(problems):
+def test_a_problem_has_a_place_a_sentence_and_a_fix_and_the_error_names_the_contract(problems):
     (problem,) = problems("@export\ndef f(a: int):\n    return a + nothing\n")
     assert (problem.line, problem.column, problem.code) == (3, 16, "NAME_UNKNOWN")
     assert problem.message == "There is no nothing."
     assert problem.fix.endswith(".")
     assert str(problem).startswith("3:16 NAME_UNKNOWN: ")
-
-
-def test_the_error_names_the_contract_and_is_in_the_catalogue():
     with pytest.raises(ContractSourceError) as caught:
         compile_contract("x", "shop")
     assert caught.value.code == "CONTRACT_SOURCE_INVALID"
@@ -191,14 +188,7 @@ def test_a_source_is_refused_for(problems, source, expected):
     assert expected in [one.code for one in problems(source)]
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
-        "state.put(b'k', 1)",
-        "emit('e', {})",
-        "helper()",
-    ],
-)
+@pytest.mark.parametrize("body", ["state.put(b'k', 1)", "emit('e', {})", "helper()"])
 def test_a_view_that_would_write_is_refused_where_it_is_deployed(problems, body):
     source = f"def helper():\n    deeper()\n\ndef deeper():\n    state.delete(b'k')\n\n@view\ndef f():\n    {body}\n"
     (problem,) = problems(source)

@@ -12,8 +12,13 @@ def found(source: str) -> list[tuple[int, str]]:
     return [(one.line, one.code) for one in find_problems(source, "it")]
 
 
-def test_a_good_source_has_no_problems():
+def test_a_good_source_has_no_problems_and_one_that_cannot_be_read_makes_no_strangers_of_its_names():
     assert find_problems("LIMIT = 2 ** 8\n\n@export\ndef f(a: int) -> int:\n    return a + LIMIT\n", "it") == ()
+    source = "LIMIT = (1 2)\n\n@export\ndef f() -> int:\n    total = 1 1\n    return helper(total) + LIMIT\n\n"
+    assert found(source + "def helper(a b):\n    return 1\n") == [(1, "SYNTAX"), (5, "SYNTAX"), (8, "SYNTAX")]
+    source = "@export\ndef f():\n    pass\n"
+    compile_contract(source, "it")
+    assert find_problems(source, "it") == ()
 
 
 def test_an_open_bracket_and_a_tab_do_not_hide_what_follows():
@@ -76,11 +81,6 @@ def g(a b):
     ]
 
 
-def test_a_line_that_cannot_be_read_makes_no_strangers_of_its_names():
-    source = "LIMIT = (1 2)\n\n@export\ndef f() -> int:\n    total = 1 1\n    return helper(total) + LIMIT\n\n"
-    assert found(source + "def helper(a b):\n    return 1\n") == [(1, "SYNTAX"), (5, "SYNTAX"), (8, "SYNTAX")]
-
-
 def test_several_problems_of_one_statement_are_all_told():
     body = "x = unknown + '\\d' + r'a' + 1.5 + len + {1} / g(lambda y: nobody, *[z]) + ctx.nothing"
     codes = {code for _, code in found(f"@export\ndef f():\n    {body}\n")}
@@ -119,20 +119,11 @@ def test_all_of_it_is_told(source, expected):
     assert [one for one in expected if one not in found(source)] == []
 
 
-def test_the_column_counts_characters_not_bytes():
+def test_columns_count_characters_and_thousands_of_slips_are_cut_off():
     (problem,) = find_problems("@export\ndef f():\n    return 'äöü' + nobody\n", "it")
     assert problem.column == 20
-
-
-def test_thousands_of_slips_are_cut_off():
     assert len(find_problems("@export\ndef f():\n" + "    x = ? \n" * 4000, "it")) == 100
     assert len(find_problems("@export\ndef f():\n" + "    x = a a\n" * 2000, "it")) == 40
-
-
-def test_what_compiles_has_no_problems():
-    source = "@export\ndef f():\n    pass\n"
-    compile_contract(source, "it")
-    assert find_problems(source, "it") == ()
 
 
 @pytest.mark.parametrize("source", ["", "x", "@export\ndef f():\n    return g()\n", "\x00", "((", "  x = 1\n"])

@@ -174,22 +174,16 @@ return [total, first, second, sorted(table.keys())]
     assert outcome.result == [total, 2, 1, [1, 2, 4, 5, 6]]
 
 
-def test_a_loop_over_a_dict_sees_the_keys_it_had_when_it_began(run):
+def test_loops_and_comprehensions_keep_to_themselves(run):
     assert run("d = {'a': 1}\nfor k in d:\n    d[k + 'x'] = 1\nreturn len(d)").result == 2
-
-
-def test_a_comprehension_keeps_its_variable_to_itself(run):
     assert run("x = 'outer'\ny = [x for x in range(3)]\nreturn [x, y]").result == ["outer", [0, 1, 2]]
 
 
-def test_a_variable_without_a_value_is_named(run):
+def test_a_variable_without_a_value_is_named_also_behind_an_empty_loop(run):
     outcome = run("if a:\n    x = 1\nreturn x", False)
     assert (outcome.code, outcome.line) == ("NAME_UNSET", 6)
     assert "x" in outcome.message
     assert run("if a:\n    x = 1\nreturn x", True).result == 1
-
-
-def test_a_loop_variable_of_an_empty_loop_has_no_value(run):
     assert run("for i in []:\n    pass\nreturn i").code == "NAME_UNSET"
 
 
@@ -232,32 +226,23 @@ def nothing(items=[]):
     assert run("nothing()\nreturn [even(10), odd(10, 2), nothing()]", before=before).result == [True, True, 1]
 
 
-def test_arguments_are_evaluated_from_left_to_right(run):
+def test_arguments_go_from_left_to_right_and_and_and_or_stop_early(run):
     before = "def note(log, x):\n    log.append(x)\n    return x\n"
     assert run("log = []\nx = note(log, 1) + note(log, 2) * note(log, 3)\nreturn log", before=before).result == [
         1,
         2,
         3,
     ]
-
-
-def test_and_and_or_stop_early(run):
     assert run("x = a is None or a['k'] == 1\nreturn x", None).result is True
-
-
-def test_a_function_without_return_gives_none(run):
     assert run("x = helper()\nreturn x", before="def helper():\n    pass\n").result is None
 
 
-def test_require_fails_with_the_authors_code_line_and_words(run):
+def test_require_fails_with_the_authors_line_and_words_and_no_code_of_the_machine(run):
     outcome = run('require(a > 0, "NOT_POSITIVE", f"{a} is not positive.")\nreturn a', -1)
     assert (outcome.ok, outcome.code, outcome.message, outcome.line) == (
         False, "NOT_POSITIVE", "-1 is not positive.", 4,
     )  # fmt: skip
     assert run('require(a > 0, "NOT_POSITIVE")\nreturn a', 1).result == 1
-
-
-def test_require_takes_no_code_of_the_machine_even_when_it_is_computed(run):
     assert run("require(False, a)", "OUT_OF_GAS").code == "VALUE_ERROR"
     assert run("require(False, a)", "lower").code == "VALUE_ERROR"
     assert run("require(False, a)", "MINE").code == "MINE"

@@ -9,27 +9,21 @@ import pytest
 from contracts.vm.model.meter import DEPTH_MAX_FRAMES, MEMORY_MAX_BYTES
 
 
-def test_gas_counts_the_steps_of_the_language(run):
+def test_gas_counts_the_steps_and_the_price_of_known_calls_does_not_change_unnoticed(run):
     one, ten = run("for i in range(1):\n    pass").gas_used, run("for i in range(10):\n    pass").gas_used
     hundred = run("for i in range(100):\n    pass").gas_used
     assert (hundred - ten) == 10 * (ten - one) > 0
-
-
-def test_the_price_of_known_calls_does_not_change_unnoticed(run):
-    """These numbers are part of the protocol: a change here forks the chain."""
+    # These numbers are part of the protocol: a change here forks the chain.
     assert run("return 1").gas_used == 43
     assert run("return [i * 2 for i in range(10)]").gas_used == 146
     assert run("state.put(b'key', {'a': 1})").gas_used == 180
     assert run("return sha256(b'abc')").gas_used == 62
 
 
-def test_a_loop_without_end_is_stopped_and_costs_all_it_was_given(run):
+def test_a_loop_without_end_costs_all_it_was_given_and_more_gas_than_needed_changes_nothing(run, bench):
     outcome = run("while True:\n    pass")
     assert (outcome.code, outcome.gas_used) == ("OUT_OF_GAS", 250_000)
     assert outcome.line in (4, 5)
-
-
-def test_more_gas_than_needed_changes_nothing(run, bench):
     body = "x = []\nfor i in range(20):\n    x.append({'i': i})\nreturn x"
     needed = run(body).gas_used
     bench.gas_limit = needed
@@ -63,18 +57,18 @@ def test_memory_is_refused_before_it_is_taken(run, bench, body):
     assert run(body).code in ("MEMORY_BUDGET", "OUT_OF_GAS")
 
 
-def test_memory_runs_out_even_where_gas_does_not(run, bench):
+def test_a_host_call_costs_by_what_it_moves_and_memory_runs_out_even_where_gas_does_not(run, bench):
+    small = run("state.put(b'k', bytes(10))").gas_used
+    large = run("state.put(b'k', bytes(1010))").gas_used
+    assert large - small >= 1000 // 8
     bench.gas_limit = 10**9
     assert run(f"return len(bytes({MEMORY_MAX_BYTES}))").code == "MEMORY_BUDGET"
     assert run(f"return len(bytes({MEMORY_MAX_BYTES // 2}))").ok
 
 
-def test_recursion_ends_with_a_code(run):
+def test_recursion_ends_with_a_code_and_within_the_budget_gives_the_depth_back(run):
     before = "def down(n):\n    return down(n + 1) + 1\n"
     assert run("return down(0)", before=before).code == "CALL_DEPTH"
-
-
-def test_recursion_within_the_budget_works_and_gives_the_depth_back(run):
     before = "def down(n):\n    if n == 0:\n        return 0\n    return down(n - 1) + 1\n"
     assert run("return [down(30) for i in range(20)]", before=before).result == [30] * 20
 
@@ -93,24 +87,12 @@ def test_the_deepest_call_leaves_room_in_the_interpreters_own_stack(run, bench):
         assert run("return g(1)", before=f"def g(n):\n    {shape}\n").code == "CALL_DEPTH", shape
 
 
-def test_comparing_deep_values_ends_with_a_code(run):
+def test_comparing_deep_or_shared_values_is_paid_for_and_ends(run):
     body = "x = [1]\ny = [1]\nfor i in range(40):\n    x = [x]\n    y = [y]\nreturn x == y"
     assert run(body).code == "VALUE_ERROR"
-
-
-def test_a_shared_structure_is_paid_for_as_often_as_it_is_compared(run):
     body = "x = [1]\ny = [1]\nfor i in range(28):\n    x = [x, x]\n    y = [y, y]\nreturn x == y"
     assert run(body).code == "OUT_OF_GAS"
-
-
-def test_colliding_dict_keys_are_out_of_reach(run):
     assert run("d = {}\nd[2 ** 61 - 1] = 1").code == "VALUE_ERROR"
-
-
-def test_a_host_call_costs_by_what_it_moves(run):
-    small = run("state.put(b'k', bytes(10))").gas_used
-    large = run("state.put(b'k', bytes(1010))").gas_used
-    assert large - small >= 1000 // 8
 
 
 def test_what_is_made_costs_the_same_whichever_way_it_is_written(run):

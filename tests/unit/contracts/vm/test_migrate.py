@@ -43,18 +43,12 @@ def test_no_transaction_and_no_view_runs_it(bench, mode):
     assert bench.call("it.carry_over", mode=mode).code == "ENTRY_UNKNOWN"
 
 
-def test_no_other_contract_runs_it(bench):
+def test_no_other_contract_runs_a_migration_and_the_machine_nothing_else_as_one(bench):
     bench.deploy("it", SOURCE)
     bench.deploy("other", '@export\ndef f():\n    call("it", "carry_over")\n')
     assert bench.call("other.f").code == "ENTRY_UNKNOWN"
-
-
-def test_the_machine_runs_nothing_else_as_a_migration(bench):
     bench.deploy("it", SOURCE)
     assert bench.call("it.add", "x", mode="migrate").code == "ENTRY_UNKNOWN"
-
-
-def test_the_abi_names_it(bench):
     entry = bench.deploy("it", SOURCE).abi.entry("carry_over")
     assert (entry.kind, entry.params, entry.returns) == ("migrate", (), "object")
 

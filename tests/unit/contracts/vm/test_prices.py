@@ -86,12 +86,7 @@ ROWS: tuple[tuple[str, str, str, int], ...] = (
         3 + 5000 // 32,
     ),
     ("(beyond ASCII: per 256)", "x = '\u20ac' * 5000\nz = '\u20ac' * 5000\n", "y = x == z", 5000 // 256),
-    (
-        "`zip` 4 + 4 a column + 1 a row",
-        "",
-        "y = zip((), ())",
-        2 * (1 + 5 + 1) + 4 + 8 + 1,
-    ),
+    ("`zip` 4 + 4 a column + 1 a row", "", "y = zip((), ())", 2 * (1 + 5 + 1) + 4 + 8 + 1),
     ("`sum` 1 + 2 an item", MANY, "y = sum(x)", 5 + 1000 // 16 + memory(LIST + 24_000) + 1 + 2000),
     ("`any`, `all` 1 per 8", MANY, "y = all(x)", 5 + 1000 // 16 + memory(LIST + 24_000) + 125),
     ("`join` 4 + 2 a part", "x = ['a'] * 1000\n", "y = ''.join(x)", 4 + 2000 + memory(TEXT + 1000)),
@@ -191,12 +186,17 @@ def test_a_row(run, bench, words, before, step, beside):
     assert found.gas_used - without.gas_used == static(step) + beside
 
 
-def test_the_budgets_are_those_of_the_code():
+def test_budgets_and_prices_of_bytes_and_sources_are_those_of_the_code():
     told = PRICES.split("Budgets of one call")[1]
     numbers = {f"{number:,}" for number in (CALL_GAS_MAX, WRITES_MAX_COUNT, EVENTS_MAX_COUNT, MEMORY_MAX_BYTES >> 20)}
     assert numbers <= set(re.findall(r"[0-9][0-9,]*[0-9]|[0-9]", told))
     assert f"up to {MIGRATE_WRITES_MAX_COUNT:,} state writes" in REFERENCE
     assert f"(now {LANGUAGE_VERSION})" in PRICES
+    assert f"| transaction | 1 per {WIRE_BYTES_A_GAS} of its bytes on the wire" in PRICES
+    assert (
+        f"| `charge_source` | {SOURCE_PART_BYTE_GAS} a byte; `check_source` {SOURCE_CHECK_GAS:,} + "
+        f"{SOURCE_CHECK_BYTE_GAS} a byte, with {SOURCE_KEPT_GAS:,} more to be left |" in PRICES
+    )
 
 
 def test_every_row_of_the_table_is_tried():
@@ -206,14 +206,3 @@ def test_every_row_of_the_table_is_tried():
         "`charge_source`",
         "transaction",
     }
-
-
-def test_the_price_of_a_transactions_bytes_is_that_of_the_code():
-    assert f"| transaction | 1 per {WIRE_BYTES_A_GAS} of its bytes on the wire" in PRICES
-
-
-def test_the_price_of_a_source_is_that_of_the_code():
-    assert (
-        f"| `charge_source` | {SOURCE_PART_BYTE_GAS} a byte; `check_source` {SOURCE_CHECK_GAS:,} + "
-        f"{SOURCE_CHECK_BYTE_GAS} a byte, with {SOURCE_KEPT_GAS:,} more to be left |" in PRICES
-    )

@@ -101,10 +101,7 @@ def test_a_parser_that_runs_out_of_stack_gives_no_verdict(monkeypatch):
             compile_contract("@export\ndef f():\n    pass\n", "it")
 
 
-def test_a_problem_inside_an_f_string_is_told_at_the_f_string(problems):
+def test_names_of_other_pythons_are_names_and_a_problem_in_an_f_string_is_told_there(value, problems):
+    assert value("type + match + case + lazy", before="type = 1\nmatch = 2\ncase = 3\nlazy = 4\n") == 10
     (problem,) = problems("@export\ndef f():\n    return 'a' f'b{1}c{nobody}'\n")
     assert (problem.line, problem.column, problem.code) == (3, 12, "NAME_UNKNOWN")
-
-
-def test_names_that_mean_something_elsewhere_in_python_are_names(value):
-    assert value("type + match + case + lazy", before="type = 1\nmatch = 2\ncase = 3\nlazy = 4\n") == 10

@@ -107,15 +107,11 @@ def test_every_statement_that_runs_is_heard_with_its_values() -> None:
     assert [recorder.heard[place][1]["n"] for place in (2, 3, 4)] == [0, 0, 1]
 
 
-def test_what_statements_cost_is_all_but_what_entering_costs() -> None:
+def test_statements_cost_all_but_entering_and_are_left_after_a_fault() -> None:
     recorder = Recorder()
     outcome, _ = run(compile_contract(SOURCE, "c", watch=recorder), "act", 4)
     rest = outcome.gas_used - recorder.gas_of_roots
     assert 50 < rest < 150
-
-
-def test_after_a_fault_every_statement_was_left() -> None:
-    recorder = Recorder()
     outcome, _ = run(compile_contract(SOURCE, "c", watch=recorder), "act", 20)
     assert (outcome.code, outcome.line) == ("TOO_MANY", 31)
     assert recorder.heard[-1][0] == 31

@@ -39,13 +39,16 @@ def test_a_branch_reads_as_its_overlays_do() -> None:
     assert layers.count == 0
 
 
-def test_a_fork_does_not_show_in_the_other_branch() -> None:
+def test_a_fork_does_not_show_in_the_other_branch_and_an_empty_block_is_no_layer() -> None:
     base, layers = ledger(a="1"), Layers()
     left, right = block(layers, base, base, a="left"), block(layers, base, base, b="right")
     left_child = block(layers, base, left, c="on left")
     right_child = block(layers, base, right, c="on right")
     for made in (left_child, right_child, left, right):
         assert rows(layers.view(base, made.state_root)) == rows(made)
+    empty = block(layers, base, base)
+    assert layers.view(base, empty.state_root) is base
+    assert block(layers, base, empty, b="2").get(b"b") == b"2"
 
 
 def test_pages_give_the_root_that_a_next_block_begins_with() -> None:
@@ -87,13 +90,6 @@ def test_a_state_that_comes_back_makes_no_circle() -> None:
     assert layers.view(base, back.state_root) is base
     other = ledger(z="9")
     assert layers.view(other, there.state_root) is None
-
-
-def test_an_empty_block_is_no_layer() -> None:
-    base, layers = ledger(a="1"), Layers()
-    empty = block(layers, base, base)
-    assert layers.view(base, empty.state_root) is base
-    assert block(layers, base, empty, b="2").get(b"b") == b"2"
 
 
 def test_layers_are_bounded_and_the_oldest_go_first() -> None:

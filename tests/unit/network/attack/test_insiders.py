@@ -43,35 +43,28 @@ def wallets(hospital: SmallHospital) -> list[bytes]:
     return [holder.keys.sealing for holder in hospital.played.holders.values()]
 
 
-def test_a_database_alone_opens_nothing(hospital: SmallHospital, frames: list[StoredFrame]) -> None:
+def test_a_database_and_its_erase_keys_open_nothing_without_the_wallets(
+    hospital: SmallHospital, frames: list[StoredFrame]
+) -> None:
     assert len(frames) > 20
     opened = open_frames(frames, {}, wallets(hospital))
     assert (opened.frames, opened.sealed_keys, opened.pictures) == (len(frames), 0, 0)
-
-
-def test_with_the_erase_keys_it_gives_sealed_keys_and_no_picture(
-    hospital: SmallHospital, frames: list[StoredFrame]
-) -> None:
     opened = open_frames(frames, read_erase_keys(hospital.custody.before.erase_keys))
     assert (opened.sealed_keys, opened.pictures) == (len(frames), 0)
-
-
-def test_with_the_wallets_too_everything_opens(hospital: SmallHospital, frames: list[StoredFrame]) -> None:
-    """The attack is sound: with all three, it wins."""
+    # The attack is sound: with all three, it wins.
     opened = open_frames(frames, read_erase_keys(hospital.custody.before.erase_keys), wallets(hospital))
     assert opened.pictures == len(frames)
 
 
-def test_what_was_erased_opens_to_nobody_any_more(hospital: SmallHospital, gone: list[StoredFrame]) -> None:
+def test_what_was_erased_opens_to_nobody_and_no_byte_of_it_is_in_the_files(
+    hospital: SmallHospital, gone: list[StoredFrame]
+) -> None:
     """Not with an old backup of the database, the erase keys of now, and every wallet."""
     assert gone
     keys = read_erase_keys(hospital.custody.after.erase_keys)
     assert open_frames(gone, keys, wallets(hospital)).pictures == 0
     old = read_erase_keys(hospital.custody.before.erase_keys)
     assert open_frames(gone, old, wallets(hospital)).pictures == len(gone)
-
-
-def test_no_byte_of_what_was_erased_is_in_the_files(hospital: SmallHospital, gone: list[StoredFrame]) -> None:
     needles = [frame.ciphertext[:64] for frame in gone]
     assert find_bytes(hospital.custody.before.database, needles) == len(gone)
     assert find_bytes(hospital.custody.after.database, needles) == 0

@@ -37,16 +37,10 @@ def test_a_uid_tells_who_is_in_the_papers_registry(hospital: SmallHospital, name
     assert rate.success == success
 
 
-def test_without_the_pepper_a_uid_tells_nothing(hospital: SmallHospital) -> None:
+def test_a_uid_tells_nothing_of_our_registry_nor_of_the_papers_without_its_pepper(hospital: SmallHospital) -> None:
     rate = attack_enrolment(hospital.played, hospital.evidence.marks, make_schemes()["peppered"], seed=SEED)
     assert rate.success == 0.5
-
-
-def test_a_uid_tells_nothing_of_our_registry(hospital: SmallHospital) -> None:
     assert attack_enrolment(hospital.played, hospital.evidence.marks, None, seed=SEED).success == 0.5
-
-
-def test_a_handle_made_of_the_uid_would_tell(hospital: SmallHospital) -> None:
     uids = [person.uid for person in hospital.played.population.enrolled]
     planted = hospital.evidence.marks | {hashlib.sha256(uid.encode()).digest() for uid in uids}
     assert attack_enrolment(hospital.played, planted, None, seed=SEED).success == 1.0

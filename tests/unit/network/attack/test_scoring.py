@@ -8,42 +8,30 @@ import pytest
 from network.lab.privacy.scoring import Rate, choice_score, count_rate, grouped_rate
 
 
-def test_nothing_found_in_a_hundred_attempts_is_guessing() -> None:
+def test_nothing_found_is_guessing_in_a_hundred_attempts_and_shows_nothing_in_fewer() -> None:
     rate = count_rate(0, 100, 0.0)
     assert rate.success == 0.0
     assert rate.high == pytest.approx(0.0295, abs=1e-3)
     assert rate.is_guessing
-
-
-def test_nothing_found_in_ten_attempts_shows_nothing() -> None:
     assert not count_rate(0, 10, 0.0).is_guessing
-
-
-def test_no_attempt_at_all_is_no_pass() -> None:
     assert not count_rate(0, 0, 0.0).is_guessing
     assert not grouped_rate({}, 0.5, seed=1).is_guessing
 
 
-def test_an_attack_that_wins_is_not_guessing() -> None:
+def test_an_attack_that_wins_or_is_wrong_too_often_is_not_guessing() -> None:
     assert not count_rate(100, 100, 0.01).is_guessing
     assert not grouped_rate({person: [1.0] * 20 for person in range(50)}, 0.5, seed=1).is_guessing
-
-
-def test_an_attack_that_is_wrong_too_often_knows_something_too() -> None:
     assert not grouped_rate({person: [0.0] * 20 for person in range(50)}, 0.5, seed=1).is_guessing
 
 
-def test_coins_over_many_people_are_guessing() -> None:
+def test_coins_are_guessing_and_people_who_hang_together_make_the_bound_wide() -> None:
     rng = np.random.default_rng(4)
     coins = {person: rng.integers(2, size=48).astype(float).tolist() for person in range(160)}
     rate = grouped_rate(coins, 0.5, seed=1)
     assert rate.is_guessing
     assert rate.low < 0.5 < rate.high
     assert rate.trials == 160 * 48
-
-
-def test_people_who_hang_together_make_the_bound_wide() -> None:
-    """Half of the people always found, half never: that is no information from 48 attempts each, but from one."""
+    # Half of the people always found, half never: that is no information from 48 attempts each, but from one.
     split = {person: [float(person % 2)] * 48 for person in range(40)}
     assert grouped_rate(split, 0.5, seed=1).high > 0.6
 
@@ -58,11 +46,13 @@ def test_a_few_ties_show_nothing(tied: dict[int, list[float]]) -> None:
     assert not rate.is_guessing
 
 
-def test_many_ties_are_guessing() -> None:
+def test_a_tie_is_half_a_hit_and_many_ties_are_guessing() -> None:
     rate = grouped_rate({person: [0.5] * 4 for person in range(100)}, 0.5, seed=1)
     assert rate.success == 0.5
     assert 0.54 < rate.high < 0.55
     assert rate.is_guessing
+    assert [choice_score(2, 1), choice_score(1, 1), choice_score(0, 1)] == [1.0, 0.5, 0.0]
+    assert count_rate(0, 0, 0.0).figures("limit_long_stay")["limit_long_stay_success_rate"] is None
 
 
 def test_figures_come_in_pairs() -> None:
@@ -73,11 +63,3 @@ def test_figures_come_in_pairs() -> None:
         "link_key_ours_success_upper_bound": 0.53,
         "link_key_ours_trials": 100,
     }
-
-
-def test_of_no_trial_there_is_no_rate() -> None:
-    assert count_rate(0, 0, 0.0).figures("limit_long_stay")["limit_long_stay_success_rate"] is None
-
-
-def test_a_tie_is_half_a_hit() -> None:
-    assert [choice_score(2, 1), choice_score(1, 1), choice_score(0, 1)] == [1.0, 0.5, 0.0]

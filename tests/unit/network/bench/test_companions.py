@@ -38,10 +38,15 @@ def test_pairs_are_found_where_merged_and_shown_where_nothing_is_said() -> None:
     assert figures["split_share"] == 0.25
 
 
-def test_a_second_person_of_two_percent_that_is_shown_is_counted() -> None:
+def test_companions_that_are_shown_are_counted_and_single_people_by_track() -> None:
     figures = rates("embrace", [("embrace", 1, [seen(0.02), seen(0.3), seen(0.4, "merged"), seen(0.01)])], pairs=True)
     assert (figures["frames"], figures["faint_shown"], figures["split_share"]) == (3, 1, 0.25)
     assert figures["shown_share"] == pytest.approx(2 / 3, abs=1e-3)
+    looks = [("single", 1, [seen(0.0), seen(0.0, "merged", 2)]), ("stick", 2, [seen(0.0, "merged")])]
+    figures = rates("single", looks, pairs=False)
+    assert (figures["frames"], figures["tracks"]) == (2, 2)
+    assert (figures["merged_frames"], figures["withheld_frames"]) == (0.5, 0.5)
+    assert rates("bed", looks, pairs=False)["merged_frames"] is None
 
 
 def test_what_is_judged_is_what_the_watch_says_not_a_frame_by_itself() -> None:
@@ -72,14 +77,6 @@ def test_the_command_judges_the_watch(monkeypatch: pytest.MonkeyPatch) -> None:
     companions._look(("single", "single", None, None, SEED_STRIDE))
     assert len(times) == companions.TRACK_FRAMES_COUNT
     assert times == sorted(times)
-
-
-def test_single_people_are_counted_by_track_and_others_kinds_left_out() -> None:
-    looks = [("single", 1, [seen(0.0), seen(0.0, "merged", 2)]), ("stick", 2, [seen(0.0, "merged")])]
-    figures = rates("single", looks, pairs=False)
-    assert (figures["frames"], figures["tracks"]) == (2, 2)
-    assert (figures["merged_frames"], figures["withheld_frames"]) == (0.5, 0.5)
-    assert rates("bed", looks, pairs=False)["merged_frames"] is None
 
 
 def test_goals_are_met_only_where_every_kind_meets_them() -> None:

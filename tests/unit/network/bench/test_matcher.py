@@ -35,16 +35,16 @@ def drawn(setting: Setting, *, gap: str = "over-1m") -> Drawn:
     return next(d for d in (draw(setting, 1, i) for i in range(200)) if gap_name(d.gap_m) == gap)
 
 
-def test_a_draw_is_fixed_by_its_seed_and_number() -> None:
+def test_a_draw_is_fixed_by_its_seed_misses_three_readings_of_ten_and_can_lack_facing_or_distance() -> None:
     assert draw(EASY, 1, 2) != draw(EASY, 1, 3)
     first, again = draw(EASY, 1, 2), draw(EASY, 1, 2)
     assert first.readings == again.readings
     assert [track.ranges for track in first.tracks] == [track.ranges for track in again.tracks]
-
-
-def test_three_readings_of_ten_are_missed() -> None:
     count = sum(len(draw(EASY, 1, i).readings) for i in range(40))
     assert count == pytest.approx(0.7 * 40 * 5 * TRACK_MS / 1000, rel=0.05)
+    blind = draw(Setting(2, 0.3, 2, "present", facing=False, distance=False), 1, 1)
+    assert {r.facing for r in blind.readings} == {Facing.UNKNOWN}
+    assert {r.distance_m for r in blind.readings} == {None}
 
 
 @pytest.mark.parametrize(("understated", "factor"), [(False, 1.0), (True, 2.0)])
@@ -131,18 +131,15 @@ def test_groups_that_were_added_change_no_draw_of_the_first_six(monkeypatch: pyt
     assert len(set(numbers)) == len(numbers)
 
 
-def test_readings_can_lack_facing_or_distance() -> None:
-    blind = draw(Setting(2, 0.3, 2, "present", facing=False, distance=False), 1, 1)
-    assert {r.facing for r in blind.readings} == {Facing.UNKNOWN}
-    assert {r.distance_m for r in blind.readings} == {None}
-
-
-def test_the_bearer_apart_from_others_is_bound_and_hardly_a_frame_withheld() -> None:
+def test_the_bearer_apart_from_others_is_bound_and_without_distance_nobody() -> None:
     outcome = judge("facing", drawn(EASY))
     assert not outcome.wrong
     assert outcome.bound_at_ms is not None
     assert outcome.withheld is not None
     assert outcome.withheld < 0.2
+    blind = draw(Setting(5, 0.3, 1, "present", distance=False), 1, 1)
+    assert {number for _, number in play(blind)} == {None}
+    assert judge("no-distance", blind).withheld == 1.0
 
 
 def test_binding_to_somebody_else_for_a_moment_counts_as_wrong() -> None:
@@ -155,12 +152,6 @@ def test_binding_to_somebody_else_for_a_moment_counts_as_wrong() -> None:
     assert judge("facing", nobody).withheld is None
 
 
-def test_without_distance_nothing_is_ever_bound() -> None:
-    blind = draw(Setting(5, 0.3, 1, "present", distance=False), 1, 1)
-    assert {number for _, number in play(blind)} == {None}
-    assert judge("no-distance", blind).withheld == 1.0
-
-
 def test_frames_before_the_buffer_count_as_withheld() -> None:
     """Who is bound for the first time after fifteen seconds has lost the first five."""
     d = drawn(EASY)
@@ -170,23 +161,20 @@ def test_frames_before_the_buffer_count_as_withheld() -> None:
     assert outcome.withheld == pytest.approx((outcome.bound_at_ms - 10_000) / TRACK_MS, abs=0.01)
 
 
-def test_the_upper_bound_is_that_of_the_binomial() -> None:
+def test_the_bound_is_that_of_the_binomial_and_one_in_five_hundred_wrong_misses_the_goal() -> None:
     assert upper_bound(0, 100) == pytest.approx(1 - 0.05 ** (1 / 100))
     assert upper_bound(5, 5) == 1.0
     assert upper_bound(3, 1_000) > 0.003
-
-
-def outcome(group: str, *, wrong: bool, withheld: float | None = 0.0) -> Outcome:
-    return Outcome(group, EASY, "over-1m", wrong, withheld, None)
-
-
-def test_one_in_five_hundred_wrong_misses_the_goal_in_any_group_with_facing() -> None:
     good = [outcome("facing", wrong=False) for _ in range(500)]
     assert meets_goals(headline(good))
     for group in ("facing", "sigma-understated", "drifting"):
         assert not meets_goals(headline([*good, *(outcome(group, wrong=i == 0) for i in range(400))]))
     assert meets_goals(headline([*good, outcome("no-facing", wrong=True)]))
     assert not meets_goals(headline([outcome("facing", wrong=False, withheld=0.06)]))
+
+
+def outcome(group: str, *, wrong: bool, withheld: float | None = 0.0) -> Outcome:
+    return Outcome(group, EASY, "over-1m", wrong, withheld, None)
 
 
 def test_a_group_goes_through_every_rate_sigma_number_of_people_and_bearer() -> None:

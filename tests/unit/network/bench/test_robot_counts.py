@@ -37,61 +37,43 @@ def story(*, final: tuple[int, ...] = (0, 1, 2), withheld: tuple[int, ...] = (3,
 A_FOUND, B_FOUND = Counter([0, 1, 2]), Counter([0, 1, 2, 3])
 
 
-def test_where_log_and_owners_agree_nothing_is_wrong_in_whichever_order_owners_come() -> None:
+def test_nothing_is_wrong_where_log_and_owners_agree_and_what_nobody_finds_is_lost() -> None:
     logged = read_frames(story())
     assert reckon(logged, [A_FOUND, B_FOUND]) == reckon(logged, [B_FOUND, A_FOUND]) == Reckoning(0, 0, 0)
-
-
-def test_how_long_each_kept_frame_took_is_read_from_the_log() -> None:
-    times = read_frames(story()).times
-    assert sorted(time.took_ms for time in times) == [200, 201, 202, 203, 400, 400, 400]
-
-
-def test_how_many_frames_a_second_were_taken_up_is_read_from_the_log() -> None:
-    lines = [line("IMAGE_RETRIEVE", number, at_ms=1_000 + 40 * number) for number in range(5)]
-    assert read_frames(lines).frames_per_s == 25.0
-    assert read_frames(lines[:1]).frames_per_s == read_frames([]).frames_per_s == 0.0
-
-
-def test_a_frame_that_its_owner_does_not_find_is_lost() -> None:
-    assert reckon(read_frames(story()), [A_FOUND, Counter([0, 1, 3])]) == Reckoning(lost=1, doubled=0, unexplained=0)
-
-
-def test_a_frame_that_was_paired_and_never_heard_of_again_is_lost() -> None:
-    logged = read_frames(story(final=(0, 1), withheld=(3,)))
-    assert reckon(logged, [Counter([0, 1]), B_FOUND]).lost == 1
-
-
-def test_a_frame_found_twice_is_doubled_and_one_logged_twice_too() -> None:
-    assert reckon(read_frames(story()), [A_FOUND, B_FOUND + Counter([2])]).doubled == 1
-    assert reckon(read_frames(story(final=(0, 1, 2, 2))), [A_FOUND, B_FOUND]).doubled == 1
-
-
-def test_a_frame_that_is_kept_and_withheld_is_doubled() -> None:
-    assert reckon(read_frames(story(withheld=(2, 3))), [A_FOUND, B_FOUND]).doubled == 1
-
-
-def test_a_frame_that_went_to_the_wrong_owner_is_lost_here_and_unexplained_there() -> None:
-    logged = read_frames(story(final=(0, 1), withheld=(2, 3)))
-    assert reckon(logged, [Counter([0, 3]), B_FOUND]) == Reckoning(lost=1, doubled=0, unexplained=1)
-
-
-def test_what_a_robot_kept_for_somebody_who_finds_nothing_is_lost() -> None:
     logged = read_frames(story())
     assert reckon(logged, [B_FOUND]).lost == 3
     assert reckon(logged, []).lost == 7
     assert reckon(LoggedFrames(), [A_FOUND]) == Reckoning(0, 0, 3)
 
 
+def test_the_log_tells_how_long_each_kept_frame_took_and_how_many_were_taken_up() -> None:
+    times = read_frames(story()).times
+    assert sorted(time.took_ms for time in times) == [200, 201, 202, 203, 400, 400, 400]
+    lines = [line("IMAGE_RETRIEVE", number, at_ms=1_000 + 40 * number) for number in range(5)]
+    assert read_frames(lines).frames_per_s == 25.0
+    assert read_frames(lines[:1]).frames_per_s == read_frames([]).frames_per_s == 0.0
+    row = json.dumps({"time_ms": 1, "activity": "RFID_RETRIEVE", "case": "tag-a", "alias": "tag-a"})
+    assert read_frames([row]) == LoggedFrames()
+
+
+def test_a_frame_that_nobody_finds_is_lost_and_one_at_the_wrong_owner_unexplained_there() -> None:
+    assert reckon(read_frames(story()), [A_FOUND, Counter([0, 1, 3])]) == Reckoning(lost=1, doubled=0, unexplained=0)
+    logged = read_frames(story(final=(0, 1), withheld=(3,)))
+    assert reckon(logged, [Counter([0, 1]), B_FOUND]).lost == 1
+    logged = read_frames(story(final=(0, 1), withheld=(2, 3)))
+    assert reckon(logged, [Counter([0, 3]), B_FOUND]) == Reckoning(lost=1, doubled=0, unexplained=1)
+
+
+def test_a_frame_found_or_logged_twice_or_kept_and_withheld_is_doubled() -> None:
+    assert reckon(read_frames(story()), [A_FOUND, B_FOUND + Counter([2])]).doubled == 1
+    assert reckon(read_frames(story(final=(0, 1, 2, 2))), [A_FOUND, B_FOUND]).doubled == 1
+    assert reckon(read_frames(story(withheld=(2, 3))), [A_FOUND, B_FOUND]).doubled == 1
+
+
 def test_aliases_are_given_to_owners_as_most_frames_agree() -> None:
     one, other = Counter(range(10)), Counter(range(5, 30))
     pairs = match_owners({"tag-x": other, "tag-y": one}, [Counter(range(9)), Counter(range(6, 30))])
     assert [(len(kept), len(found)) for kept, found in pairs] == [(25, 24), (10, 9)]
-
-
-def test_readings_and_notes_of_the_run_are_no_frames() -> None:
-    row = json.dumps({"time_ms": 1, "activity": "RFID_RETRIEVE", "case": "tag-a", "alias": "tag-a"})
-    assert read_frames([row]) == LoggedFrames()
 
 
 def test_what_a_cut_delayed_is_told_apart_from_the_rest() -> None:

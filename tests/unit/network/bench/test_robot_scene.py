@@ -39,17 +39,15 @@ def looped(frames: int, recorded: Recorded | None = None) -> list[Any]:
     return list(source.events())
 
 
-def test_frames_are_numbered_and_stamped_on_over_the_end_of_a_round() -> None:
+def test_frames_and_readings_go_on_over_the_end_of_a_round() -> None:
     frames = [event for event in looped(7) if isinstance(event, Frame)]
     assert [frame.sequence for frame in frames] == list(range(7))
     assert [frame.captured_at_ms for frame in frames] == [1_000 + 100 * number for number in range(7)]
     assert all(frame.received_at_ms == frame.captured_at_ms + 5 for frame in frames)
-
-
-def test_readings_move_with_their_round() -> None:
     first, second = (event for event in looped(6) if isinstance(event, Sighting))
     assert second == replace(first, first_seen_ms=1_310, last_seen_ms=1_320)
     assert second.received_at_ms == 1_330
+    assert not any(isinstance(event, Frame) for event in looped(5, Recorded(frames=0)))
 
 
 @pytest.mark.parametrize("frames", [1, 3, 6])
@@ -59,12 +57,11 @@ def test_it_ends_with_the_last_frame_that_is_wanted(frames: int) -> None:
     assert isinstance(found[-1], Frame)
 
 
-def test_a_recording_without_frames_does_not_go_round_for_ever() -> None:
-    assert not any(isinstance(event, Frame) for event in looped(5, Recorded(frames=0)))
-
-
-def test_a_short_measurement_renders_no_more_than_it_plays() -> None:
+def test_a_short_measurement_renders_what_it_plays_and_its_seed_draws_people_and_noise() -> None:
     assert [loop_seconds(seconds) for seconds in (0.5, 5, 5.1, 600)] == [1, 5, 6, LOOP_MAX_S]
+    assert make_scene(4, 10, 1) == make_scene(4, 10, 1)
+    assert make_scene(4, 10, 1).digest != make_scene(4, 10, 2).digest
+    assert make_scene(4, 10, 1).people[0].height_m != make_scene(4, 10, 2).people[0].height_m
 
 
 @pytest.mark.parametrize("seconds", [2, 6, LOOP_MAX_S])
@@ -79,12 +76,6 @@ def test_both_people_are_read_and_in_view_all_the_time_and_end_where_they_began(
             assert place is not None
             assert abs(place[0]) / place[1] < 0.5  # the picture's half width is 0.61 of the distance
         assert max(person.reading_times_s()) < seconds
-
-
-def test_the_seed_draws_people_and_noise() -> None:
-    assert make_scene(4, 10, 1) == make_scene(4, 10, 1)
-    assert make_scene(4, 10, 1).digest != make_scene(4, 10, 2).digest
-    assert make_scene(4, 10, 1).people[0].height_m != make_scene(4, 10, 2).people[0].height_m
 
 
 def pictures(number: int, seed: int) -> list[Rendition]:

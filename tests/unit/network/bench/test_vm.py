@@ -56,15 +56,11 @@ def test_a_block_with_a_refused_call_is_no_measurement() -> None:
         bench.execute([transactions[0], transactions[0]])
 
 
-def test_each_call_stores_one_record_of_the_visit() -> None:
+def test_each_call_stores_one_record_and_a_refused_one_is_no_measurement() -> None:
     bench = RecordBench(load_contracts())
     for _ in range(3):
         bench.record()
     assert sum(key.startswith(b"records\x00record/") for key in bench.host.entries) == 3
     assert sum(key.startswith(b"records\x00of-visit/" + OWNER) for key in bench.host.entries) == 3
-
-
-def test_a_refused_call_is_no_measurement() -> None:
-    bench = RecordBench(load_contracts())
     with pytest.raises(RuntimeError, match="VISIT_UNKNOWN"):
         bench.invoke("close_visit", [b"\x03" + b"x" * 32, 0])

@@ -24,18 +24,7 @@ from consensus.protocol.effects import FetchBlocks, Message
 from network.byzantine import BEHAVIOURS, Accomplices, byzantine_clock, check_behaviour
 from network.byzantine.garbage import MESSAGES_PER_TICK_COUNT, RAW_EVERY_TICKS_COUNT
 from tests.sim.named_chain import CHAIN_ID
-from tests.unit.network.byzantine.liars import (
-    GENESIS,
-    KEYS,
-    LIAR,
-    OTHERS,
-    Own,
-    liar,
-    proposal,
-    qc_of,
-    timeout,
-    vote,
-)
+from tests.unit.network.byzantine.liars import GENESIS, KEYS, LIAR, OTHERS, Own, liar, proposal, qc_of, timeout, vote
 
 SCHEDULE = Schedule(0, tuple(key.public_key for key in KEYS))
 
@@ -52,7 +41,7 @@ def _is_genuine(message: Message) -> bool:
     return is_valid_timeout_signature(message, CHAIN_ID, key)
 
 
-def test_an_equivocator_shows_two_genuine_blocks_of_one_round_each_to_one_half() -> None:
+def test_an_equivocator_shows_one_half_another_block_and_votes_for_each_where_it_showed_it() -> None:
     behaviour, kept = liar("equivocate")
     honest = proposal()
     behaviour.broadcast(honest)
@@ -67,9 +56,6 @@ def test_an_equivocator_shows_two_genuine_blocks_of_one_round_each_to_one_half()
     assert header.state_root == GENESIS.header.state_root
     assert header.transactions_root == compute_transactions_root([])
     assert header.receipts_root == compute_receipts_root(())
-
-
-def test_an_equivocator_votes_for_each_block_where_it_showed_it_and_says_the_same_again() -> None:
     behaviour, kept = liar("equivocate")
     honest = proposal(transactions=0)
     for _ in range(2):
@@ -266,9 +252,8 @@ def test_behaviours_are_joined_and_each_of_them_acts() -> None:
 
 @pytest.mark.parametrize("name", ["", "honest", "equivocate+", "garbage+garbage", "Equivocate"])
 def test_a_wrong_name_is_refused(name: str) -> None:
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^FAULT_UNKNOWN:"):
         check_behaviour(name)
-    assert refused.value.code == "FAULT_UNKNOWN"
 
 
 def test_a_liar_about_epochs_signs_for_others_than_it_is_in_and_shows_certificates_of_before() -> None:

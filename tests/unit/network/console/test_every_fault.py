@@ -28,15 +28,9 @@ ASKED: dict[str, dict[str, Any]] = {
 }
 
 
-def test_the_console_takes_each_fault_of_the_command_line_and_no_other() -> None:
+def test_the_console_takes_each_fault_of_the_command_line_and_has_something_to_press_for_it() -> None:
     assert set(STEP_FIELDS) == set(fault.commands) - BESIDE_FAULTS
-
-
-def test_each_fault_that_there_is_can_be_asked_for_on_the_console() -> None:
     made = {type(read_action({"do": kind, **fields}, NAMES)[0]) for kind, fields in ASKED.items()}
     assert made == set(get_args(Action))
-
-
-def test_the_page_has_something_to_press_for_each() -> None:
     page = (CONSOLE_ASSETS / "faults.js").read_text(encoding="utf-8")
     assert set(re.findall(r'\bdo: "(\w+)"', page)) == set(STEP_FIELDS)

@@ -57,15 +57,12 @@ def test_its_policy_allows_its_own_script_and_style_and_nothing_else() -> None:
     assert text.index("Content-Security-Policy") < text.index("<style>")
 
 
-def test_it_names_nothing_outside_of_itself() -> None:
+def test_an_export_names_nothing_outside_of_itself_and_needs_no_server() -> None:
     text = _export()
     assert not re.search(r"\b(?:src|href)=\"(?!#)", text)
     assert not re.search(r"url\(|@import|^\s*import\b|^\s*export\b", text, re.MULTILINE)
     addresses = set(re.findall(r"https?://[^\"'\s)]+", text))
     assert addresses <= {"http://www.w3.org/2000/svg"}
-
-
-def test_the_replay_needs_no_module_that_asks_a_server() -> None:
     script = join_modules({k: v for k, v in read_page_files().items() if k.endswith(".js")}, "replay.js")
     assert "fetching.js" not in script
     assert "fetch(" not in script
@@ -100,11 +97,8 @@ def test_what_cannot_be_joined_is_refused(modules: dict[str, str]) -> None:
         join_modules(modules, "a.js")
 
 
-def test_a_style_sheet_that_asks_for_something_outside_is_refused() -> None:
+def test_a_style_sheet_that_asks_for_something_outside_is_refused_and_the_page_weighs_little() -> None:
     files = read_page_files() | {"console.css": "body { background: url(x.png) }"}
     with pytest.raises(ValueError, match="outside"):
         write_export(FACTS, b"[]", files)
-
-
-def test_the_page_weighs_little() -> None:
     assert sum(len(text.encode()) for text in read_page_files().values()) < 150_000

@@ -37,7 +37,7 @@ def test_a_quiet_network_has_no_links_to_tell_of() -> None:
     }
 
 
-def test_rates_are_counts_by_the_seconds_between_two_looks() -> None:
+def test_rates_are_counts_by_the_seconds_between_two_looks_and_a_new_start_counts_from_nothing() -> None:
     maker = FrameBuilder(0.0)
     first: Counts = {("node-2", "sent", "vote"): (10, 1_000)}
     heard: Counts = {("node-1", "received", "vote"): (10, 1_000)}
@@ -55,9 +55,6 @@ def test_rates_are_counts_by_the_seconds_between_two_looks() -> None:
         "kinds": {"proposal": 1.0, "vote": 5.0},
     }
     assert _link(moment, "node-2", "node-1") is None
-
-
-def test_a_node_that_was_started_anew_counts_from_nothing() -> None:
     maker = FrameBuilder(0.0)
     maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (500, 1)}}), 1.0, WALL_MS)
     moment = maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (4, 1)}}), 3.0, WALL_MS)
@@ -66,7 +63,7 @@ def test_a_node_that_was_started_anew_counts_from_nothing() -> None:
     assert link["sent"] == 2.0
 
 
-def test_what_is_sent_into_a_cut_does_not_arrive() -> None:
+def test_a_link_that_is_cut_or_has_a_paused_end_carries_nothing() -> None:
     maker = FrameBuilder(0.0)
     cut = {"links": {"node-2": {"cut": True}}}
     maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (0, 0)}, "switched": cut}), 1.0, WALL_MS)
@@ -74,6 +71,9 @@ def test_what_is_sent_into_a_cut_does_not_arrive() -> None:
     link = _link(moment, "node-1", "node-2")
     assert link is not None
     assert (link["state"], link["words"], link["sent"], link["arrived"]) == ("cut", "cut", 8.0, 0)
+    assert link_state(sight("node-1", paused=True), sight("node-2"), SOUND) == "still"
+    assert link_state(sight("node-1", status={"peers": ["node-3"]}), sight("node-2"), SOUND) == "down"
+    assert link_state(sight("node-1", status=None), sight("node-2"), SOUND) == "up"
 
 
 def test_a_node_that_is_down_says_nothing_and_its_links_are_down_both_ways() -> None:
@@ -98,12 +98,6 @@ def test_a_node_that_is_down_says_nothing_and_its_links_are_down_both_ways() -> 
 )
 def test_a_links_state_is_named_by_the_worst_that_is_wrong(fault: LinkFault, state: str) -> None:
     assert link_state(sight("node-1"), sight("node-2"), fault) == state
-
-
-def test_a_paused_end_keeps_a_link_still_and_a_peer_that_is_not_connected_is_down() -> None:
-    assert link_state(sight("node-1", paused=True), sight("node-2"), SOUND) == "still"
-    assert link_state(sight("node-1", status={"peers": ["node-3"]}), sight("node-2"), SOUND) == "down"
-    assert link_state(sight("node-1", status=None), sight("node-2"), SOUND) == "up"
 
 
 def test_clocks_disks_lies_lag_and_suspension_stand_at_the_node() -> None:

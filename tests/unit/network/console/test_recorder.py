@@ -99,12 +99,17 @@ def test_who_leads_drives_no_fault_out_of_the_time_line() -> None:
     assert recorder.events_dropped_count == 48
 
 
-def test_the_newest_moments_stay_even_if_one_alone_is_over_the_limit() -> None:
+def test_only_the_newest_states_are_kept_of_what_is_too_much() -> None:
     recorder = Recorder(moments_max_bytes=10)
     for number in range(5):
         recorder.add(_moment(number), [])
     assert _kept(recorder)[-1] == 4
     assert recorder.moments_count <= 3
+    recorder = Recorder()
+    for number in range(NETWORKS_MAX_COUNT + 5):
+        recorder.note_network(number, _network(f"node-{number}"))
+    assert len(recorder.networks()) == NETWORKS_MAX_COUNT
+    assert recorder.network_at(0) == _network("node-5")
 
 
 def _network(*names: str) -> NetworkFacts:
@@ -120,11 +125,3 @@ def test_each_time_has_the_nodes_of_its_time_also_those_that_have_gone() -> None
     for at_ms, names in ((0, "ab"), (2_999, "ab"), (3_000, "abc"), (9_000, "bc")):
         assert recorder.network_at(at_ms) == _network(*names)
     assert recorder.names() == ["a", "b", "c"]
-
-
-def test_of_a_network_that_never_stops_changing_only_the_newest_states_are_kept() -> None:
-    recorder = Recorder()
-    for number in range(NETWORKS_MAX_COUNT + 5):
-        recorder.note_network(number, _network(f"node-{number}"))
-    assert len(recorder.networks()) == NETWORKS_MAX_COUNT
-    assert recorder.network_at(0) == _network("node-5")

@@ -63,16 +63,25 @@ def test_a_sandbox_of_contracts_with_a_gap_is_named_but_not_a_missing_network_na
     assert "system_calls (the kernel refused)." in found[0].detail
 
 
-def test_a_dead_and_a_silent_node_are_told_apart() -> None:
+def test_dead_and_silent_nodes_are_told_apart_and_one_that_does_not_count_may_be_down() -> None:
     answers = [Answer("a", running=False, status=None, taken_ports=(7272,)), Answer("b", running=True, status=None)]
     assert codes(check_presence(answers)) == [("NODE_DOWN", "a"), ("PORT_TAKEN", "a"), ("NODE_SILENT", "b")]
+    content = directory("a", "b")
+    gone = replace(content, nodes={**content.nodes, "b": replace(content.nodes["b"], is_active=False)})
+    assert codes(check_membership(["a", "b", "c"], gone)) == [("NODE_REMOVED", "b"), ("NODE_NOT_ADDED", "c")]
+    answers = [Answer("b", running=False, status=None), Answer("c", running=False, status=None)]
+    assert codes(check_presence(answers, frozenset({"b"}))) == [("NODE_DOWN", "c")]
 
 
-def test_a_clock_is_wrong_beyond_half_of_what_is_tolerated() -> None:
+def test_a_clock_a_version_or_a_height_is_named_only_beyond_what_is_tolerated() -> None:
     answers = [answer("a", 2_400), answer("b", 2_600), answer("c", -3_600_000)]
     found = check_clocks(answers, 5_000)
     assert codes(found) == [("CLOCK_SKEW", "b"), ("CLOCK_SKEW", "c")]
     assert "3600.0 s behind" in found[1].detail
+    answers = [answer("a"), answer("b", version="0.2.0")]
+    assert codes(check_versions(answers, VERSION)) == [("VERSION_DIFFERS", "b")]
+    answers = [answer("a", finalized_height=100), answer("b", finalized_height=80), answer("c", finalized_height=2)]
+    assert codes(check_heights(answers)) == [("NODE_BEHIND", "c")]
 
 
 def test_what_nodes_say_of_themselves_and_of_peers_is_passed_on() -> None:
@@ -81,11 +90,7 @@ def test_what_nodes_say_of_themselves_and_of_peers_is_passed_on() -> None:
         answer("a", fault="The journal cannot be written.", refused_peers=[refusal]),
         answer("b", silent={"since": 1}, refused_peers=[refusal | {"peer": "d", "code": "PEER_REMOVED"}]),
     ]
-    assert codes(check_words(answers)) == [
-        ("NODE_FAULT", "a"),
-        ("PEER_REFUSED", "c"),
-        ("PRODUCER_SILENT", "b"),
-    ]
+    assert codes(check_words(answers)) == [("NODE_FAULT", "a"), ("PEER_REFUSED", "c"), ("PRODUCER_SILENT", "b")]
 
 
 def test_a_suspended_producer_is_named_with_the_command_that_brings_it_back() -> None:
@@ -93,14 +98,6 @@ def test_a_suspended_producer_is_named_with_the_command_that_brings_it_back() ->
     assert (found.code, found.node, found.kind.severity) == ("PRODUCER_SUSPENDED", "b", "problem")
     assert "since height 12" in found.detail
     assert "blockrobot producer approve b --as ORG" in found.next_step
-
-
-def test_a_node_that_the_network_does_not_count_in_is_named_and_may_be_down() -> None:
-    content = directory("a", "b")
-    gone = replace(content, nodes={**content.nodes, "b": replace(content.nodes["b"], is_active=False)})
-    assert codes(check_membership(["a", "b", "c"], gone)) == [("NODE_REMOVED", "b"), ("NODE_NOT_ADDED", "c")]
-    answers = [Answer("b", running=False, status=None), Answer("c", running=False, status=None)]
-    assert codes(check_presence(answers, frozenset({"b"}))) == [("NODE_DOWN", "c")]
 
 
 def test_a_missing_link_is_named_once_unless_it_is_refused() -> None:
@@ -119,33 +116,23 @@ def test_the_minority_of_a_divergence_is_named_and_where_nobody_is_all_are() -> 
     assert codes(check_roots(two)) == [("STATE_DIVERGED", "a"), ("STATE_DIVERGED", "b")]
 
 
-def test_far_behind_is_named_and_a_little_behind_is_not() -> None:
-    answers = [answer("a", finalized_height=100), answer("b", finalized_height=80), answer("c", finalized_height=2)]
-    assert codes(check_heights(answers)) == [("NODE_BEHIND", "c")]
-
-
-def test_the_odd_version_is_named() -> None:
-    answers = [answer("a"), answer("b", version="0.2.0")]
-    assert codes(check_versions(answers, VERSION)) == [("VERSION_DIFFERS", "b")]
-
-
-def test_finality_is_stale_only_after_several_heartbeats_of_running() -> None:
+def test_finality_is_stale_after_several_heartbeats_or_at_once_if_nodes_say_so() -> None:
     assert codes(check_finality(0, 100_000, 30_000, "on-demand", 500.0)) == [("FINALITY_STALE", "")]
     assert check_finality(0, 100_000, 30_000, "on-demand", 20.0) == []
     assert check_finality(0, 100_000, 30_000, "manual", 500.0) == []
+    well = {"finality": {"age_s": 24.0, "waiting_s": 0.0, "late": False}}
+    late = {"finality": {"age_s": 24.0, "waiting_s": 20.4, "late": True}}
+    assert check_late([Answer("node-1", True, well), Answer("node-2", False, None)]) == []
+    (finding,) = check_late([Answer("node-1", True, late), Answer("node-2", True, well), Answer("node-3", True, late)])
+    assert finding.code == "FINALITY_STALE"
+    assert finding.detail == "No new final block for 24 s at node-1, node-3, and work has waited for 20 s."
 
 
-def test_each_kind_says_what_to_do_with_the_nodes_name_in_it() -> None:
+def test_each_kind_says_what_to_do_problems_come_first_and_the_how_to_lists_them() -> None:
     assert all(kind.next_step and kind.meaning for kind in KINDS.values())
     assert Finding("NODE_DOWN", "node-3", "").next_step.startswith("Start it: blockrobot node run node-3 --detach;")
-
-
-def test_problems_come_first_and_nothing_twice() -> None:
     warning, problem = Finding("NODE_BEHIND", "a", "1"), Finding("NODE_DOWN", "b", "2")
     assert in_order([warning, problem, warning]) == [problem, warning]
-
-
-def test_the_how_to_lists_every_kind_of_finding() -> None:
     page = Path(__file__).resolve().parents[4] / "docs" / "how-to" / "when-something-is-wrong.md"
     text = page.read_text(encoding="utf-8")
     rows = [f"| `{kind.code}` | {kind.severity} | {kind.meaning} | {kind.next_step} |" for kind in KINDS.values()]
@@ -160,25 +147,13 @@ def test_a_node_that_cannot_execute_what_others_could_is_named_with_the_block() 
     assert "block 12 4 times: it ended by signal 9" in found.detail
 
 
-def test_a_custodian_that_keeps_old_blocks_from_going_is_named() -> None:
+def test_a_custodian_that_keeps_old_blocks_and_whoever_is_over_a_budget_are_named() -> None:
     kept = {"archive": False, "earliest_ms": 1, "held_by": None}
     held = answer("b", blocks_kept=kept | {"held_by": "custodian"}, earliest_height=5, custody_checkpoint=6)
     [found] = check_words([answer("a", blocks_kept=kept), held, answer("c", blocks_kept=kept | {"held_by": "record"})])
     assert (found.code, found.node) == ("OLD_BLOCKS_HELD", "b")
     assert found.detail == "It has blocks from 5 on; custody is at 6."
-
-
-def test_whoever_is_over_his_budget_is_named_once() -> None:
     row = {"peer": "peer b", "count": 3}
     (finding,) = check_words([answer("a", over_budget=[row])])
     assert (finding.code, finding.node) == ("OVER_BUDGET", "a")
     assert finding.detail == "At a, peer b is over its budget: it was refused or held up 3 times."
-
-
-def test_nodes_that_say_themselves_that_finality_is_late_are_a_problem_at_once() -> None:
-    well = {"finality": {"age_s": 24.0, "waiting_s": 0.0, "late": False}}
-    late = {"finality": {"age_s": 24.0, "waiting_s": 20.4, "late": True}}
-    assert check_late([Answer("node-1", True, well), Answer("node-2", False, None)]) == []
-    (finding,) = check_late([Answer("node-1", True, late), Answer("node-2", True, well), Answer("node-3", True, late)])
-    assert finding.code == "FINALITY_STALE"
-    assert finding.detail == "No new final block for 24 s at node-1, node-3, and work has waited for 20 s."

@@ -47,8 +47,20 @@ def of(examination: Examination, name: str) -> set[str]:
     return {finding.code for finding in examination.findings if finding.node == name} - {"DISK_LOW"}
 
 
-def test_a_new_data_directory_is_sound(config: NodeConfig, directory: DirectoryContent) -> None:
+def test_a_data_directory_is_sound_until_others_can_read_it_or_its_keys(
+    config: NodeConfig, directory: DirectoryContent
+) -> None:
     assert check_directory(config, directory, now_ms(), (20 * GIB, 40 * GIB)) == []
+    config.data_dir.chmod(0o755)
+    found = check_directory(config, directory, now_ms(), (20 * GIB, 40 * GIB))
+    assert [finding.detail for finding in found] == ["the data directory has mode 755."]
+    config.data_dir.chmod(0o700)
+    config.tls_key_path.chmod(0o640)
+    assert config.producer_key_path is not None
+    config.producer_key_path.unlink()
+    found = check_directory(config, directory, now_ms(), (20 * GIB, 40 * GIB))
+    assert codes(found) == ["KEY_FILE_MISSING", "KEY_FILE_EXPOSED"]
+    assert found[1].detail == "keys/tls.key.pem has mode 640."
 
 
 def test_a_certificate_near_its_end_over_it_and_revoked(
@@ -66,21 +78,6 @@ def test_a_certificate_near_its_end_over_it_and_revoked(
     assert codes(check_directory(config, revoked, now_ms(), room)) == ["CERTIFICATE_REVOKED"]
 
 
-def test_keys_that_others_can_read_or_that_are_gone(config: NodeConfig, directory: DirectoryContent) -> None:
-    config.tls_key_path.chmod(0o640)
-    assert config.producer_key_path is not None
-    config.producer_key_path.unlink()
-    found = check_directory(config, directory, now_ms(), (20 * GIB, 40 * GIB))
-    assert codes(found) == ["KEY_FILE_MISSING", "KEY_FILE_EXPOSED"]
-    assert found[1].detail == "keys/tls.key.pem has mode 640."
-
-
-def test_a_data_directory_that_others_can_read(config: NodeConfig, directory: DirectoryContent) -> None:
-    config.data_dir.chmod(0o755)
-    found = check_directory(config, directory, now_ms(), (20 * GIB, 40 * GIB))
-    assert [finding.detail for finding in found] == ["the data directory has mode 755."]
-
-
 @pytest.mark.parametrize(("free", "total"), [(100 * 2**20, 400 * GIB), (2 * GIB, 400 * GIB)])
 def test_a_disk_that_is_nearly_full(config: NodeConfig, free: int, total: int) -> None:
     assert codes(check_disk(config, (free, total))) == ["DISK_LOW"]
@@ -94,15 +91,12 @@ def test_a_journal_that_is_gone_or_damaged(config: NodeConfig, directory: Direct
     assert codes(check_directory(config, directory, now_ms(), room)) == ["JOURNAL_MISSING"]
 
 
-def test_authorities_in_their_last_year(directory: DirectoryContent) -> None:
+def test_authorities_in_their_last_year_or_that_cannot_be_read_are_named(directory: DirectoryContent) -> None:
     assert check_authorities(directory, now_ms()) == []
     assert codes(check_authorities(directory, now_ms() + 10 * 365 * DAY_MS - 30 * DAY_MS)) == [
         "AUTHORITY_EXPIRES_SOON",
         "AUTHORITY_EXPIRES_SOON",
     ]
-
-
-def test_an_authority_that_cannot_be_read_is_named(directory: DirectoryContent) -> None:
     damaged = {**directory.organisations}
     damaged["university"] = replace(damaged["university"], ca_certificate="-----BEGIN CERTIFICATE-----\nAA==\n")
     (found,) = check_authorities(replace(directory, organisations=damaged), now_ms())

@@ -104,15 +104,11 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
     assert "patient-b" in refused(tmp_path / "out")
 
 
-def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
+def test_an_experiment_begins_with_an_empty_folder_that_no_other_run_shares(tmp_path: Path) -> None:
     earlier(tmp_path)
     with (tmp_path / MARK).open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         assert "at work" in refused(tmp_path)
-
-
-def test_an_experiment_begins_with_an_empty_folder_and_leaves_the_others(tmp_path: Path) -> None:
-    earlier(tmp_path)
     (tmp_path / "experiment-2").mkdir()
     (tmp_path / "experiment-2" / "events.jsonl").touch()
     assert list(make_experiment_folder(tmp_path, "experiment-1").iterdir()) == []
@@ -150,25 +146,19 @@ def scenario_of(number: int) -> Scenario:
     return EXPERIMENTS[number - 1].load_scenario()
 
 
-def test_the_first_experiment_is_the_first_published_run() -> None:
+def test_the_experiments_are_those_of_the_published_runs_and_their_figures_have_the_names_of_ours() -> None:
     """1,497 frames at 30 a second, four readings; ±5 s around them cover as many frames as the published log tells."""
     scenario = scenario_of(1)
     (person,) = scenario.people
     assert (scenario.frame_count, scenario.frame_rate, len(person.readings_s)) == (1_497, 30, 4)
     assert len(covered_frames(scenario, "patient-a")) == 486
     assert scenario_of(2) == scenario
-
-
-def test_in_the_third_a_reading_of_b_reaches_into_a_time_when_a_alone_is_there() -> None:
     scenario = scenario_of(3)
     first, second = scenario.people
     assert first.path[-1][0] < second.path[0][0]
     both = covered_frames(scenario, "patient-a") & covered_frames(scenario, "patient-b")
     alone = [number for number in both if first.place(number / 27) and not second.place(number / 27)]
     assert len(alone) > 90
-
-
-def test_the_fourth_has_the_figures_of_the_second_published_run() -> None:
     scenario = scenario_of(4)
     assert (scenario.duration_s, scenario.frame_rate) == (60.8, 27)
     assert sum(len(person.readings_s) for person in scenario.people) == 17
@@ -176,9 +166,6 @@ def test_the_fourth_has_the_figures_of_the_second_published_run() -> None:
     assert set(EXPERIMENTS[3].people) < set(scenario.tagged_aliases)
     covered = [len(covered_frames(scenario, alias)) / 27 for alias in EXPERIMENTS[3].people]
     assert covered == [pytest.approx(53.1, abs=0.1), pytest.approx(31.3, abs=0.1)]
-
-
-def test_published_figures_have_the_names_of_ours() -> None:
     names = {name for name, _ in figure_rows(work_out_figures(small_table()))}
     for experiment in EXPERIMENTS:
         assert set(experiment.beside.figures) <= names

@@ -73,15 +73,12 @@ def _do(control: FaultControl, *actions: Action) -> dict[str, list[str]]:
     return asyncio.run(work())
 
 
-def test_a_partition_cuts_both_ends_of_each_link_between_groups(control: FaultControl) -> None:
+def test_a_partition_cuts_both_ends_and_the_next_one_takes_its_place(control: FaultControl) -> None:
     assert _do(control, HALVES) == {
         "node-1": ["down", "-> node-3: cut"],
         "node-2": ["down", "-> node-3: cut"],
         "node-3": ["down", "-> node-1: cut", "-> node-2: cut"],
     }
-
-
-def test_a_second_partition_takes_the_place_of_the_first_and_slow_links_stay_slow(control: FaultControl) -> None:
     slow = SetLink("node-1", "node-3", LinkFault(delay_ms=9))
     assert _do(control, slow, HALVES, Partition((("node-1",), ("node-2", "node-3")))) == {
         "node-1": ["down", "-> node-2: cut", "-> node-3: cut"],
@@ -115,24 +112,22 @@ def test_a_link_has_its_seed_and_both_directions_if_asked(control: FaultControl)
 
 @pytest.mark.parametrize("action", [Kill("node-1"), Pause("node-1")])
 def test_who_is_down_cannot_be_killed_or_paused(control: FaultControl, action: Action) -> None:
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^FAULT_TARGET_ABSENT:"):
         _do(control, action)
-    assert refused.value.code == "FAULT_TARGET_ABSENT"
 
 
-def test_an_unknown_node_is_refused(control: FaultControl) -> None:
-    with pytest.raises(BlockRobotError) as refused:
+def test_an_unknown_node_is_refused_and_every_action_tried_where_no_faults_are_allowed(control: FaultControl) -> None:
+    with pytest.raises(BlockRobotError, match=r"^FAULT_UNKNOWN:"):
         _do(control, Kill("node-9"))
-    assert refused.value.code == "FAULT_UNKNOWN"
+    assert {type(action) for action in EVERY_ACTION} == set(get_args(Action))
 
 
 @pytest.mark.parametrize("action", EVERY_ACTION)
 def test_a_network_that_allows_no_faults_is_left_alone(tmp_path: Path, action: Action) -> None:
     create_network(tmp_path, nodes=3, organisations=1, base_port=46_850)
     control = FaultControl(Cluster(tmp_path))
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^FAULTS_DISABLED:"):
         _do(control, action)
-    assert refused.value.code == "FAULTS_DISABLED"
     assert not list(tmp_path.rglob(STATE_FILE_NAME))
     states = asyncio.run(control.state())
     assert {row.switched is None for row in states} == {True}
@@ -151,10 +146,6 @@ def test_a_node_that_takes_no_faults_stands_in_nobodys_way(tmp_path: Path) -> No
     assert _do(control, Skew("node-1", 5), Heal())["node-1"] == ["down"]
     assert _do(control, Heal(("node-3",)))["node-3"] == ["down"]
     assert not (config.data_dir / STATE_FILE_NAME).exists()
-
-
-def test_every_action_is_tried_on_a_network_that_allows_no_faults() -> None:
-    assert {type(action) for action in EVERY_ACTION} == set(get_args(Action))
 
 
 def test_a_plan_is_carried_out_on_time_and_a_step_that_fails_is_told_and_not_the_end(control: FaultControl) -> None:

@@ -5,18 +5,7 @@ from __future__ import annotations
 import pytest
 
 from consensus.errors import BlockRobotError
-from network.faults.actions import (
-    FillDisk,
-    GoByzantine,
-    Heal,
-    Kill,
-    Partition,
-    Pause,
-    Restart,
-    Resume,
-    SetLink,
-    Skew,
-)
+from network.faults.actions import FillDisk, GoByzantine, Heal, Kill, Partition, Pause, Restart, Resume, SetLink, Skew
 from network.faults.plan import RANDOM_KINDS, parse_plan
 from node.p2p.shaping import LinkFault
 

@@ -52,7 +52,7 @@ def test_every_fault_of_the_command_line_can_be_asked_for(fields: dict[str, Any]
     assert action.describe() == described
 
 
-def test_the_values_are_the_actions_of_the_command_line() -> None:
+def test_the_values_are_those_of_the_command_line_and_a_links_seed_is_handed_on() -> None:
     assert read_action({"do": "kill", "node": "node-1"}, NAMES) == (Kill("node-1"), 0)
     assert isinstance(read_action({"do": "partition", "groups": "node-1"}, NAMES)[0], Partition)
     assert read_action({"do": "heal"}, NAMES)[0] == Heal()
@@ -60,9 +60,6 @@ def test_the_values_are_the_actions_of_the_command_line() -> None:
     assert read_action({"do": "disk", "node": "node-1", "disk": "journal"}, NAMES)[0] == FillDisk("node-1", "journal")
     lie = read_action({"do": "byzantine", "node": "node-1", "behaviour": next(iter(BEHAVIOURS))}, NAMES)[0]
     assert isinstance(lie, GoByzantine)
-
-
-def test_a_links_seed_is_handed_on() -> None:
     action, seed = read_action({"do": "link", "link": "node-1 -> node-2", "loss": 0.5, "seed": 9}, NAMES)
     assert isinstance(action, SetLink)
     assert (action.fault.loss, seed) == (0.5, 9)

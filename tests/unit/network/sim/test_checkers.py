@@ -112,9 +112,7 @@ CASES = {
         (ProposalSent(1.0, 0, 0, 3, 1, b"x"), ProposalSent(2.0, 0, 0, 3, 1, b"y")),
     ),
     "a new word of an earlier round": Case(
-        "only_forward",
-        (VOTE, VoteSent(2.0, 0, 0, 4, b"y"), VOTE),
-        (VoteSent(0.5, 0, 0, 4, b"y"), VOTE),
+        "only_forward", (VOTE, VoteSent(2.0, 0, 0, 4, b"y"), VOTE), (VoteSent(0.5, 0, 0, 4, b"y"), VOTE)
     ),
     "another state": Case(
         "equal_state_roots", (block(1), block(1, node=1)), (block(1), block(1, node=1, state_root=b"other"))
@@ -161,9 +159,7 @@ CASES = {
     "an erased record still kept": Case("erased_means_erased", (AUDIT,), (audit(confirmed=(b"a", b"e")),)),
     "a key that still opens": Case("erased_means_erased", (AUDIT,), (audit(keys_left=1),)),
     "nothing new after healing": Case(
-        "liveness",
-        (Healed(20.0, -1, 2, 0, 2, (0,)), block(3)),
-        (Healed(20.0, -1, 2, 0, 2, (0,)), block(2)),
+        "liveness", (Healed(20.0, -1, 2, 0, 2, (0,)), block(3)), (Healed(20.0, -1, 2, 0, 2, (0,)), block(2))
     ),
     "too many rounds after healing": Case(
         "liveness",
@@ -190,9 +186,7 @@ CASES = {
     ),
     "an exception": Case("code_faults", (), (CodeFault(1.0, 0, "KeyError"),)),
     "a node that will not start": Case(
-        "code_faults",
-        (NodeRefusedStart(1.0, 0, "JOURNAL_UNWRITABLE"),),
-        (NodeRefusedStart(1.0, 0, "JOURNAL_DAMAGED"),),
+        "code_faults", (NodeRefusedStart(1.0, 0, "JOURNAL_UNWRITABLE"),), (NodeRefusedStart(1.0, 0, "JOURNAL_DAMAGED"),)
     ),
 }
 

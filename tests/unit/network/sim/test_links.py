@@ -88,15 +88,12 @@ def test_a_second_lie_during_a_pause_and_a_lie_of_who_is_not_there_count_for_not
     assert pair.a.connected == ["b"]
 
 
-def test_links_that_are_dialled_anew_end_no_pause() -> None:
+def test_neither_new_links_nor_another_pause_but_a_new_life_ends_a_pause() -> None:
     pair = Pair()
     pair.a.cut_off("b", LIE)
     pair.wires.reconnect_all()
     pair.run(PAUSE_FIRST_MS - 1)
     assert pair.a.connected == []
-
-
-def test_a_new_life_of_the_node_that_was_lied_to_has_forgotten_it() -> None:
     pair = Pair()
     pair.a.cut_off("b", LIE)
     pair.wires.detach("a")

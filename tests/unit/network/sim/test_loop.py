@@ -65,7 +65,7 @@ def test_work_for_a_thread_is_done_inline_a_little_later() -> None:
     assert loop.time() > 0
 
 
-def test_an_exception_that_nobody_catches_is_noted_with_its_place() -> None:
+def test_the_stage_is_never_busy_and_an_exception_that_nobody_catches_is_noted_with_its_place() -> None:
     loop = SimLoop(1)
 
     def fails() -> None:
@@ -75,6 +75,10 @@ def test_an_exception_that_nobody_catches_is_noted_with_its_place() -> None:
     loop.run_until(lambda: False, 1.0)
     assert len(loop.faults) == 1
     assert "KeyError('lost') at fails" in loop.faults[0]
+    loop = SimLoop(1)
+    loop.call_for(loop.stage, 1.0, loop.occupy, 9.0)
+    loop.run_until(lambda: False, 2.0)
+    assert loop.stage.free_at_s == 0.0
 
 
 def test_what_is_due_while_a_core_is_busy_waits_and_is_done_in_its_order() -> None:
@@ -102,10 +106,3 @@ def test_a_busy_owner_that_is_paused_or_killed_does_nothing_more() -> None:
         assert seen == []
         loop.run_until(lambda: False, 10.0)
         assert seen == (["waited"] if end == "pause" else [])
-
-
-def test_the_stage_is_never_busy() -> None:
-    loop = SimLoop(1)
-    loop.call_for(loop.stage, 1.0, loop.occupy, 9.0)
-    loop.run_until(lambda: False, 2.0)
-    assert loop.stage.free_at_s == 0.0

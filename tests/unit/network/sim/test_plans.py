@@ -24,30 +24,41 @@ def test_a_printed_plan_is_read_back_as_it_was(seed: int, tmp_path: Path) -> Non
     assert load_plan(tmp_path / "plan.toml") == plan
 
 
-def test_a_plan_of_growth_begins_with_four_of_ten_and_is_read_back_as_it_was(tmp_path: Path) -> None:
+def test_plans_of_growth_and_of_floods_are_read_back_as_they_were(tmp_path: Path) -> None:
     plan = make_growth_plan(3, rounds=40)
     (tmp_path / "plan.toml").write_text(plan_to_toml(plan))
     assert load_plan(tmp_path / "plan.toml") == plan
     assert plan.size == (10, 4)
     assert not any(fault.kind == "old-disk" for seed in range(60) for fault in make_growth_plan(seed).faults)
+    for seed in range(20):
+        plan = make_flood_plan(seed, nodes=7)
+        assert len({fault.node for fault in plan.faults}) == 2
+        (tmp_path / "plan.toml").write_text(plan_to_toml(plan))
+        assert load_plan(tmp_path / "plan.toml") == plan
 
 
-def test_a_seed_draws_one_plan_and_another_seed_another() -> None:
+def test_a_seed_draws_one_plan_and_one_in_eight_lets_every_node_execute_for_itself() -> None:
     assert make_plan(5) == make_plan(5)
     assert make_plan(5) != make_plan(6)
-
-
-def test_one_seed_in_eight_lets_every_node_execute_for_itself_and_its_plan_says_so() -> None:
     apart = [seed for seed in range(1, 33) if make_plan(seed).executes_apart]
     assert apart == [8, 16, 24, 32]
     assert "executes_apart = true" in plan_to_toml(make_plan(8))
 
 
-def test_a_plan_with_a_misspelt_fault_is_refused_with_what_is_wrong(tmp_path: Path) -> None:
+def test_a_plan_that_is_misspelt_no_text_or_said_twice_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
     path.write_text('seed = 1\n[[faults]]\nkind = "crush"\nat_ms = 1\nfor_ms = 2\n')
     with pytest.raises(BlockRobotError, match="crush"):
         load_plan(path)
+    with pytest.raises(BlockRobotError, match=r"plan\.toml"):
+        load_plan(path)
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(BlockRobotError, match=r"plan\.toml"):
+        load_plan(path)
+    path.write_text("seed = 1\nrounds = 10\n")
+    result = CliRunner().invoke(run_command, ["--plan", str(path), "--seeds", "3"])
+    assert result.exit_code == 2
+    assert "--seeds" in result.output
 
 
 @pytest.mark.parametrize(
@@ -88,39 +99,11 @@ def test_a_plan_that_could_not_be_played_as_it_reads_is_refused(text: str, named
     assert refused.value.code == "CONFIGURATION_INVALID"
 
 
-def test_a_plan_that_is_no_text_or_not_there_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "plan.toml"
-    with pytest.raises(BlockRobotError, match=r"plan\.toml"):
-        load_plan(path)
-    path.write_bytes(b"\xff\xfe")
-    with pytest.raises(BlockRobotError, match=r"plan\.toml"):
-        load_plan(path)
-
-
-def test_a_plan_and_an_option_that_says_the_same_are_not_both_taken(tmp_path: Path) -> None:
-    path = tmp_path / "plan.toml"
-    path.write_text("seed = 1\nrounds = 10\n")
-    result = CliRunner().invoke(run_command, ["--plan", str(path), "--seeds", "3"])
-    assert result.exit_code == 2
-    assert "--seeds" in result.output
-
-
-def test_every_plan_that_is_drawn_can_be_played_as_it_reads() -> None:
+def test_every_plan_that_is_drawn_can_be_played_and_makes_no_more_faulty_than_the_network_bears() -> None:
     drawn = [make_plan(seed, nodes=nodes, byzantine=(nodes - 1) // 3) for seed in range(60) for nodes in (1, 4, 10)]
     grown = [make_growth_plan(seed) for seed in range(60)]
     floods = [make_flood_plan(seed, nodes=nodes) for seed in range(60) for nodes in (4, 10)]
     assert {find_problem(plan) for plan in [*drawn, *grown, *floods]} == {""}
-
-
-def test_a_plan_of_floods_has_f_flooding_nodes_and_is_read_back_as_it_was(tmp_path: Path) -> None:
-    for seed in range(20):
-        plan = make_flood_plan(seed, nodes=7)
-        assert len({fault.node for fault in plan.faults}) == 2
-        (tmp_path / "plan.toml").write_text(plan_to_toml(plan))
-        assert load_plan(tmp_path / "plan.toml") == plan
-
-
-def test_no_plan_makes_more_nodes_faulty_than_the_network_bears() -> None:
     plans = [make_plan(seed, byzantine=1, behaviours=("garbage",)) for seed in range(200)]
     assert not any(
         fault.kind == "old-disk" or plan.governance == "producers" for plan in plans for fault in plan.faults

@@ -51,15 +51,9 @@ def test_what_is_of_anybody_else_is_refused_also_beside_what_is_own(kind: str, k
     assert refusal(snapshot(), kind, *OWN, key) == "NOT_PERMITTED"
 
 
-def test_custodians_and_empty_frames_are_read_while_the_grant_stands_and_not_after() -> None:
+def test_custodians_and_empty_frames_are_read_while_the_grant_of_this_very_key_stands() -> None:
     assert refusal(snapshot(), "grantee", *WHILE_IT_STANDS) is None
     assert [refusal(snapshot(), "former-grantee", key) for key in WHILE_IT_STANDS] == ["NOT_PERMITTED"] * 2
-
-
-def test_without_a_grant_of_this_very_key_nothing_is_read() -> None:
     assert refusal(snapshot(None), "grantee", *OWN) == "NOT_PERMITTED"
     assert refusal(snapshot(), "grantee", *OWN, reader=b"x" * 33) == "NOT_PERMITTED"
-
-
-def test_members_are_not_asked_for_a_grant() -> None:
     assert refusal(snapshot(None), "member", *OTHERS) is None

@@ -81,6 +81,5 @@ async def test_a_custodian_signs_for_nothing_that_is_not_final(node: SmallNode, 
     issuer = ConsentReceipts(CUSTODIAN)
     with node.services.ledger.snapshot() as snapshot:
         for caller, code in ((SUBJECT, "NOT_FOUND"), (STRANGER, "CONSENT_RECEIPT_ELSEWHERE")):
-            with pytest.raises(BlockRobotError) as caught:
+            with pytest.raises(BlockRobotError, match=f"^{code}:"):
                 issuer.issue(snapshot, bytes(32), caller.public_key)
-            assert caught.value.code == code

@@ -81,12 +81,10 @@ async def test_a_body_that_is_not_as_described_is_refused(api: Any, path: str, b
     assert (answer.status, (await answer.json())["code"]) == (400, "REQUEST_INVALID")
 
 
-async def test_a_body_beyond_its_routes_limit_is_refused(api: Any) -> None:
+async def test_a_body_beyond_its_routes_limit_is_refused_also_if_its_length_is_unstated(api: Any) -> None:
     answer = await api.post("/v1/session-challenges", data=b" " * 1025)
     assert (answer.status, (await answer.json())["code"]) == (413, "REQUEST_TOO_LARGE")
 
-
-async def test_a_body_of_unstated_length_is_cut_off_at_the_limit(api: Any) -> None:
     async def endless() -> Any:
         for _ in range(100):
             yield b" " * 1024
@@ -113,17 +111,14 @@ async def test_a_node_without_a_custodian_sends_the_caller_elsewhere(node: Small
         assert (answer.status, (await answer.json())["code"]) == (404, "CUSTODY_ELSEWHERE")
 
 
-async def test_callers_without_a_session_are_slowed_down(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_callers_without_a_session_are_slowed_down_and_a_session_is_not_with_them(
+    api: Any, monkeypatch: pytest.MonkeyPatch, open_session: Any
+) -> None:
+    headers = await open_session(SUBJECT)
     monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 2 * ROUTE_DEFAULT_US + ROUTE_DEFAULT_US // 2))
     assert [(await api.get("/v1/genesis")).status for _ in range(3)] == [200, 200, 429]
     answer = await api.get("/v1/finality", headers={"Authorization": f"Bearer {'00' * 32}"})
     assert (answer.status, answer.headers["Retry-After"]) == (429, "60")
-
-
-async def test_a_session_is_not_slowed_down_with_strangers(
-    api: Any, open_session: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    headers = await open_session(SUBJECT)
     monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 0))
     assert (await api.get("/v1/genesis")).status == 429
     assert (await api.get("/v1/finality", headers=headers)).status == 200

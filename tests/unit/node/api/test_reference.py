@@ -21,25 +21,16 @@ from node.api.state_page import told_of
 FOLDER = Path(__file__).parents[4] / "docs" / "reference"
 
 
-def test_the_openapi_document_is_valid() -> None:
+async def test_the_openapi_document_is_valid_and_of_the_routes_that_a_node_serves(api: Any) -> None:
     validate(build_openapi(ROUTES))
-
-
-async def test_a_node_serves_the_document_of_its_routes(api: Any) -> None:
     document = await (await api.get("/v1/openapi.json")).json()
     assert document == build_openapi(ROUTES)
     assert {(method.upper(), path) for path, item in document["paths"].items() for method in item} == {
         (route.method, route.path) for route in ROUTES
     }
-
-
-def test_routes_for_sessions_say_so_in_the_document() -> None:
     paths = build_openapi(ROUTES)["paths"]
     for route in ROUTES:
         assert bool(paths[route.path][route.method.lower()]["security"]) == route.access.needs_session
-
-
-def test_every_error_a_route_names_is_in_the_catalogue() -> None:
     for route in ROUTES:
         assert set(errors_of(route)) <= set(CATALOGUE)
 

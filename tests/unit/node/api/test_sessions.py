@@ -13,16 +13,7 @@ from consensus.state.identity import MemberRow
 from consensus.state.records import VisitRow
 from node.api.access import challenges, sessions
 from tests.state_rows import stored
-from tests.unit.node.api.small_network import (
-    LEFT,
-    OWNER,
-    REGISTRAR,
-    ROBOT,
-    STRANGER,
-    SUBJECT,
-    SmallNode,
-    flat,
-)
+from tests.unit.node.api.small_network import LEFT, OWNER, REGISTRAR, ROBOT, STRANGER, SUBJECT, SmallNode, flat
 
 
 async def ask_challenge(api: Any, key: PrivateKey) -> bytes:
@@ -57,11 +48,17 @@ async def test_a_key_without_standing_gets_none(api: Any, node: SmallNode, key: 
     assert (answer.status, (await answer.json())["code"]) == (403, "SESSION_REFUSED")
 
 
-async def test_a_challenge_works_once(api: Any, node: SmallNode) -> None:
+async def test_a_challenge_works_once_for_its_key_and_chain(api: Any, node: SmallNode) -> None:
     challenge = await ask_challenge(api, SUBJECT)
     assert (await answer_challenge(api, node, SUBJECT, challenge)).status == 200
     again = await answer_challenge(api, node, SUBJECT, challenge)
     assert (again.status, (await again.json())["code"]) == (401, "CHALLENGE_INVALID")
+    answer = await answer_challenge(api, node, ROBOT, await ask_challenge(api, SUBJECT))
+    assert (await answer.json())["code"] == "CHALLENGE_INVALID"
+    answer = await answer_challenge(api, node, SUBJECT, await ask_challenge(api, SUBJECT), chain_id=bytes(32))
+    assert (await answer.json())["code"] == "SIGNATURE_INVALID"
+    answer = await api.post("/v1/session-challenges", json={"public_key": "05" + "11" * 32})
+    assert (answer.status, (await answer.json())["code"]) == (400, "KEY_INVALID")
 
 
 async def test_a_wrong_signature_opens_nothing_and_keeps_the_right_one_from_nothing(api: Any, node: SmallNode) -> None:
@@ -80,43 +77,29 @@ async def test_a_challenge_with_a_changed_byte_is_none(api: Any, node: SmallNode
     assert (await answer.json())["code"] == "CHALLENGE_INVALID"
 
 
-async def test_a_challenge_of_one_key_is_none_for_another(api: Any, node: SmallNode) -> None:
-    answer = await answer_challenge(api, node, ROBOT, await ask_challenge(api, SUBJECT))
-    assert (await answer.json())["code"] == "CHALLENGE_INVALID"
-
-
 async def test_a_challenge_ends_after_a_minute(api: Any, node: SmallNode) -> None:
     challenge = await ask_challenge(api, SUBJECT)
     node.clock.time_ms += 60_000
     assert (await (await answer_challenge(api, node, SUBJECT, challenge)).json())["code"] == "CHALLENGE_INVALID"
 
 
-async def test_a_signature_for_another_chain_is_refused(api: Any, node: SmallNode) -> None:
-    answer = await answer_challenge(api, node, SUBJECT, await ask_challenge(api, SUBJECT), chain_id=bytes(32))
-    assert (await answer.json())["code"] == "SIGNATURE_INVALID"
-
-
-async def test_a_session_ends_after_ten_minutes(api: Any, node: SmallNode, open_session: Any) -> None:
+async def test_a_session_ends_when_it_is_closed_or_its_member_leaves_and_after_ten_minutes(
+    api: Any, open_session: Any, node: SmallNode
+) -> None:
+    headers = await open_session(OWNER)
+    assert (await api.delete("/v1/sessions", headers=headers)).status == 204
+    assert (await api.get("/v1/finality", headers=headers)).status == 401
     headers = await open_session(SUBJECT)
     node.clock.time_ms += 599_999
     assert (await api.get("/v1/finality", headers=headers)).status == 200
     node.clock.time_ms += 1
     answer = await api.get("/v1/finality", headers=headers)
     assert (answer.status, (await answer.json())["code"]) == (401, "SESSION_EXPIRED")
-
-
-async def test_a_session_ends_when_its_member_leaves(api: Any, node: SmallNode, open_session: Any) -> None:
     headers = await open_session(SUBJECT)
     left = stored(MemberRow, role="subject", status="left")
     await node.ledger.extend(writes={flat("identity", b"member/" + SUBJECT.public_key): left})
     answer = await api.get("/v1/finality", headers=headers)
     assert (answer.status, (await answer.json())["code"]) == (403, "SESSION_REFUSED")
-
-
-async def test_a_closed_session_is_over(api: Any, open_session: Any) -> None:
-    headers = await open_session(OWNER)
-    assert (await api.delete("/v1/sessions", headers=headers)).status == 204
-    assert (await api.get("/v1/finality", headers=headers)).status == 401
 
 
 async def test_the_table_stays_bounded(api: Any, open_session: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,11 +135,6 @@ async def test_a_key_is_slowed_down_alone(api: Any, node: SmallNode, monkeypatch
     assert (await answer_challenge(api, node, SUBJECT, await ask_challenge(api, SUBJECT))).status == 200
     node.clock.time_ms += 60_000
     assert (await answer_challenge(api, node, ROBOT, await ask_challenge(api, ROBOT))).status == 200
-
-
-async def test_a_public_key_that_is_no_point_gets_no_challenge(api: Any) -> None:
-    answer = await api.post("/v1/session-challenges", json={"public_key": "05" + "11" * 32})
-    assert (answer.status, (await answer.json())["code"]) == (400, "KEY_INVALID")
 
 
 async def test_many_keys_of_one_person_close_no_session_of_another(

@@ -7,16 +7,7 @@ from typing import Any
 from consensus.primitives.encoding import encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from tests.unit.node.api.small_network import (
-    ACCESS_ID,
-    OWNER,
-    RECORD_ID,
-    ROBOT,
-    SUBJECT,
-    SmallNode,
-    flat,
-    make_upload,
-)
+from tests.unit.node.api.small_network import ACCESS_ID, OWNER, RECORD_ID, ROBOT, SUBJECT, SmallNode, flat, make_upload
 
 NEW_OWNER = PrivateKey(sha256(b"new owner"))
 ANNOUNCED = [NEW_OWNER.public_key, SUBJECT.public_key, 7, 300_000, ROBOT.public_key, OWNER.public_key]

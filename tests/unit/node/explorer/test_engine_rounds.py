@@ -22,19 +22,13 @@ def make_rounds(now_ms: int) -> EngineRounds:
     return EngineRounds(engine, ManualClock(now_ms))
 
 
-def test_the_place_is_that_of_the_core() -> None:
+def test_the_place_is_that_of_the_core_and_only_the_newest_blocks_are_remembered_by_the_clock() -> None:
     place = make_rounds(0).place()
     assert (place.epoch, place.round, place.leader) == (2, 9, 1)
     assert (place.certified_height, place.timed_out_count) == (7, 4)
-
-
-def test_a_block_is_as_old_as_the_clock_says_when_it_became_final() -> None:
     rounds = make_rounds(3_500)
     rounds.note_final(blocks(2, 3), None, None)  # type: ignore[arg-type]
     assert (rounds.finality_lag_ms(2), rounds.finality_lag_ms(3), rounds.finality_lag_ms(4)) == (1_500, 500, None)
-
-
-def test_only_the_newest_blocks_are_remembered() -> None:
     rounds = make_rounds(0)
     rounds.note_final(blocks(*range(1, LAGS_KEPT_COUNT + 2)), None, None)  # type: ignore[arg-type]
     assert rounds.finality_lag_ms(1) is None

@@ -43,11 +43,8 @@ async def client() -> AsyncIterator[TestClient[web.Request, web.Application]]:
         yield client
 
 
-def test_every_file_of_the_explorer_is_used_and_every_used_file_is_there() -> None:
+def test_the_page_is_small_and_every_file_of_it_is_used_and_there() -> None:
     assert {name for name in needed_files() if not name.startswith("shared/")} == set(own_files().names())
-
-
-def test_the_whole_page_is_small() -> None:
     sizes = {name: len(text_of(name).encode()) for name in needed_files()}
     assert sum(sizes.values()) <= PAGE_MAX_BYTES, sizes
 
@@ -77,15 +74,14 @@ async def test_every_file_of_the_page_is_served_to_anybody_with_strict_headers(
         assert "Set-Cookie" not in answer.headers
 
 
-async def test_a_browser_that_has_a_file_gets_no_second_copy(client: TestClient[web.Request, web.Application]) -> None:
+async def test_a_browser_gets_no_second_copy_and_the_address_without_a_slash_leads_to_the_page(
+    client: TestClient[web.Request, web.Application],
+) -> None:
     first = await client.get("/explorer/explorer.js")
     again = await client.get("/explorer/explorer.js", headers={"If-None-Match": first.headers["ETag"]})
     assert (again.status, await again.read()) == (304, b"")
     other = await client.get("/explorer/explorer.js", headers={"If-None-Match": '"other"'})
     assert other.status == 200
-
-
-async def test_the_address_without_a_slash_leads_to_the_page(client: TestClient[web.Request, web.Application]) -> None:
     answer = await client.get("/explorer", allow_redirects=False)
     assert (answer.status, answer.headers["Location"]) == (308, "explorer/")
     followed = await client.get("/explorer")

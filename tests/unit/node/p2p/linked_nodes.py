@@ -107,11 +107,7 @@ class LinkedNode:
         self.directory = Directory(content_of_genesis(genesis))
         self.clock_offset_ms = 0
         self.links = PeerNetwork(
-            config,
-            genesis,
-            self.heard,
-            directory=self.directory,
-            clock=lambda: wall_now_ms() + self.clock_offset_ms,
+            config, genesis, self.heard, directory=self.directory, clock=lambda: wall_now_ms() + self.clock_offset_ms
         )
 
     def refused(self) -> dict[str, str]:

@@ -47,22 +47,13 @@ def refusal(der: bytes | None, content: DirectoryContent, now_ms: int = NOW_MS) 
     return caught.value.code
 
 
-def test_a_node_of_the_network_is_known_by_name(authorities: dict[str, Authority]) -> None:
+def test_a_node_is_known_by_a_certificate_of_its_own_organisation_alone(authorities: dict[str, Authority]) -> None:
     facts = identify_peer(certificate(authorities["hospital"]), directory(authorities), NOW_MS)
     assert (facts.name, facts.organisation) == ("n1", "hospital")
     assert facts.not_after_ms == NOW_MS + 30 * DAY_MS
-
-
-def test_no_certificate_and_nonsense_are_refused(authorities: dict[str, Authority]) -> None:
     assert refusal(None, directory(authorities)) == "PEER_REFUSED"
     assert refusal(b"\x30\x03nonsense", directory(authorities)) == "PEER_REFUSED"
-
-
-def test_a_name_that_is_no_node_is_refused(authorities: dict[str, Authority]) -> None:
     assert refusal(certificate(authorities["hospital"], "n9"), directory(authorities)) == "PEER_REFUSED"
-
-
-def test_an_organisation_cannot_certify_another_ones_node(authorities: dict[str, Authority]) -> None:
     assert refusal(certificate(authorities["university"]), directory(authorities)) == "PEER_CERTIFICATE_FOREIGN"
     foreign = create_authority("hospital")
     assert refusal(certificate(foreign), directory(authorities)) == "PEER_CERTIFICATE_FOREIGN"

@@ -8,7 +8,7 @@ from typing import Any, cast
 from node.p2p.connection import GOSSIP_ABOVE_BYTES, ConnectionOwner, PeerConnection
 from node.p2p.shaping import LinkFault, Shaper
 from node.p2p.wire import FrameKind, encode_frame
-from tests.virtual_time import run_virtual
+from tests.virtual_time import in_virtual_time
 
 BATCH = encode_frame(FrameKind.TRANSACTIONS, bytes(600_000))
 VOTE = encode_frame(FrameKind.VOTE, b"vote")
@@ -53,74 +53,64 @@ def _connect(shaper: Shaper | None) -> tuple[PeerConnection, _Transport]:
     return connection, transport
 
 
-def test_gossip_that_waited_goes_through_the_shaper_too() -> None:
-    async def story() -> None:
-        shaper = Shaper("node-1")
-        connection, transport = _connect(shaper)
-        transport.unsent_bytes = GOSSIP_ABOVE_BYTES + 1
+@in_virtual_time
+async def test_gossip_that_waited_goes_through_the_shaper_too() -> None:
+    shaper = Shaper("node-1")
+    connection, transport = _connect(shaper)
+    transport.unsent_bytes = GOSSIP_ABOVE_BYTES + 1
+    connection.send(FrameKind.TRANSACTIONS, BATCH)
+    shaper.set_link("node-2", LinkFault(cut=True))
+    transport.unsent_bytes = 0
+    connection.resume_writing()
+    await asyncio.sleep(1)
+    assert transport.written == []
+    assert shaper.lost_count == 1
+
+
+@in_virtual_time
+async def test_gossip_waits_for_a_narrow_link_and_goes_on_by_itself_when_there_is_room() -> None:
+    shaper = Shaper("node-1")
+    shaper.set_link("node-2", LinkFault(bandwidth_bytes_per_s=1_000_000))
+    connection, transport = _connect(shaper)
+    for _ in range(6):
         connection.send(FrameKind.TRANSACTIONS, BATCH)
-        shaper.set_link("node-2", LinkFault(cut=True))
-        transport.unsent_bytes = 0
-        connection.resume_writing()
-        await asyncio.sleep(1)
-        assert transport.written == []
-        assert shaper.lost_count == 1
-
-    run_virtual(story())
+    connection.send(FrameKind.VOTE, VOTE)
+    assert shaper.waiting_bytes("node-2") == 2 * len(BATCH) + len(VOTE)
+    await asyncio.sleep(10)
+    assert transport.written == [BATCH, BATCH, VOTE, BATCH, BATCH, BATCH, BATCH]
 
 
-def test_gossip_waits_for_a_narrow_link_and_goes_on_by_itself_when_there_is_room() -> None:
-    async def story() -> None:
-        shaper = Shaper("node-1")
-        shaper.set_link("node-2", LinkFault(bandwidth_bytes_per_s=1_000_000))
-        connection, transport = _connect(shaper)
-        for _ in range(6):
-            connection.send(FrameKind.TRANSACTIONS, BATCH)
-        connection.send(FrameKind.VOTE, VOTE)
-        assert shaper.waiting_bytes("node-2") == 2 * len(BATCH) + len(VOTE)
-        await asyncio.sleep(10)
-        assert transport.written == [BATCH, BATCH, VOTE, BATCH, BATCH, BATCH, BATCH]
-
-    run_virtual(story())
+@in_virtual_time
+async def test_a_connection_over_a_cut_is_not_made() -> None:
+    shaper = Shaper("node-1")
+    shaper.set_link("node-2", LinkFault(cut=True))
+    connection, transport = _connect(shaper)
+    connection.send(FrameKind.HELLO, HELLO)
+    assert transport.is_aborted
+    shaper.clear()
+    connection, transport = _connect(shaper)
+    connection.send(FrameKind.HELLO, HELLO)
+    assert transport.written == [HELLO]
 
 
-def test_a_connection_over_a_cut_is_not_made() -> None:
-    async def story() -> None:
-        shaper = Shaper("node-1")
-        shaper.set_link("node-2", LinkFault(cut=True))
-        connection, transport = _connect(shaper)
-        connection.send(FrameKind.HELLO, HELLO)
-        assert transport.is_aborted
-        shaper.clear()
-        connection, transport = _connect(shaper)
-        connection.send(FrameKind.HELLO, HELLO)
-        assert transport.written == [HELLO]
-
-    run_virtual(story())
+@in_virtual_time
+async def test_what_was_on_its_way_when_the_connection_ended_is_not_written() -> None:
+    shaper = Shaper("node-1")
+    shaper.set_link("node-2", LinkFault(delay_ms=100))
+    connection, transport = _connect(shaper)
+    connection.send(FrameKind.VOTE, VOTE)
+    transport.is_aborted = True
+    await asyncio.sleep(1)
+    assert transport.written == []
 
 
-def test_what_was_on_its_way_when_the_connection_ended_is_not_written() -> None:
-    async def story() -> None:
-        shaper = Shaper("node-1")
-        shaper.set_link("node-2", LinkFault(delay_ms=100))
-        connection, transport = _connect(shaper)
-        connection.send(FrameKind.VOTE, VOTE)
-        transport.is_aborted = True
-        await asyncio.sleep(1)
-        assert transport.written == []
-
-    run_virtual(story())
-
-
-def test_without_a_shaper_everything_goes_at_once() -> None:
-    async def story() -> None:
-        connection, transport = _connect(None)
-        connection.send(FrameKind.VOTE, VOTE)
-        transport.unsent_bytes = GOSSIP_ABOVE_BYTES + 1
-        connection.send(FrameKind.TRANSACTIONS, BATCH)
-        assert transport.written == [VOTE]
-        transport.unsent_bytes = 0
-        connection.resume_writing()
-        assert transport.written == [VOTE, BATCH]
-
-    run_virtual(story())
+@in_virtual_time
+async def test_without_a_shaper_everything_goes_at_once() -> None:
+    connection, transport = _connect(None)
+    connection.send(FrameKind.VOTE, VOTE)
+    transport.unsent_bytes = GOSSIP_ABOVE_BYTES + 1
+    connection.send(FrameKind.TRANSACTIONS, BATCH)
+    assert transport.written == [VOTE]
+    transport.unsent_bytes = 0
+    connection.resume_writing()
+    assert transport.written == [VOTE, BATCH]

@@ -88,8 +88,7 @@ def test_an_odd_certificate_of_one_organisation_harms_no_other(
 
 
 @pytest.mark.parametrize(
-    "kind",
-    ["no line end", "windows line ends", "headers", "one long line", "words behind", "twice", "another label"],
+    "kind", ["no line end", "windows line ends", "headers", "one long line", "words behind", "twice", "another label"]
 )
 def test_what_can_be_read_is_trusted_however_it_is_written(
     kind: str, open_credentials: Callable[[str], Credentials]
@@ -107,20 +106,15 @@ def test_an_odd_certificate_that_comes_while_the_node_runs_harms_no_other(
     assert LAST.certificate.public_bytes(Encoding.DER) in trusted(credentials.dialling)
 
 
-def test_the_same_certificate_written_otherwise_is_no_change(
-    open_credentials: Callable[[str], Credentials],
-) -> None:
+def test_the_same_certificate_written_otherwise_is_no_change(open_credentials: Callable[[str], Credentials]) -> None:
     credentials = open_credentials(OTHER.certificate_pem)
     assert not credentials.trust(directory(ODD["windows line ends"]))
     assert credentials.trust(directory(ODD["cut short"]))
 
 
-def test_without_any_readable_authority_the_node_says_so(
-    open_credentials: Callable[[str], Credentials],
-) -> None:
+def test_without_any_readable_authority_the_node_says_so(open_credentials: Callable[[str], Credentials]) -> None:
     credentials = open_credentials(OTHER.certificate_pem)
     nobody = DirectoryContent(8, {}, {"clinic": DirectoryOrganisation("clinic", ODD["cut short"])})
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^GENESIS_INVALID:"):
         credentials.trust(nobody)
-    assert refused.value.code == "GENESIS_INVALID"
     assert DER in trusted(credentials.accepting)

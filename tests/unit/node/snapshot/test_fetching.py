@@ -77,10 +77,7 @@ async def test_a_peer_whose_whole_snapshot_lies_is_found_out_by_the_state_and_an
             return await lie(request, answer)
         honest = read_manifest(await peers.shelves["liar"].serve(encode(SnapshotRequest(b"", MANIFEST_INDEX, 0))))
         content = fetching.compute_content_id(honest)
-        return await lie(
-            request,
-            await peers.shelves["liar"].serve(encode(SnapshotRequest(content, request.index, 0))),
-        )
+        return await lie(request, await peers.shelves["liar"].serve(encode(SnapshotRequest(content, request.index, 0))))
 
     peers.twisted["liar"] = serve_forged
     alone, restart = joiner_of(peers, tmp_path, "liar")
@@ -103,9 +100,8 @@ async def test_an_offer_that_genesis_does_not_prove_is_not_taken(peers: Peers, t
 
     peers.twisted["liar"] = lie
     fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^PEER_UNAVAILABLE:"):
         await fetcher.fetch(["liar"], 0)
-    assert refused.value.code == "PEER_UNAVAILABLE"
     assert {index for _, index in peers.asked} == {MANIFEST_INDEX}
 
 

@@ -27,9 +27,8 @@ async def test_a_size_that_is_a_lie_is_held_against_the_liar_alone(
     true = next(iter(peers.shelves["b"]._known.values()))[1]
     peers.twisted["a-liar"] = lying_about(peers, size_bytes=true.size_bytes + difference_bytes)
     fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^SNAPSHOT_DAMAGED:"):
         await fetcher.fetch(["a-liar"], 0)
-    assert refused.value.code == "SNAPSHOT_DAMAGED"
     assert list((tmp_path / "fetched").iterdir()) == []
     peers.asked.clear()
     source = await fetcher.fetch(["a-liar", "b"], 0)
@@ -54,9 +53,8 @@ async def test_a_chunk_larger_than_any_is_refused_whatever_its_hash(
     await make_shelves(peers)
     monkeypatch.setattr(fetching, "CHUNK_SIZE_MAX_BYTES", 300)
     fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^SNAPSHOT_DAMAGED:"):
         await fetcher.fetch(["a-liar"], 0)
-    assert refused.value.code == "SNAPSHOT_DAMAGED"
     assert list((tmp_path / "fetched").iterdir()) == []
 
 
@@ -69,9 +67,8 @@ async def test_a_snapshot_that_the_disk_has_no_room_for_is_not_begun(
     monkeypatch.setattr(fetching, "free_space_bytes", lambda _folder: fetching.space_needed_bytes(true))
     peers.twisted["a-liar"] = lying_about(peers, size_bytes=true.size_bytes + 1)
     fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^STORAGE_FULL:"):
         await fetcher.fetch(["a-liar"], 0)
-    assert refused.value.code == "STORAGE_FULL"
     assert {index for _, index in peers.asked} == {MANIFEST_INDEX}
     source = await fetcher.fetch(["a-liar", "b"], 0)
     assert read_manifest(source.manifest()) == true

@@ -245,17 +245,12 @@ async def test_an_epoch_that_only_a_liar_names_is_refused(number: int) -> None:
     assert refusal(tampered(first, epoch_proofs=(own_epoch(number),)), begun) == "SNAPSHOT_UNPROVEN"
 
 
-async def test_a_boundary_without_the_proof_of_the_epoch_that_it_begins_is_refused() -> None:
+async def test_a_boundary_needs_the_proof_of_the_epoch_that_it_begins_and_a_good_one() -> None:
     chain = boundary_chain()
     folder = await snapshot_of(chain)
     proof = read_manifest(folder.manifest()).epoch_proofs[0]
     assert refusal(tampered(folder, epoch_proofs=()), chain) == "SNAPSHOT_UNPROVEN"
     assert refusal(tampered(folder, epoch_proofs=(proof, proof)), chain) == "SNAPSHOT_UNPROVEN"
-
-
-async def test_the_proof_of_a_boundary_is_checked_like_any_other() -> None:
-    chain = boundary_chain()
-    folder = await snapshot_of(chain)
     proof = decode(read_manifest(folder.manifest()).finality, FinalityProof)
     hollow = msgspec.structs.replace(proof, child_qc=genesis_certificate(bytes(32)))
     assert refusal(tampered(folder, finality=encode(hollow)), chain) == "SNAPSHOT_UNPROVEN"
@@ -293,13 +288,16 @@ async def test_two_snapshots_of_the_same_content_differ_in_certificates_only() -
         assert compute_content_id(msgspec.structs.replace(manifest, **changes)) != content_id, changes
 
 
-async def test_a_manifest_of_more_bytes_than_its_chunks_can_hold_contradicts_itself() -> None:
+async def test_a_manifest_that_contradicts_itself_or_holds_more_than_its_chunks_is_damaged() -> None:
     chain = written(3)
     folder = await snapshot_of(chain)
     chunks = len(read_manifest(folder.manifest()).chunks)
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^SNAPSHOT_DAMAGED:"):
         tampered(tampered(folder, size_bytes=chunks * CHUNK_SIZE_MAX_BYTES + 1), height=3)
-    assert refused.value.code == "SNAPSHOT_DAMAGED"
+    manifest = Manifest(bytes(32), 1, b"", b"", b"", (), 1, 1, 0, 5, (bytes(32),))
+    for changes in ({"height": -1}, {"recent_chunk_count": 2}, {"recent_chunk_count": 0}, {"chunks": (b"short",)}):
+        with pytest.raises(BlockRobotError, match=r"^SNAPSHOT_DAMAGED:"):
+            read_manifest(write_manifest(msgspec.structs.replace(manifest, **changes)))
 
 
 async def test_what_a_liar_changes_is_refused() -> None:
@@ -378,9 +376,8 @@ async def test_a_folder_appears_whole_and_never_over_another(tmp_path: Path) -> 
         manifest = make_snapshot_folder(ledger, tmp_path / "snap", lambda *done: seen.append(done))
         assert names_in(tmp_path) == ["snap"]
         assert seen[-1] == (len(manifest.chunks), manifest.size_bytes)
-        with pytest.raises(BlockRobotError) as refused:
+        with pytest.raises(BlockRobotError, match=r"^FOLDER_NOT_EMPTY:"):
             make_snapshot_folder(ledger, tmp_path / "snap")
-    assert refused.value.code == "FOLDER_NOT_EMPTY"
     assert read_manifest(SnapshotFolder(tmp_path / "snap").manifest()) == manifest
 
 
@@ -400,9 +397,8 @@ async def test_a_node_s_ledger_is_replaced_by_a_newer_snapshot_only(tmp_path: Pa
     for _ in range(3):
         chain.extend()
     new = await _folder(chain, tmp_path / "new")
-    with pytest.raises(BlockRobotError) as refused:
+    with pytest.raises(BlockRobotError, match=r"^SNAPSHOT_OLD:"):
         restore_ledger(old, chain.genesis, ledger_dir)
-    assert refused.value.code == "SNAPSHOT_OLD"
     for index, code in ((0, "SNAPSHOT_DAMAGED"), (1, "SNAPSHOT_TRUNCATED")):
         chunk = tmp_path / "old" / chunk_name(index)
         whole = chunk.read_bytes()
@@ -489,11 +485,3 @@ async def test_a_ledger_is_read_while_its_node_writes_it(tmp_path: Path) -> None
         folder = MemorySnapshotFolder()
         assert make_snapshot(view, folder).height == 3
     assert refusal(folder, chain) == ""
-
-
-def test_a_manifest_that_contradicts_itself_is_damaged() -> None:
-    manifest = Manifest(bytes(32), 1, b"", b"", b"", (), 1, 1, 0, 5, (bytes(32),))
-    for changes in ({"height": -1}, {"recent_chunk_count": 2}, {"recent_chunk_count": 0}, {"chunks": (b"short",)}):
-        with pytest.raises(BlockRobotError) as refused:
-            read_manifest(write_manifest(msgspec.structs.replace(manifest, **changes)))
-        assert refused.value.code == "SNAPSHOT_DAMAGED"

@@ -218,21 +218,17 @@ async def test_a_large_block_is_kept_whole(store, chain):
         assert view.block(0) == block.block_bytes
 
 
-async def test_a_closed_snapshot_refuses_reads_and_closing_twice_is_harmless(store, chain):
+async def test_closed_snapshots_and_stores_refuse_and_closing_twice_is_harmless(store, chain):
     await store.commit([chain.block()], b"")
     view = store.snapshot()
     view.close()
     view.close()
     with pytest.raises(ValueError, match="closed"):
         view.get(b"key")
-
-
-async def test_a_closed_store_takes_no_commits(store, chain):
     await store.close()
     await store.close()
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^STORAGE_UNWRITABLE:"):
         await store.commit([chain.block()], b"")
-    assert caught.value.code == "STORAGE_UNWRITABLE"
     with pytest.raises(ValueError, match="closed"):
         store.snapshot()
 

@@ -104,11 +104,7 @@ def times(first_s: float, last_s: float) -> range:
 
 
 def read(
-    alias: str,
-    at_ms: int,
-    distance_m: float | None,
-    rng: np.random.Generator,
-    facing: Facing = Facing.FRONT,
+    alias: str, at_ms: int, distance_m: float | None, rng: np.random.Generator, facing: Facing = Facing.FRONT
 ) -> tuple[str, Sighting]:
     measured = (None, None) if distance_m is None else (distance_m + float(rng.normal(0, SIGMA_M)), SIGMA_M)
     return alias, Sighting(at_ms, at_ms, "", 1 if facing is Facing.FRONT else 2, facing, -50.0, *measured)
@@ -309,12 +305,7 @@ def three_of_whom_two_are_seen(at: int) -> list[Place]:
 
 @pytest.mark.parametrize(
     "places",
-    [
-        hiding_ann,
-        hiding_ann_and_unseen_for_a_while,
-        hiding_ann_while_a_stranger_comes_in,
-        three_of_whom_two_are_seen,
-    ],
+    [hiding_ann, hiding_ann_and_unseen_for_a_while, hiding_ann_while_a_stranger_comes_in, three_of_whom_two_are_seen],
 )
 def test_who_hides_the_bearer_is_not_taken_for_the_bearer(stage: Stage, places: Callable[[int], list[Place]]) -> None:
     stage.play({at: places(at) for at in times(0, 20)}, worn("ann", 0, 20))

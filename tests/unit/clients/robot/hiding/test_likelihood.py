@@ -48,34 +48,26 @@ def dense(mean_m: float, motions: list[tuple[float, float, float, float]]) -> fl
     return float(np.logaddexp.reduce(terms))
 
 
-def test_a_person_in_view_is_weighed_as_the_dense_gaussian_weighs() -> None:
+def test_bearers_in_view_and_absent_are_weighed_as_the_dense_gaussian_weighs() -> None:
     expected = dense(PERSON_M, [(likelihood.BIAS_SIGMA_M, 0.0, 0.0, 1.0)])
     assert log_evidence(filtered(READINGS))[0] == pytest.approx(expected, abs=1e-9)
-
-
-def test_an_absent_bearer_is_weighed_as_the_dense_gaussian_weighs() -> None:
     motions = [(likelihood.ABSENT_SIGMA_M, *motion) for motion in likelihood.ABSENT_MOTIONS]
     expected = dense(likelihood.ABSENT_MEAN_M, motions)
     assert log_evidence(filtered(READINGS))[1] == pytest.approx(expected, abs=1e-9)
 
 
-def test_before_any_reading_both_hypotheses_are_as_good() -> None:
+def test_before_any_reading_both_hypotheses_are_as_good_and_the_front_antenna_speaks_for_one() -> None:
     assert log_evidence(FILTERS.start) == pytest.approx((0.0, 0.0))
+    assert log_antenna(10, 0) > 0 > log_antenna(0, 10)
 
 
-def test_readings_that_are_impossible_for_a_person_leave_every_figure_finite() -> None:
+def test_impossible_or_many_readings_leave_every_figure_finite() -> None:
     visible, absent = log_evidence(filtered([(100 * i, 60.0, 0.05) for i in range(50)]))
     assert math.isfinite(visible)
     assert visible < absent - 600
-
-
-def test_many_readings_at_one_instant_stay_finite() -> None:
     belief = filtered([(0, PERSON_M + 0.1 * (-1) ** i, 0.05) for i in range(300)])
     assert all(math.isfinite(density) for density in log_evidence(belief))
     assert np.all(np.linalg.eigvalsh(belief.spread.covariance) > -1e-12)
-
-
-def test_the_weights_of_each_mixture_sum_to_one() -> None:
     for parts in (likelihood.SIGMA_SCALES, likelihood.ERROR_DRIFTS, likelihood.ABSENT_MOTIONS):
         assert sum(part[-1] for part in parts) == pytest.approx(1.0)
     assert sum(part[-1] for part in likelihood.ABSENT_FRONT) == pytest.approx(1.0)
@@ -88,7 +80,3 @@ def test_antennas_are_weighed_as_a_beta_binomial(front: int, back: int) -> None:
 
     expected = math.log(density(likelihood.VISIBLE_FRONT) / density(likelihood.ABSENT_FRONT))
     assert log_antenna(front, back) == pytest.approx(expected, abs=1e-8)
-
-
-def test_the_front_antenna_speaks_for_being_in_view_and_the_other_against() -> None:
-    assert log_antenna(10, 0) > 0 > log_antenna(0, 10)

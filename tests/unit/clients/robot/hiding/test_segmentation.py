@@ -41,30 +41,28 @@ def troubles(renderer: Renderer, background: Background) -> list[str]:
     return sorted(s.trouble for s in segment(renderer.frame(1), background, FOCAL_PX).silhouettes)
 
 
-def test_an_empty_corridor_has_no_silhouette(small_text: str, background: Background) -> None:
-    renderer = scene(small_text)
-    assert [len(segment(renderer.empty_frame(i), background, FOCAL_PX).silhouettes) for i in range(20, 30)] == [0] * 10
-
-
-def test_one_person_is_found_where_they_stand(small_text: str, background: Background) -> None:
+def test_one_person_is_found_where_they_stand_and_none_in_an_empty_corridor(
+    small_text: str, background: Background
+) -> None:
     (found,) = segment(scene(small_text, (0.5, 3.0)).frame(1), background, FOCAL_PX).silhouettes
     assert found.trouble == ""
     assert found.x_m == pytest.approx(0.5, abs=0.08)
     assert found.z_m == pytest.approx(3.0, abs=0.12)
     assert found.range_m == pytest.approx(3.05, abs=0.15)
+    renderer = scene(small_text)
+    assert [len(segment(renderer.empty_frame(i), background, FOCAL_PX).silhouettes) for i in range(20, 30)] == [0] * 10
 
 
-def test_people_who_stand_apart_are_no_trouble(small_text: str, background: Background) -> None:
+def test_people_apart_are_no_trouble_and_only_who_stands_behind_is_occluded(
+    small_text: str, background: Background
+) -> None:
     assert troubles(scene(small_text, (-0.9, 2.3), (0.9, 3.6)), background) == ["", ""]
+    assert troubles(scene(small_text, (0.0, 2.2), (0.35, 3.6)), background) == ["", "occluded"]
 
 
 @pytest.mark.parametrize("gap_m", [0.35, 0.45, 0.55])
 def test_people_arm_in_arm_are_merged(small_text: str, background: Background, gap_m: float) -> None:
     assert troubles(scene(small_text, (-gap_m / 2, 2.6), (gap_m / 2, 2.6)), background) == ["merged"]
-
-
-def test_who_stands_behind_another_is_occluded_and_the_other_is_not(small_text: str, background: Background) -> None:
-    assert troubles(scene(small_text, (0.0, 2.2), (0.35, 3.6)), background) == ["", "occluded"]
 
 
 @pytest.mark.parametrize("aid", ["wheelchair", "rollator", "stick"])
@@ -121,15 +119,12 @@ def test_a_background_keeps_what_is_measured_and_marks_what_never_is() -> None:
     assert background.depth[2, 2] == 3_000
 
 
-def test_a_background_of_nothing_or_of_mixed_sizes_is_refused() -> None:
+def test_a_background_of_nothing_is_refused_and_the_bank_names_each_by_its_hash() -> None:
     with pytest.raises(BlockRobotError, match="FRAME_INVALID"):
         learn_background([])
     mixed: list[Depth] = [np.ones((4, 4), np.uint16), np.ones((4, 5), np.uint16)]
     with pytest.raises(BlockRobotError, match="FRAME_INVALID"):
         learn_background(mixed)
-
-
-def test_the_bank_names_each_empty_frame_by_its_hash() -> None:
     frames: list[Depth] = [np.full((8, 8), 1_000 + i, np.uint16) for i in range(3)]
     bank = empty_bank(frames)
     assert len({entry.background_id for entry in bank}) == 3

@@ -31,20 +31,20 @@ def one(made: TagMap, content: Any) -> Sighting:
     return sighting
 
 
-def test_a_bare_text_is_a_tag_at_the_time_of_the_message() -> None:
+def test_a_bare_text_is_a_tag_and_a_path_goes_on_through_json() -> None:
     sighting = one(TagMap(epc="data"), message(data=" E2000017 "))
     assert (sighting.uid, sighting.first_seen_ms, sighting.last_seen_ms) == ("E2000017", 5_100, 5_100)
     assert sighting.received_at_ms == RECEIVED_MS
     assert sighting.distance_m is None
+    made = TagMap(epc="data{}.uid", rssi="data{}.signal.dbm", distance="data{}.range", distance_sigma=0.1)
+    sighting = one(made, message(data='{"uid": "E2", "signal": {"dbm": -41}, "range": 2.5}'))
+    assert (sighting.uid, sighting.rssi_dbm, sighting.distance_m) == ("E2", -41, 2.5)
 
 
-def test_several_readings_in_one_message_stand_side_by_side_in_lists() -> None:
+def test_readings_in_one_message_stand_in_lists_or_are_messages_of_their_own() -> None:
     made = TagMap(epc="ids[]", rssi="dbs[]")
     sightings, _ = read(made, message(ids=["A", "B", "C"], dbs=np.array([-40, -50, -60], np.float32)))
     assert [(sighting.uid, sighting.rssi_dbm) for sighting in sightings] == [("A", -40), ("B", -50), ("C", -60)]
-
-
-def test_several_readings_in_one_message_are_messages_of_their_own() -> None:
     made = TagMap(epc="tags[].epc", rssi="tags[].power.dbm", antenna="antenna")
     tags = [message(epc="A", power=message(dbm=-41.5)), message(epc="B", power=message(dbm=-42.5))]
     sightings, _ = read(made, message(tags=tags, antenna=2))
@@ -52,9 +52,6 @@ def test_several_readings_in_one_message_are_messages_of_their_own() -> None:
         ("A", -41.5, 2),
         ("B", -42.5, 2),
     ]
-
-
-def test_no_reading_in_a_message_is_no_sighting() -> None:
     assert read(TagMap(epc="ids[]"), message(ids=[])) == ([], [])
 
 
@@ -72,12 +69,6 @@ def test_antennas_by_name_or_number_tell_which_way_the_tag_is() -> None:
 @pytest.mark.parametrize("word", ["front", "back"])
 def test_a_reader_that_always_looks_one_way_says_so_once(word: str) -> None:
     assert one(TagMap(epc="data", facing=word), message(data="A")).facing is Facing(word)
-
-
-def test_a_path_goes_on_through_text_in_json() -> None:
-    made = TagMap(epc="data{}.uid", rssi="data{}.signal.dbm", distance="data{}.range", distance_sigma=0.1)
-    sighting = one(made, message(data='{"uid": "E2", "signal": {"dbm": -41}, "range": 2.5}'))
-    assert (sighting.uid, sighting.rssi_dbm, sighting.distance_m) == ("E2", -41, 2.5)
 
 
 @pytest.mark.parametrize(("path", "text"), [("data{}.tags[].uid", '{"tags": [{"uid": "A"}, {"uid": 7}]}'),
@@ -134,10 +125,6 @@ def test_units_are_turned_into_metres_dbm_and_milliseconds() -> None:
     assert (sighting.first_seen_ms, sighting.last_seen_ms) == (4_100, 4_600)
 
 
-def test_nanoseconds_lose_nothing() -> None:
-    assert stamp_ms(1_700_000_000_123_456_789) == 1_700_000_000_123
-
-
 @pytest.mark.parametrize("distance", [math.nan, math.inf, 0.0, -1.0])
 def test_a_distance_that_is_none_is_unknown(distance: float) -> None:
     made = TagMap(epc="id", distance="range", distance_sigma=0.3)
@@ -172,9 +159,16 @@ def test_a_reading_that_makes_no_sense_is_refused_with_a_reason(fields: dict[str
     assert read(made, message(**{**good, **fields})) == ([], [reason])
 
 
-def test_one_bad_reading_leaves_its_fellows_alone() -> None:
+def test_nanoseconds_lose_nothing() -> None:
+    assert stamp_ms(1_700_000_000_123_456_789) == 1_700_000_000_123
+
+
+def test_one_bad_reading_leaves_its_fellows_alone_and_an_unstamped_header_has_no_time() -> None:
     sightings, reasons = read(TagMap(epc="ids[]"), message(ids=["A", "", "B"]))
     assert ([sighting.uid for sighting in sightings], reasons) == (["A", "B"], ["tag"])
+    assert header_ms(message(header=message(stamp=message(sec=0, nanosec=0)))) is None
+    assert header_ms(message(header=message(stamp=message(sec=2, nanosec=5_000_000)))) == 2_005
+    assert header_ms(message(data="A")) is None
 
 
 @pytest.mark.parametrize(
@@ -190,9 +184,3 @@ def test_a_message_that_does_not_fit_its_map_is_refused(made: TagMap, content: A
     with pytest.raises(BlockRobotError) as refused:
         read(made, content)
     assert (refused.value.code, refused.value.context["reason"]) == ("FRAME_INVALID", reason)
-
-
-def test_a_header_that_was_never_stamped_has_no_time() -> None:
-    assert header_ms(message(header=message(stamp=message(sec=0, nanosec=0)))) is None
-    assert header_ms(message(header=message(stamp=message(sec=2, nanosec=5_000_000)))) == 2_005
-    assert header_ms(message(data="A")) is None

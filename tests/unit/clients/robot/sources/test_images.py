@@ -57,13 +57,13 @@ def test_metres_become_millimetres_and_what_is_no_distance_becomes_none(big: boo
     assert depth.tolist() == [[0, 0, 0, 0], [0, 850, 0, 3000]]
 
 
-def test_saturated_depth_is_no_measurement() -> None:
+def test_saturated_or_missing_depth_is_no_measurement_and_depth_no_colour() -> None:
     depth = decode_depth(message(**image(np.full((2, 2), 65_535, np.uint16))))
     assert not depth.any()
-
-
-def test_a_frame_without_any_measurement_is_a_frame() -> None:
     assert decode_depth(message(**image(np.zeros((4, 4), np.uint16)))).shape == (4, 4)
+    with pytest.raises(BlockRobotError) as refused:
+        decode_colour(message(**image(DEPTH)))
+    assert reason_of(refused) == "encoding"
 
 
 @pytest.mark.parametrize(
@@ -135,9 +135,3 @@ def test_colour_comes_out_red_first(encoding: str) -> None:
 def test_compressed_colour_is_read(suffix: str) -> None:
     colour = decode_colour(compressed("rgb8; jpeg compressed bgr8", png(RED[..., ::-1], suffix)))
     assert np.abs(colour.astype(int) - RED).max() <= 4
-
-
-def test_depth_is_no_colour() -> None:
-    with pytest.raises(BlockRobotError) as refused:
-        decode_colour(message(**image(DEPTH)))
-    assert reason_of(refused) == "encoding"

@@ -22,13 +22,18 @@ def numbers(queue: LiveQueue) -> list[int]:
     return found
 
 
-def test_what_came_is_taken_in_the_order_in_which_it_came_whatever_it_is() -> None:
+def test_what_came_is_taken_in_its_order_and_a_frame_finds_no_room_among_readings() -> None:
     queue = LiveQueue()
     for number, kind in enumerate(["frame", "sighting", "label", "frame", "audio", "sighting"]):
         queue.put(entry(kind, number))
     assert len(queue) == 6
     assert numbers(queue) == [0, 1, 2, 3, 4, 5]
     assert (queue.missed, queue.size_bytes) == ({}, 0)
+    queue = LiveQueue(max_count=2)
+    for number, kind in enumerate(["sighting", "sighting", "frame"]):
+        queue.put(entry(kind, number))
+    assert queue.missed == {"frame": 1}
+    assert numbers(queue) == [0, 1]
 
 
 def test_the_oldest_frames_go_first_then_sound_and_labels_and_readings_last() -> None:
@@ -53,14 +58,6 @@ def test_bytes_are_bounded_and_one_message_that_is_larger_is_dropped_alone() -> 
     assert numbers(queue) == [1]
 
 
-def test_a_frame_that_comes_while_only_readings_wait_is_itself_what_there_is_no_room_for() -> None:
-    queue = LiveQueue(max_count=2)
-    for number, kind in enumerate(["sighting", "sighting", "frame"]):
-        queue.put(entry(kind, number))
-    assert queue.missed == {"frame": 1}
-    assert numbers(queue) == [0, 1]
-
-
 def test_who_waits_is_woken_once_and_by_the_next_that_comes_only() -> None:
     queue, woken = LiveQueue(), []
     queue.put(entry("frame", 0))
@@ -71,15 +68,12 @@ def test_who_waits_is_woken_once_and_by_the_next_that_comes_only() -> None:
     assert woken == ["now"]
 
 
-def test_what_is_left_at_the_end_is_told_by_kind() -> None:
+def test_what_is_left_at_the_end_is_told_by_kind_and_shows_no_uid() -> None:
     queue = LiveQueue()
     for number in range(3):
         queue.put(entry("frame", number))
     queue.put(Queued("sighting", Sighting(1, 1, "E1")))
     assert queue.clear() == {"frame": 3, "sighting": 1}
     assert (len(queue), queue.size_bytes, queue.take()) == (0, 0, None)
-
-
-def test_what_waits_shows_no_uid_when_it_is_printed() -> None:
     assert "E2001" not in repr(Queued("sighting", Sighting(1, 1, "E2001")))
     assert "E2001" not in repr(Queued("sighting", (Message("/tags", "a/msg/B", 0, b"E2001"), TYPES)))

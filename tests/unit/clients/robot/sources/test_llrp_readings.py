@@ -107,7 +107,10 @@ def test_a_reader_that_counts_from_when_it_was_switched_on_is_understood() -> No
     assert (sighting.first_seen_ms, sighting.last_seen_ms) == (NOW_MS - 40, NOW_MS)
 
 
-def test_a_reader_that_tells_no_time_is_taken_to_speak_of_now() -> None:
+def test_a_reading_that_ends_before_it_begins_or_beyond_all_calendars_is_refused() -> None:
+    backwards = report(first_seen_timestamp_utc=params.FirstSeenTimestampUTC(microseconds=NOW_MS * 1000 + 5_000))
+    assert LlrpReadings(READER).take(backwards, NOW_MS) == [Refused(NOW_MS, "sighting", "time")]
+    assert LlrpReadings(READER).take(report((1 << 64) - 1), NOW_MS) == [Refused(NOW_MS, "sighting", "time")]
     readings = LlrpReadings(READER)
     readings.take(report(None), NOW_MS)
     assert sightings(readings.flush())[0].last_seen_ms == NOW_MS
@@ -134,15 +137,6 @@ def test_one_wrong_stamp_is_refused_and_the_next_reading_is_as_good_as_ever() ->
         made += readings.flush()
     assert [one.reason for one in made if isinstance(one, Refused)] == ["time"]
     assert len([one for one in made if isinstance(one, Sighting)]) == 9
-
-
-def test_a_reading_that_ends_before_it_begins_is_refused() -> None:
-    backwards = report(first_seen_timestamp_utc=params.FirstSeenTimestampUTC(microseconds=NOW_MS * 1000 + 5_000))
-    assert LlrpReadings(READER).take(backwards, NOW_MS) == [Refused(NOW_MS, "sighting", "time")]
-
-
-def test_a_stamp_beyond_all_calendars_is_refused() -> None:
-    assert LlrpReadings(READER).take(report((1 << 64) - 1), NOW_MS) == [Refused(NOW_MS, "sighting", "time")]
 
 
 @pytest.mark.parametrize(

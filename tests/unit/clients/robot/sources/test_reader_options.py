@@ -64,21 +64,20 @@ def asked(readers: list[LlrpReader], topics_file: Path | None, monkeypatch: pyte
     return found
 
 
-def test_the_readers_of_the_topics_file_are_asked_if_no_option_names_one(
+def test_readers_are_those_of_the_option_or_else_of_the_topics_file(
     topics_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert asked([], topics_file, monkeypatch) == [LlrpReader("10.0.0.7", front=(1,)), LlrpReader("10.0.0.8")]
-
-
-def test_a_reader_that_the_option_names_keeps_the_antennas_of_its_table(
-    topics_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     named = [LlrpReader("10.0.0.7"), LlrpReader("10.0.0.9"), LlrpReader("10.0.0.9")]
     assert asked(named, topics_file, monkeypatch) == [LlrpReader("10.0.0.7", front=(1,)), LlrpReader("10.0.0.9")]
 
 
-def test_without_either_there_is_no_feed_of_readers() -> None:
+def test_without_a_reader_there_is_no_feed_and_zenohs_options_name_routers_and_domain() -> None:
     assert llrp.make_feeds({"llrp_readers": [], "topics_file": None}) == []
+    told = parsed("--zenoh-connect", "tcp/10.0.0.2:7447", "--zenoh-connect", "tls/robot.local:7448")
+    assert (list(told["zenoh_connect"]), told["ros_domain"]) == (["tcp/10.0.0.2:7447", "tls/robot.local:7448"], 0)
+    assert parsed(ROS_DOMAIN_ID="42")["ros_domain"] == 42
+    assert parsed("--ros-domain", "7", ROS_DOMAIN_ID="42")["ros_domain"] == 7
 
 
 def parsed(*arguments: str, **environment: str) -> dict[str, Any]:
@@ -92,13 +91,6 @@ def parsed(*arguments: str, **environment: str) -> dict[str, Any]:
         command = option(command)
     result = CliRunner(env=environment).invoke(click.command()(command), arguments)
     return told or {"refused": result.output}
-
-
-def test_zenohs_options_name_routers_and_the_domain_of_ros() -> None:
-    told = parsed("--zenoh-connect", "tcp/10.0.0.2:7447", "--zenoh-connect", "tls/robot.local:7448")
-    assert (list(told["zenoh_connect"]), told["ros_domain"]) == (["tcp/10.0.0.2:7447", "tls/robot.local:7448"], 0)
-    assert parsed(ROS_DOMAIN_ID="42")["ros_domain"] == 42
-    assert parsed("--ros-domain", "7", ROS_DOMAIN_ID="42")["ros_domain"] == 7
 
 
 @pytest.mark.parametrize(

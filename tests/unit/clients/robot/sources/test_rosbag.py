@@ -259,6 +259,12 @@ def test_empty_frames_are_bounded_in_number_and_bytes_and_spread_over_the_stretc
     assert [int(depth[0, 0]) - 1500 for depth in BagSource(path, topics=topics_of()).empty_frames()] == expected
 
 
+def test_a_recording_of_nothing_has_no_start(tmp_path: Path) -> None:
+    path = record(tmp_path / "bag", "mcap", [Topic(DEPTH_TOPIC, IMAGE, []), Topic("/tags", STRING, [])])
+    with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
+        _ = BagSource(path, topics=topics_of()).start_ms
+
+
 def test_without_an_empty_scene_the_refusal_says_how_to_choose_one(tmp_path: Path) -> None:
     source = BagSource(make(tmp_path), topics=topics_of())
     with pytest.raises(BlockRobotError, match="EMPTY_SCENE_MISSING") as refused:
@@ -288,9 +294,3 @@ def test_a_topic_that_never_speaks_is_no_fault(tmp_path: Path) -> None:
     source = BagSource(path, topics=topics_of())
     assert source.start_ms == START_MS + 9
     assert [type(event) for event in source.events()] == [Sighting]
-
-
-def test_a_recording_of_nothing_has_no_start(tmp_path: Path) -> None:
-    path = record(tmp_path / "bag", "mcap", [Topic(DEPTH_TOPIC, IMAGE, []), Topic("/tags", STRING, [])])
-    with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
-        _ = BagSource(path, topics=topics_of()).start_ms

@@ -40,13 +40,19 @@ def test_the_source_gives_what_a_recording_of_the_same_scene_gives(small_scenari
         assert empty.shape == told_empty.shape
 
 
-async def test_it_plays_on_a_shifted_timeline(small_scenario: Scenario) -> None:
+async def test_the_scene_plays_on_a_shifted_timeline_and_thinned_to_fewer_frames(small_scenario: Scenario) -> None:
     source = SyntheticSource(small_scenario, UIDS)
     source.shift_to(1_000_000)
     clock = FakeClock(1_000_000)
     times = [event.captured_at_ms async for event in source.play(clock) if isinstance(event, Frame)]
     assert times == [1_000_000 + 100 * index for index in range(6)]
     assert clock.now == 1_000_500
+    every, some = (SyntheticSource(small_scenario, UIDS, frames_per_s=rate) for rate in (None, 5))
+    whole = [event for event in every.events() if isinstance(event, Frame)]
+    thinned = [event for event in some.events() if isinstance(event, Frame)]
+    assert [frame.captured_at_ms for frame in thinned] == [frame.captured_at_ms for frame in whole[::2]]
+    assert [frame.sequence for frame in thinned] == [0, 1, 2]
+    assert all(np.array_equal(one.depth, two.depth) for one, two in zip(thinned, whole[::2], strict=True))
 
 
 async def played(source: SyntheticSource, clock: FakeClock, count: int) -> list[SourceEvent]:
@@ -70,15 +76,6 @@ async def test_an_endless_corridor_begins_again_with_time_and_frame_numbers_goin
     assert np.array_equal(frames[0].depth, frames[6].depth)
     seen = [event.first_seen_ms for event in events if isinstance(event, Sighting)]
     assert seen == [1_000_000 + at for lap in (0, 600, 1_200) for at in (lap + 100, lap + 300, lap + 500)]
-
-
-async def test_fewer_frames_a_second_are_the_same_frames_thinned(small_scenario: Scenario) -> None:
-    every, some = (SyntheticSource(small_scenario, UIDS, frames_per_s=rate) for rate in (None, 5))
-    whole = [event for event in every.events() if isinstance(event, Frame)]
-    thinned = [event for event in some.events() if isinstance(event, Frame)]
-    assert [frame.captured_at_ms for frame in thinned] == [frame.captured_at_ms for frame in whole[::2]]
-    assert [frame.sequence for frame in thinned] == [0, 1, 2]
-    assert all(np.array_equal(one.depth, two.depth) for one, two in zip(thinned, whole[::2], strict=True))
 
 
 async def test_what_the_machine_is_too_slow_for_is_never_seen_and_no_reading_is_lost(small_scenario: Scenario) -> None:

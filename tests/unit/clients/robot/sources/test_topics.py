@@ -61,9 +61,15 @@ def test_the_examples_of_the_documentation_are_understood(page: str) -> None:
     assert topics.labels is not None
 
 
-def test_an_empty_file_names_the_robots_own_topics() -> None:
+def test_an_empty_file_names_the_robots_own_topics_and_options_go_before_it() -> None:
     topics = parse_topics("")
     assert topics.wanted == {DEPTH_TOPIC: "depth", SIGHTING_TOPIC: "tags"}
+    topics = with_topic(parse_topics(WHOLE), depth="/other", empty=None)
+    assert (topics.depth, topics.empty) == ("/other", "/kinect/empty")
+    assert tags_by_type("/t", SIGHTING_TYPE).map.distance == "distance"
+    assert tags_by_type("/t", "std_msgs/msg/String").map.epc == "data"
+    with pytest.raises(BlockRobotError, match="TOPICS_INVALID"):
+        tags_by_type("/t", "my_msgs/msg/Tag")
 
 
 @pytest.mark.parametrize(
@@ -123,18 +129,6 @@ def test_files_that_are_no_topics_files_are_refused(tmp_path: Path) -> None:
             load_topics(tmp_path / name)
 
 
-def test_options_go_before_the_file() -> None:
-    topics = with_topic(parse_topics(WHOLE), depth="/other", empty=None)
-    assert (topics.depth, topics.empty) == ("/other", "/kinect/empty")
-
-
-def test_types_that_are_known_need_no_map() -> None:
-    assert tags_by_type("/t", SIGHTING_TYPE).map.distance == "distance"
-    assert tags_by_type("/t", "std_msgs/msg/String").map.epc == "data"
-    with pytest.raises(BlockRobotError, match="TOPICS_INVALID"):
-        tags_by_type("/t", "my_msgs/msg/Tag")
-
-
 def test_a_reader_of_ones_own_has_its_antennas_in_a_table_and_stands_for_the_topic_of_readings() -> None:
     topics = parse_topics(
         '[[llrp]]\nhost = "10.0.0.7"\nfront = [1, 2]\nback = [3]\n[[llrp]]\nhost = "::1"\nport = 15084'
@@ -145,9 +139,11 @@ def test_a_reader_of_ones_own_has_its_antennas_in_a_table_and_stands_for_the_top
     assert topics.tags == ()
 
 
-def test_topics_of_readings_go_together_with_a_reader_of_ones_own() -> None:
+def test_topics_go_together_with_a_reader_of_ones_own_and_a_depth_topic_has_a_name() -> None:
     topics = parse_topics('[[llrp]]\nhost = "reader"\n[[tags]]\ntopic = "/rfid"\nepc = "data"')
     assert (len(topics.llrp), topics.tags[0].topic) == (1, "/rfid")
+    with pytest.raises(BlockRobotError, match="has no name"):
+        with_topic(Topics(), depth="")
 
 
 @pytest.mark.parametrize(
@@ -183,8 +179,3 @@ def test_a_running_robots_topics_are_named_from_the_root_as_ros_resolves_them() 
     assert with_rooted_names(Topics()) == Topics()
     with pytest.raises(BlockRobotError, match="named for two things"):
         with_rooted_names(parse_topics("[depth]\ntopic = 'a'\n[rgb]\ntopic = '/a'"))
-
-
-def test_a_depth_topic_without_a_name_is_refused_as_an_option_too() -> None:
-    with pytest.raises(BlockRobotError, match="has no name"):
-        with_topic(Topics(), depth="")

@@ -8,22 +8,16 @@ from clients.robot.sources.live.ros1 import Ros1Feed
 BOTH = {"/depth": "a/msg/B", "/tags": "a/msg/C"}
 
 
-def test_what_is_there_from_the_beginning_is_not_said() -> None:
+def test_a_topic_that_vanishes_is_counted_each_time_and_one_that_is_waited_for_is_not_gone() -> None:
     watch = Watch("ros1", BOTH, "/depth")
     assert watch.look({**BOTH, "/other": "x"}) == []
     assert watch.look(BOTH) == []
     assert watch.gone == {}
-
-
-def test_a_topic_that_is_not_there_yet_is_waited_for_and_does_not_count_as_gone() -> None:
     watch = Watch("ros1", BOTH, "/depth")
     assert watch.look({"/depth": "a/msg/B"}) == ["/tags is not advertised; it is waited for."]
     assert watch.look({"/depth": "a/msg/B"}) == []
     assert watch.look(BOTH) == ["/tags is there."]
     assert +watch.gone == {}
-
-
-def test_a_topic_that_vanishes_is_counted_each_time() -> None:
     watch = Watch("ros1", ["/depth"], "/depth")
     for _ in range(3):
         watch.look(BOTH)

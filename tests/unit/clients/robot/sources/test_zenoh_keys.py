@@ -35,12 +35,11 @@ def named(number: int) -> bytes:
     return parts + b"\x0asource_gid\x10" + GID
 
 
-def test_a_key_tells_topic_type_and_hash() -> None:
+def test_a_key_and_a_publishers_token_tell_topic_type_and_hash() -> None:
     assert parse_key(KEY) == IMAGES
-
-
-def test_a_publishers_token_tells_the_same() -> None:
     assert parse_token(TOKEN) == IMAGES
+    assert subscription_key("/camera/depth", 7) == "7/camera/depth/*/*"
+    assert subscription_key("camera/depth", 7) == "7/camera/depth/*/*"
 
 
 @pytest.mark.parametrize(
@@ -76,18 +75,12 @@ def test_a_key_of_another_layout_is_no_topic(key: str) -> None:
     assert parse_key(key) is None
 
 
-def test_exactly_the_messages_of_one_topic_are_subscribed_to() -> None:
-    assert subscription_key("/camera/depth", 7) == "7/camera/depth/*/*"
-    assert subscription_key("camera/depth", 7) == "7/camera/depth/*/*"
-
-
 @pytest.mark.parametrize(
     "topic", ["/camera/**", "/a*b", "", "/", "/a//b", "/a$*", "/a?b", "/a#b", "/ä", "/" + "a" * 2000]
 )
 def test_what_is_no_name_of_a_topic_is_not_subscribed_to(topic: str) -> None:
-    with pytest.raises(BlockRobotError) as caught:
+    with pytest.raises(BlockRobotError, match=r"^TOPICS_INVALID:"):
         subscription_key(topic, 0)
-    assert caught.value.code == "TOPICS_INVALID"
 
 
 @pytest.mark.parametrize("attachment", [numbered(7), named(7), numbered(7)[:16] + GID])
@@ -100,16 +93,13 @@ def test_an_attachment_of_anything_else_tells_nothing(attachment: bytes) -> None
     assert parse_numbers(attachment) is None
 
 
-def test_gaps_are_counted_for_each_publisher_from_its_first_message_on() -> None:
+def test_gaps_are_counted_for_each_publisher_until_it_begins_again() -> None:
     gaps = SequenceGaps()
     other = bytes(16)
     assert [gaps.take(numbered(number)) for number in (41, 42, 45)] == [0, 0, 2]
     assert [gaps.take(numbered(number, other)) for number in (3, 4)] == [0, 0]
     assert gaps.take(numbered(46)) == 0
     assert gaps.take(b"") == 0
-
-
-def test_a_publisher_that_begins_again_or_jumps_has_lost_nothing() -> None:
     gaps = SequenceGaps()
     assert [gaps.take(numbered(number)) for number in (900, 1, 2)] == [0, 0, 0]
     assert gaps.take(numbered(2 + GAP_MAX_COUNT + 2)) == 0

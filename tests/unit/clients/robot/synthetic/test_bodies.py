@@ -31,18 +31,19 @@ def reach(body: Capsules, axis: int) -> float:
     return float(points.max() - points.min())
 
 
-def test_an_upright_person_is_as_tall_as_said_and_stands_on_the_floor() -> None:
+def test_a_person_is_as_tall_as_said_whether_upright_seated_or_in_a_bed() -> None:
     for height in (1.0, 1.55, 1.95):
         body = body_of(replace(ANN, height_m=height))
         assert top_of(body) == pytest.approx(height, abs=0.03)
         assert 0 <= (np.minimum(body.start[:, 1], body.end[:, 1])).min() < 0.1
-
-
-def test_who_sits_in_a_wheelchair_is_lower_and_who_lies_in_a_bed_is_long() -> None:
     seated, lying = body_of(replace(ANN, aid="wheelchair")), body_of(replace(ANN, aid="bed"))
     assert 1.15 < top_of(seated) < 1.45
     assert top_of(lying) < 1.1
     assert reach(lying, 2) > 1.8
+    seated = replace(ANN, aid="wheelchair")
+    assert seated.chest_height_m < ANN.chest_height_m - 0.2
+    assert chest_distance_m(ANN, 1.0, 1.2) == pytest.approx(math.hypot(2.5, 0.058), abs=1e-3)
+    assert chest_distance_m(ANN, 9.0, 1.2) is None
 
 
 @pytest.mark.parametrize("aid", ["wheelchair", "rollator", "stick", "iv-pole", "bed", "bag"])
@@ -59,23 +60,17 @@ def test_a_person_without_aid_has_no_prop(small_scenario: Scenario) -> None:
     assert not Renderer(small_scenario).truth(2).props.any()
 
 
-def test_build_and_clothes_change_the_room_that_a_person_takes() -> None:
+def test_heads_arms_build_and_clothes_change_the_shape_of_a_person() -> None:
+    adult, child = body_of(replace(ANN, height_m=1.2)), body_of(replace(ANN, height_m=1.2, kind="child"))
+    assert child.radius[0] > 1.2 * adult.radius[0]
+    assert top_of(body_of(replace(ANN, arms="raised"))) > 1.8
+    towards_robot = min(float(body_of(replace(ANN, arms="around")).end[:, 2].min()), 99.0)
+    assert towards_robot < 2.5 - 0.4
     plain = body_of(ANN)
     assert reach(body_of(replace(ANN, shoulders=1.2)), 0) > reach(plain, 0)
     assert len(body_of(replace(ANN, coat=True)).radius) == len(plain.radius) + 3
     assert body_of(replace(ANN, belly=0.5)).radius.max() > plain.radius.max()
     assert top_of(body_of(replace(ANN, stoop=math.radians(30)))) < top_of(plain) - 0.05
-
-
-def test_a_child_has_a_larger_head_for_its_size() -> None:
-    adult, child = body_of(replace(ANN, height_m=1.2)), body_of(replace(ANN, height_m=1.2, kind="child"))
-    assert child.radius[0] > 1.2 * adult.radius[0]
-
-
-def test_a_raised_arm_is_above_the_head_and_arms_around_reach_ahead() -> None:
-    assert top_of(body_of(replace(ANN, arms="raised"))) > 1.8
-    towards_robot = min(float(body_of(replace(ANN, arms="around")).end[:, 2].min()), 99.0)
-    assert towards_robot < 2.5 - 0.4
 
 
 def test_a_person_faces_where_told_or_where_they_walk_or_the_robot() -> None:
@@ -99,10 +94,3 @@ def test_a_companion_keeps_its_place_beside_who_it_is_with(manner: str, apart: f
         assert there is not None
         assert math.dist(here, there) == pytest.approx(apart, abs=0.1)
     assert bob.arms == {"embrace": "around", "pushing": "forward", "arm-in-arm": "hooked-left"}.get(manner, "")
-
-
-def test_the_tag_of_a_seated_person_is_read_lower() -> None:
-    seated = replace(ANN, aid="wheelchair")
-    assert seated.chest_height_m < ANN.chest_height_m - 0.2
-    assert chest_distance_m(ANN, 1.0, 1.2) == pytest.approx(math.hypot(2.5, 0.058), abs=1e-3)
-    assert chest_distance_m(ANN, 9.0, 1.2) is None

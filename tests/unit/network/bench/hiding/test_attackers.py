@@ -51,21 +51,12 @@ def half(mask: Mask) -> Mask:
     return np.ascontiguousarray(mask[::2, ::2])
 
 
-def test_the_difference_to_the_empty_scene_finds_the_other() -> None:
+def test_the_other_is_found_by_difference_blurred_or_as_a_hole_or_bite() -> None:
     found = by_difference(view_of(scene(np.random.default_rng(1), OTHER)))
     assert iou(found, half(OTHER)) > 0.9
-
-
-def test_a_blurred_person_is_found_all_the_same() -> None:
     blurred = blur_others(scene(np.random.default_rng(1), OTHER), OTHER)
     assert iou(by_difference(view_of(blurred)), half(OTHER)) > 0.9
-
-
-def test_a_hole_in_the_shape_of_a_person_is_found() -> None:
     assert iou(by_holes(view_of(scene(np.random.default_rng(1), OTHER, 0))), half(OTHER)) > 0.9
-
-
-def test_the_bite_out_of_the_owner_is_found_where_someone_stood_in_front() -> None:
     bite = box(90, 100, 20, 60)
     assert iou(by_bite(view_of(noisy(np.random.default_rng(1)), OWNER & ~bite)), half(bite)) > 0.9
 

@@ -12,30 +12,21 @@ def mask(*rows: str) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     return np.array([[letter == "#" for letter in row] for row in rows])
 
 
-def test_half_of_a_union_is_a_half() -> None:
+def test_half_of_a_union_is_a_half_and_nothing_recovered_of_nobody_no_success() -> None:
     assert iou(mask("##..", "...."), mask("#...", "....")) == 0.5
     assert iou(mask("##..", "...."), mask("..##", "....")) == 0.0
     assert iou(mask("##..", "##.."), mask("##..", "##..")) == 1.0
-
-
-def test_nothing_recovered_of_nobody_is_no_success() -> None:
     assert iou(mask("...."), mask("....")) == 0.0
 
 
-def test_a_leak_in_every_scene_is_bounded_from_both_sides() -> None:
+def test_a_leak_is_bounded_from_both_sides_and_by_the_same_seed_alike() -> None:
     bound = paired_bound([0.1, 0.12, 0.08, 0.1, 0.11] * 8, seed=3)
     assert bound.mean == pytest.approx(0.102)
     assert 0.102 < bound.upper < 0.107
     assert bound.count == 40
-
-
-def test_one_leak_among_many_scenes_shows_in_the_bound_more_than_in_the_mean() -> None:
     bound = paired_bound([0.0] * 39 + [0.8], seed=3)
     assert bound.mean == pytest.approx(0.02)
     assert bound.upper > 0.03
-
-
-def test_the_same_seed_gives_the_same_bound() -> None:
     values = [0.01 * n for n in range(20)]
     assert paired_bound(values, seed=1) == paired_bound(values, seed=1)
 
