@@ -22,7 +22,7 @@ from tests.ui.accessible import find_accessibility_faults
 from tests.ui.reading_reports import look_all_ways, pictures_in, print_on_a4
 from tests.ui.watched_page import NARROW
 from tests.unit.network.experiments.test_experiment_runs import outcome
-from tests.unit.network.test_demo_report import checks, state
+from tests.unit.network.test_demo_report import checks, happened, state
 
 PAGE_MAX_BYTES = 150_000
 
@@ -41,7 +41,7 @@ def paint(folder: Path, count: int) -> list[Path]:
 def demo_report(folder: Path, *, held: bool = True) -> Path:
     known = state(folder)
     known.pictures = {"patient-a": paint(folder, 4), "patient-b": paint(folder, 3)}
-    known.audit = [{"height": 3 + n, "kind": "recorded", "record_id": f"{n:032x}"} for n in range(40)]
+    known.audit = [happened(height=3 + n, kind="recorded", record_id=f"{n:032x}") for n in range(40)]
     write_report(folder, build_summary(checks(True, held, True), known, nodes=4, store="sqlite", out=folder), known)
     return folder / "report.html"
 
