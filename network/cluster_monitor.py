@@ -13,7 +13,7 @@ STUCK_AFTER_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class NodeLook:
+class NodeObservation:
     """One look at a node: process, status (None without answer), active faults."""
 
     name: str
@@ -53,7 +53,7 @@ class Picture:
     longest_stuck_s: float
 
 
-def state_of(look: NodeLook) -> str:
+def state_of(look: NodeObservation) -> str:
     """Return a node's state: stopped, paused, no answer, a fault, silent, waiting, suspended or signing."""
     if not look.running:
         return "stopped"
@@ -70,11 +70,11 @@ def state_of(look: NodeLook) -> str:
     return usual if status.get("ready") else "waiting"
 
 
-def accusers_of(name: str, said: Mapping[str, Mapping[str, Any] | None]) -> tuple[str, ...]:
+def accusers_of(name: str, statuses: Mapping[str, Mapping[str, Any] | None]) -> tuple[str, ...]:
     """Return the other nodes whose status reports that this one contradicted itself."""
     return tuple(
         other
-        for other, status in said.items()
+        for other, status in statuses.items()
         if other != name and any(row["name"] == name for row in (status or {}).get("accused", ()))
     )
 
@@ -89,9 +89,9 @@ class Observer:
         self._waiting_since_s: float | None = None
         self._longest_s = 0.0
 
-    def take(self, looks: Sequence[NodeLook], now_s: float) -> Picture:
-        said = {look.name: look.status for look in looks}
-        rows = tuple(_row(look, accusers_of(look.name, said)) for look in looks)
+    def update(self, looks: Sequence[NodeObservation], now_s: float) -> Picture:
+        statuses = {look.name: look.status for look in looks}
+        rows = tuple(_row(look, accusers_of(look.name, statuses)) for look in looks)
         height = max(
             [self._finalized_height, *(row.finalized_height for row in rows if row.finalized_height is not None)]
         )
@@ -113,7 +113,7 @@ class Observer:
         )
 
 
-def _row(look: NodeLook, accused_by: tuple[str, ...]) -> NodeRow:
+def _row(look: NodeObservation, accused_by: tuple[str, ...]) -> NodeRow:
     seen = look.status or {}
     return NodeRow(
         name=look.name,

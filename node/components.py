@@ -31,9 +31,9 @@ from node.consensus.evidence_submitter import EvidenceSubmitter, describe_accuse
 from node.consensus.journal import JournalEntry
 from node.consensus.journal_writer import VotingJournal
 from node.consensus.readiness_reporter import ReadinessReporter
-from node.consensus.stall_detector import FinalityWatch
-from node.custody.chain.chain_follower import Custody
+from node.consensus.stall_detector import StallDetector
 from node.custody.chain.custody_admin import CustodyAdmin
+from node.custody.chain.custody_coordinator import CustodyCoordinator
 from node.custody.chain.custody_setup import CustodyPlace
 from node.directory.node_directory import Directory
 from node.execution.block_executor import ExecutedBlock, Executor
@@ -161,7 +161,7 @@ class NodeComponents:
         self.mempool = Mempool(
             chain_id=genesis.chain_id,
             cache=around.transactions,
-            has_standing=self._is_admitted,
+            check_admission=self._check_admission,
             is_spent=self._is_spent,
             account_of=lambda transaction: find_account(self.executor.reader, transaction),
             byte_budgets=ByteBudgets(asyncio.get_running_loop().time),
@@ -215,7 +215,7 @@ class NodeComponents:
             calls=CallCheck(lambda: self.executor.reader),
         )
         self.finalized = FinalizedLedger(around.ledger, self.feed)
-        self.finality_watch = FinalityWatch(around.stopwatch, lambda: self.engine.epoch.epoch.settings)
+        self.stall_detector = StallDetector(around.stopwatch, lambda: self.engine.epoch.epoch.settings)
         self._metrics = NodeMetrics(_gauges_of(self), now_ms)
         self.custody = self._make_custody()
         self.upkeep = self._make_upkeep()
@@ -254,12 +254,12 @@ class NodeComponents:
         self.engine.add_evidence_listener(accuser.note)
         return accuser
 
-    def _make_custody(self) -> Custody | None:
+    def _make_custody(self) -> CustodyCoordinator | None:
         around, place = self.surroundings, self.surroundings.custody
         if place is None:
             return None
         now_ms = around.clock.now_ms
-        custody = Custody(
+        custody = CustodyCoordinator(
             genesis=self.genesis,
             name=around.name,
             custodian=place.make_custodian(around.ledger, now_ms),
@@ -311,7 +311,7 @@ class NodeComponents:
         self.writer.add_listener(self._follow_directory)
         self.writer.add_listener(self._note_stored)
         self.writer.add_listener(self.feed.publish)
-        self.writer.add_listener(self.finality_watch.note_final)
+        self.writer.add_listener(self.stall_detector.note_final)
         self.writer.add_listener(self._metrics.note_finalized)
         self.writer.add_listener(self._after_stored)
         self.writer.start(
@@ -369,7 +369,7 @@ class NodeComponents:
         else:
             self._directory_is_behind = False
 
-    def _is_admitted(self, transaction: Transaction) -> bool:
+    def _check_admission(self, transaction: Transaction) -> bool:
         reader = self.executor.reader
         position = reader.position
         if position is None:
@@ -390,7 +390,7 @@ class NodeComponents:
             if self._directory_is_behind:
                 self._catch_up_with_directory()
             self.pool.purge_expired()
-            self.finality_watch.look(len(self.mempool))
+            self.stall_detector.look(len(self.mempool))
             self.peers.retry_unsettled()
             self.engine.note_work()
             self.sync.look_again()
@@ -434,8 +434,8 @@ class NodeComponents:
             "over_budget": self.over_budget.describe(self.surroundings.clock.now_ms()),
             "fault": core.halted or self.engine.fault,
             "execution": self.executor.quarantine.describe(),
-            "silent": None if core.silence is None else core.silence._asdict(),
-            "finality": self.finality_watch.describe(),
+            "silent": None if core.lockout is None else core.lockout._asdict(),
+            "finality": self.stall_detector.describe(),
             "suspended_height": self._suspended_height(),
             "accused": describe_accused(self.accuser, self.directory, self.executor.reader),
             "version": version("blockrobot"),
@@ -492,6 +492,6 @@ def _gauges_of(parts: NodeComponents) -> dict[str, tuple[str, Callable[[], float
         **parts.executor.quarantine.gauges(),
         "blockrobot_signing": (
             "1 while the node takes part.",
-            lambda: float(parts.engine.is_signing and parts.core.silence is None),
+            lambda: float(parts.engine.is_signing and parts.core.lockout is None),
         ),
     }

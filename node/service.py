@@ -37,10 +37,10 @@ from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.ledger.pruning import answer_requests
 from node.mempool.client_pool import ClientPool
 from node.operator import create_operator_listener, serve_operator
-from node.p2p.accepting import bind_listener
+from node.p2p.connection_acceptor import bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
-from node.snapshot.joining import Joiner
-from node.snapshot.shelf import SnapshotStore
+from node.snapshot.joining import SnapshotJoiner
+from node.snapshot.snapshot_store import SnapshotStore
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
 
 HTTP_STOP_MS = 500
@@ -160,7 +160,7 @@ class Node:
         parts.peers.snapshots = shelf
         parts.writer.set_milestones(config.keep_blocks // 2, shelf.begin)
         parts.pruner.add_listener(shelf.note_pruned)
-        self._joiner = Joiner(
+        self._snapshot_joiner = SnapshotJoiner(
             genesis=self.genesis,
             requester=self._network,
             gap=parts.sync,
@@ -169,12 +169,12 @@ class Node:
             lag_max=config.snapshot_lag_blocks,
             restart=self.begin_anew.set,
         )
-        self._stack.push_async_callback(self._joiner.stop)
+        self._stack.push_async_callback(self._snapshot_joiner.stop)
 
-    async def _look_for_snapshots(self) -> None:
+    async def _join_when_behind(self) -> None:
         while True:
             await asyncio.sleep(JOIN_INTERVAL_S)
-            self._joiner.look()
+            self._snapshot_joiner.start_if_behind()
             await answer_requests(self.config.data_dir, self._parts.pruner)
 
     def _open_network(self, directory: Directory, handler: PeerHandler) -> PeerNetwork:
@@ -257,7 +257,7 @@ class Node:
         await parts.start()
         rounds = EngineRounds(parts.engine, self._clock)
         parts.writer.add_listener(rounds.note_final)
-        looking = asyncio.get_running_loop().create_task(self._look_for_snapshots(), name="joining")
+        looking = asyncio.get_running_loop().create_task(self._join_when_behind(), name="joining")
         stack.callback(looking.cancel)
         services = ApiServices(
             genesis=self.genesis,
@@ -267,11 +267,13 @@ class Node:
             views=self._contracts.views,
             pool=ClientPool(parts.pool, self.problem),
             custody=parts.custody,
-            receipts=None if self._custodian_key is None else ConsentReceipts(self._custodian_key, parts.sync.keepers),
+            receipts=None
+            if self._custodian_key is None
+            else ConsentReceipts(self._custodian_key, parts.sync.peers_with_block),
             rounds=rounds,
             public_explorer=config.public_explorer,
             note_over=parts.note_over,
-            keepers=parts.sync.keepers,
+            peers_with_block=parts.sync.peers_with_block,
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
         reading = read_or_make_token(config.data_dir, READING_TOKEN_FILE_NAME)

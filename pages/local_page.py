@@ -301,11 +301,11 @@ def write_redirect(folder: Path, target: str, title: str, *, language: str = "en
     """Write the redirect file to `target`, readable only by its owner; return its path."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     path = folder / f"open-{secrets.token_hex(8)}.html"
-    address, words, said = html.escape(target, quote=True), html.escape(title), html.escape(note)
+    address, words, note_text = html.escape(target, quote=True), html.escape(title), html.escape(note)
     text = (
         f'<!doctype html><html lang="{language}"><meta charset="utf-8"><title>{words}</title>'
         f'<meta name="referrer" content="no-referrer"><meta http-equiv="refresh" content="0; url={address}">'
-        f'<p><a href="{address}">{words}</a>. {said}</p></html>\n'
+        f'<p><a href="{address}">{words}</a>. {note_text}</p></html>\n'
     )
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:

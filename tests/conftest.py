@@ -13,7 +13,7 @@ import click
 import pytest
 
 from clients.sdk.terminal import terminal
-from clients.wallet.present.translations import LANGUAGE_VARIABLE
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
 
 pytest_plugins = ("tests.spent_time", "tests.tiers")
 

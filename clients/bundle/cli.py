@@ -12,12 +12,12 @@ from clients.bundle.checks.bundle_check import Verdict, name_visits, printable, 
 from clients.bundle.checks.consent_receipts import CheckedFile, CheckedReceipt, check_file, is_receipt_file
 from clients.bundle.checks.frame_check import count_pictures
 from clients.bundle.progress import show_progress
-from clients.sdk.terminal.plurals import counted
+from clients.sdk.terminal.plurals import pluralize
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import command_output, console, load_genesis, print_answer
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 _HASH = re.compile(r"[0-9a-fA-F]{64}", re.ASCII)
 
@@ -116,21 +116,21 @@ def _lines(verdict: Verdict) -> list[str]:
         f"Against which network: {_plain(manifest.network)} ({anchor})",
         f"  chain id      {manifest.chain_id}",
         f"  genesis hash  {manifest.genesis_id}",
-        f"Up to which block: {verdict.as_of_height}, of {show_moment(verdict.as_of_ms)}"
-        f" (the newest proof is of block {verdict.newest_height}; {counted(verdict.epochs, 'epoch')} followed)",
+        f"Up to which block: {verdict.as_of_height}, of {format_time(verdict.as_of_ms)}"
+        f" (the newest proof is of block {verdict.newest_height}; {pluralize(verdict.epochs, 'epoch')} followed)",
         *_as_of(verdict),
         "Proved:",
         f"  - {_recorded(found)}",
-        f"  - {counted(found.pictures, 'picture, sound or label is', 'pictures, sounds or labels are')} "
+        f"  - {pluralize(found.pictures, 'picture, sound or label is', 'pictures, sounds or labels are')} "
         "what the robot committed to",
-        f"  - {counted(found.audit_entries, 'event')}, {counted(found.accesses, 'request')} for access and "
-        f"{counted(found.erasures, 'erasure')}, with what custodians answered",
+        f"  - {pluralize(found.audit_entries, 'event')}, {pluralize(found.accesses, 'request')} for access and "
+        f"{pluralize(found.erasures, 'erasure')}, with what custodians answered",
         "  - the file is as it was exported, by who holds the keys of these visits "
-        f"({counted(len(verdict.signers), 'signature')})",
+        f"({pluralize(len(verdict.signers), 'signature')})",
     ]
     if verdict.consents.member:
-        said = counted(found.consent_receipts, "word", "words")
-        words = f"{said} on consent from after registering, with the chain's receipts"
+        phrase = pluralize(found.consent_receipts, "word", "words")
+        words = f"{phrase} on consent from after registering, with the chain's receipts"
         lines.append(f"  - the consents of member {verdict.consents.member} are as told; {words}")
         lines += _signed_lines(found.signed_consent_receipts)
         if verdict.visits_of_member:
@@ -145,7 +145,7 @@ def _lines(verdict: Verdict) -> list[str]:
 
 
 def _recorded(found: VerifyBundleAnswer) -> str:
-    visits, records = counted(found.visits, "visit"), counted(found.records, "record")
+    visits, records = pluralize(found.visits, "visit"), pluralize(found.records, "record")
     are = "is" if found.visits == 1 else "are"
     if found.records == 1:
         opened = "opened" if found.metadata_proved else "did not open"
@@ -161,16 +161,16 @@ def _signed_lines(rows: list[SignedReceipt]) -> list[str]:
         return []
     whose = f"by the owner and by {_plain(rows[0].organisation)}, which registered them"
     is_one = len(rows) == 1
-    said = "receipt of consent is signed" if is_one else "receipts of consent are signed"
+    phrase = "receipt of consent is signed" if is_one else "receipts of consent are signed"
     agree = "says what the ledger says" if is_one else "say what the ledger says"
-    first = f"  - {len(rows)} {said} by both sides, {whose}, and {agree}:"
+    first = f"  - {len(rows)} {phrase} by both sides, {whose}, and {agree}:"
     return [first, *(f"      {_plain(_receipt_line(row))}" for row in rows)]
 
 
 def _receipt_line(row: SignedReceipt) -> str:
     what, sensors = ", ".join(row.purposes) or "everything", ", ".join(row.sensors) or "every sensor"
     notice = "no notice" if row.notice_version is None else f"notice {row.notice_version}"
-    return f"{show_moment(row.time_ms)}  {row.status}: {what} by {sensors} (block {row.height}, {notice})"
+    return f"{format_time(row.time_ms)}  {row.status}: {what} by {sensors} (block {row.height}, {notice})"
 
 
 def _signed_receipt(receipt: CheckedReceipt) -> SignedReceipt:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
+from clients.bundle import document_building, layout
 from clients.bundle import documents as doc
-from clients.bundle import layout, telling
 from clients.bundle.checks.chain_proofs import ProvedChain, ProvedReceipt
 from clients.bundle.checks.consent_receipts import CheckedReceipt
 from clients.bundle.checks.frame_check import FrameSource, Piece, walk_frames
 from clients.bundle.checks.key_history import prove_sealing_keys
-from clients.bundle.checks.signed_receipts import prove_signed, require_told, tell_signed
+from clients.bundle.checks.signed_receipts import build_signed_receipts, prove_signed, require_proved_consents
 from clients.bundle.checks.visit_check import VisitFacts, read_visit
 from clients.bundle.texts import README_TEXT, player_page
 from consensus.chain.genesis import Genesis
@@ -50,7 +50,7 @@ class Proven:
     chain: ProvedChain
     consents: doc.ConsentsDocument
     visits: tuple[VisitFacts, ...]
-    texts: telling.Texts
+    texts: document_building.Texts
     signers: tuple[bytes, ...]
     """Whose signatures the bundle has to have: the visits' owner keys, in order, and the member key."""
     signed: tuple[CheckedReceipt, ...]
@@ -80,12 +80,12 @@ def prove(genesis: Genesis, proofs: Proofs) -> Proven:
     if opened != proofs.openings.records:
         raise BlockRobotError("BUNDLE_INVALID", "The bundle opens records that it does not tell of, or not in order.")
     signers = [facts.decided_by for facts in visits] + ([member] if member else [])
-    texts = telling.open_corrections(visits, proofs.openings.corrections)
+    texts = document_building.open_corrections(visits, proofs.openings.corrections)
     if texts and not member:
         raise BlockRobotError("BUNDLE_INVALID", "The bundle opens corrections without saying whose.")
-    told = None if proofs.signed is None else tell_signed(proofs.signed, signed)
+    built = None if proofs.signed is None else build_signed_receipts(proofs.signed, signed)
     names = {node.custodian_key.hex(): f"{node.name} of {node.organisation}" for node in genesis.custodians}
-    return Proven(chain, consents, visits, texts, tuple(signers), signed, told, names)
+    return Proven(chain, consents, visits, texts, tuple(signers), signed, built, names)
 
 
 def _prove_person(
@@ -96,16 +96,16 @@ def _prove_person(
             raise BlockRobotError(
                 "BUNDLE_INVALID", "The bundle holds receipts of consent or keys without saying whose."
             )
-        return telling.NO_PERSON, (), b"", ()
+        return document_building.NO_PERSON, (), b"", ()
     proved = chain.state(layout.state_proofs_name(0), proofs.person)
-    member, row = telling.read_person(proved)
+    member, row = document_building.read_person(proved)
     sealing: tuple[bytes, ...] = (row.sealing,)
     if proofs.keys is not None:
         sealing = prove_sealing_keys(chain, genesis, proofs.keys, member, row)
     signed = () if proofs.signed is None else prove_signed(chain, genesis, proofs.signed, row)
-    consents = telling.tell_consents(proved, receipts, {each.word.member for each in signed})
+    consents = document_building.build_consents(proved, receipts, {each.word.member for each in signed})
     if proofs.signed is not None:
-        require_told(proofs.signed, signed, consents)
+        require_proved_consents(proofs.signed, signed, consents)
     return consents, sealing, member, signed
 
 
@@ -114,7 +114,7 @@ def walk_visits(
 ) -> Generator[Piece, None, tuple[doc.VisitDocument, ...]]:
     """Yield frame files in order; return visit documents."""
     seen: set[bytes] = set()
-    told: list[doc.VisitDocument] = []
+    built: list[doc.VisitDocument] = []
     done, of = 0, sum(len(facts.records) for facts in proven.visits)
     for number, facts in enumerate(proven.visits, 1):
         frames: list[list[doc.FrameDocument]] = []
@@ -125,18 +125,18 @@ def walk_visits(
             frames.append(shown)
             done += 1
             heard("records", done, of)
-        told.append(telling.tell_visit(number, facts, frames))
-    return tuple(told)
+        built.append(document_building.build_visit(number, facts, frames))
+    return tuple(built)
 
 
-def tell_all(proven: Proven, visits: Sequence[doc.VisitDocument]) -> list[tuple[str, bytes]]:
-    erasures = telling.tell_erasures(proven.visits)
+def build_documents(proven: Proven, visits: Sequence[doc.VisitDocument]) -> list[tuple[str, bytes]]:
+    erasures = document_building.build_erasures(proven.visits)
     parts: list[tuple[str, doc.Document]] = [
         (layout.VISITS, doc.VisitsDocument(list(visits))),
-        (layout.AUDIT, telling.tell_trail(proven.visits)),
-        (layout.ACCESS, telling.tell_accesses(proven.visits)),
+        (layout.AUDIT, document_building.build_audit_trail(proven.visits)),
+        (layout.ACCESS, document_building.build_access_log(proven.visits)),
         (layout.ERASURES, erasures),
-        (layout.RIGHTS, telling.tell_rights(proven.visits, proven.texts)),
+        (layout.RIGHTS, document_building.build_rights(proven.visits, proven.texts)),
         (layout.CONSENTS, proven.consents),
     ]
     if proven.told_receipts is not None:

@@ -197,9 +197,9 @@ def _pictures_of(record: doc.RecordDocument) -> list[tuple[str, int, str, int]]:
 
 
 def _erasure(erasure: doc.ErasureDocument) -> dict[str, Any]:
-    told = {name: getattr(erasure, name) for name in ("records", "frames", "time_ms", "custodians")}
+    shown = {name: getattr(erasure, name) for name in ("records", "frames", "time_ms", "custodians")}
     receipts = [
         {"custodian": one.custodian, "destroyed_frames": one.destroyed_frames, "time_ms": one.time_ms}
         for one in erasure.receipts
     ]
-    return told | {"receipts": receipts}
+    return shown | {"receipts": receipts}

@@ -19,13 +19,13 @@ from clients.bundle.proving import (
     SIGN_TAG,
     Heard,
     Proofs,
+    build_documents,
     first_files,
     fixed_files,
     never_heard,
     proof_files,
     prove,
     sign_parts,
-    tell_all,
     walk_visits,
 )
 from clients.sdk import new_files
@@ -66,7 +66,7 @@ def write_entries(file: BinaryIO, contents: Contents, heard: Heard = never_heard
     proofs = proof_files(contents.proofs)
     if sum(len(content) for _, content in proofs) > layout.PROOFS_MAX_BYTES:
         raise BlockRobotError("EXPORT_TOO_LARGE", "The proofs are larger than 256 MiB.")
-    for name, content in tell_all(proven, visits) + proofs:
+    for name, content in build_documents(proven, visits) + proofs:
         if len(content) > layout.DOCUMENT_MAX_BYTES:
             raise BlockRobotError("EXPORT_TOO_LARGE", f"{name} would be larger than 64 MiB.")
         writer.add(name, content)

@@ -14,15 +14,15 @@ from clients.officer.lost_keys_commands import lost_keys
 from clients.officer.officer_answers import BreachCloseAnswer, BreachesAnswer, CorrectionAnswer, CorrectionFile
 from clients.officer.officer_mandates_commands import mandates
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.plurals import counted
+from clients.sdk.terminal.plurals import pluralize
 from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer
 from clients.wallet.cli.group_options import place_wallet, wallet_options
-from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import read_correction, write_correction
 from consensus.bounded_text import read_json_text
 from consensus.rights.right_codes import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 T = TypeVar("T")
 _HOUR_MS = 3_600_000
@@ -91,7 +91,7 @@ def _show(breach: Breach, profile: str) -> None:
     risk = f", risk: {state.risk}" if state.risk else ""
     clock = _clock(breach)
     console.print(
-        f"{breach.breach_id.hex()[:12]}  {state.status}{risk}  denied {show_moment(state.opened_ms)} at "
+        f"{breach.breach_id.hex()[:12]}  {state.status}{risk}  denied {format_time(state.opened_ms)} at "
         f"{state.org}, robot {state.robot.hex()[:10]}" + (f"  {clock}" if clock else "")
     )
     step = _next_step(breach, profile)
@@ -164,7 +164,7 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool,
 
     Example: blockrobot officer close 3fa2c19b07de --outcome erased --reason matched-wrongly
     """
-    ask_or_say(
+    confirm_or_print(
         "Every record of the visit will be gone for everyone, for ever, also what was to be kept for a claim. Erase?",
         yes=yes or outcome != "erased",
         as_json=as_json,
@@ -174,7 +174,7 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool,
         click.echo(f"erasing records: {number} of {count} are asked for", err=True)
 
     count, after = _run(ctx, breach, lambda handled, found: handled.close(found, outcome, reason, tell))
-    going = f" {counted(count, 'record is', 'records are')} being erased." if outcome == "erased" else ""
+    going = f" {pluralize(count, 'record is', 'records are')} being erased." if outcome == "erased" else ""
     line = OUTCOMES[outcome] + going
     _tell(ctx, after, line, as_json=as_json, erasing=count)
 
@@ -189,7 +189,7 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
     Example: blockrobot officer correction correction.json
     """
     correction = read_correction(file.read_bytes())
-    number, row = run_with_wallet(ctx, lambda opened: Breaches(opened).find_correction(correction))
+    number, row = run_with_wallet(ctx, lambda opened: Breaches(opened).get_correction(correction))
     if as_json:
         held = msgspec.convert(read_json_text(write_correction(correction)), CorrectionFile)
         where = CorrectionAnswer(
@@ -197,9 +197,9 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
         )
         print_answer(where)
         return
-    of = counted(len(correction.record_ids), "record") if correction.record_ids else "all"
+    of = pluralize(len(correction.record_ids), "record") if correction.record_ids else "all"
     console.print(
-        f"Said by the owner of visit {correction.visit[:12]} on {show_moment(row.time)} (block {row.height}), "
+        f"Said by the owner of visit {correction.visit[:12]} on {format_time(row.time)} (block {row.height}), "
         f"of {of} of it, about its {correction.kind}:\n"
     )
     console.print(correction.text, markup=False)

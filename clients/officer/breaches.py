@@ -14,7 +14,7 @@ from clients.officer.officer_answers import BreachAnswer, BreachAssessed, Breach
 from clients.sdk.chain.proved_rows import proved_list, proved_row, proved_rows
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.terminal.json_answers import convert_row
-from clients.wallet.ledger.id_prefix import BREACH, find_named
+from clients.wallet.ledger.id_prefix import BREACH, resolve_id_prefix
 from clients.wallet.ledger.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.rights.right_codes import Correction, commit_correction
@@ -66,7 +66,7 @@ class Breaches:
     async def find(self, start: str) -> Breach:
         """Find by id prefix. Raises BREACH_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
         known = await self.read_all()
-        return known[find_named(BREACH, [breach.breach_id.hex() for breach in known], start)]
+        return known[resolve_id_prefix(BREACH, [breach.breach_id.hex() for breach in known], start)]
 
     async def assess(self, breach: Breach, risk: str, reason: str) -> FinalReceipt:
         """Raises CALL_REFUSED with the contract's code."""
@@ -83,7 +83,7 @@ class Breaches:
         ids: list[bytes] = []
         if outcome == "erased":
             breach = await self.find(breach.breach_id.hex())
-            require_told(breach)
+            require_notified(breach)
             ids = await active_records(self._wallet, breach.state.owner)
         for start in range(0, len(ids), RECORDS_A_CALL_MAX_COUNT):
             tell(start, len(ids))
@@ -92,7 +92,7 @@ class Breaches:
             await self._call("close", [breach.breach_id, outcome, reason])
         return len(ids)
 
-    async def find_correction(self, correction: Correction) -> tuple[int, CorrectionRow]:
+    async def get_correction(self, correction: Correction) -> tuple[int, CorrectionRow]:
         """Return a correction's number and proven row. Raises CORRECTION_UNPROVEN."""
         owner = bytes.fromhex(correction.visit)
         count = await proved_row(self._read, rights.CORRECTION_COUNT, owner) or 0
@@ -108,7 +108,7 @@ class Breaches:
         return await self._wallet.network.call(self._key, "rights", entry, arguments)
 
 
-def require_told(breach: Breach) -> None:
+def require_notified(breach: Breach) -> None:
     """Raise CALL_REFUSED unless assessed and required notices given."""
     state = breach.state
     if state.assessed is None:

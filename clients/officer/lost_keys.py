@@ -12,7 +12,7 @@ from typing import Any
 from clients.sdk.chain.announcements import Announcement
 from clients.sdk.chain.proved_rows import proved_list, proved_row, proved_rows
 from clients.sdk.chain.receipts import FinalReceipt
-from clients.wallet.ledger.id_prefix import PROPOSAL, find_named
+from clients.wallet.ledger.id_prefix import PROPOSAL, resolve_id_prefix
 from clients.wallet.ledger.visit_audit import RECORDED_KIND
 from clients.wallet.ledger.wallet import Wallet
 from consensus.errors import BlockRobotError
@@ -95,7 +95,7 @@ class Proposal:
 
 
 @dataclass(frozen=True, slots=True)
-class Ordered:
+class OrderedErasures:
     """Ordered erasure ids; number of visits left, by cause."""
 
     erasure_ids: tuple[bytes, ...]
@@ -211,7 +211,7 @@ class LostKeys:
     async def find(self, start: str) -> Proposal:
         """Find by id prefix. Raises PROPOSAL_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
         known = await self.read_all()
-        return known[find_named(PROPOSAL, [one.proposal_id.hex() for one in known], start)]
+        return known[resolve_id_prefix(PROPOSAL, [one.proposal_id.hex() for one in known], start)]
 
     # Deciding
 
@@ -228,7 +228,7 @@ class LostKeys:
         """Raises CALL_REFUSED."""
         await self._call("stop", [proposal.proposal_id])
 
-    async def erase(self, proposal: Proposal, tell: Tell) -> Ordered:
+    async def erase(self, proposal: Proposal, tell: Tell) -> OrderedErasures:
         """Order erasure of at most the approved visits; repeatable, skips restricted or denied. Raises CALL_REFUSED."""
         preview = await self.preview_span(proposal.span)
         keys = {visit.owner: officers.TOUCHED.key(proposal.proposal_id, visit.owner) for visit in preview.touched}
@@ -253,7 +253,7 @@ class LostKeys:
                 kept += 1
             visits += records > before
         kept += sum(visit.denied or visit.restricted_count > 0 for visit in preview.visits)
-        return Ordered(tuple(ids), visits, records, kept, len(new[room:]))
+        return OrderedErasures(tuple(ids), visits, records, kept, len(new[room:]))
 
     async def _call(self, entry: str, arguments: list[Any]) -> FinalReceipt:
         return await self._wallet.network.call(self._key, "officers", entry, arguments)

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from clients.officer.lost_keys import LostKeys, Ordered, Preview, Proposal
+from clients.officer.lost_keys import LostKeys, OrderedErasures, Preview, Proposal
 from clients.officer.officer_answers import (
     LostKeysDecisionAnswer,
     LostKeysEraseAnswer,
@@ -16,15 +16,15 @@ from clients.officer.officer_answers import (
     VisitInSpan,
 )
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.plurals import counted
+from clients.sdk.terminal.plurals import pluralize
 from clients.sdk.terminal.terminal import command_output, console, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
-from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.times import MOMENT
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from consensus.errors import BlockRobotError
 from consensus.rights.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, VISITS_MAX_COUNT
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 _DAY_MS = 24 * 3600 * 1000
 
@@ -91,17 +91,17 @@ def _preview_answer(preview: Preview) -> LostKeysPreviewAnswer:
 def _print_preview(preview: Preview) -> None:
     span = preview.span
     console.print(
-        f"Robot {span.robot.hex()[:10]}, visits that began from {show_moment(span.from_ms)} to before "
-        f"{show_moment(span.until_ms)}:"
+        f"Robot {span.robot.hex()[:10]}, visits that began from {format_time(span.from_ms)} to before "
+        f"{format_time(span.until_ms)}:"
     )
-    what = f"{counted(len(preview.touched), 'visit')} with {counted(preview.records_count, 'record')}"
+    what = f"{pluralize(len(preview.touched), 'visit')} with {pluralize(preview.records_count, 'record')}"
     console.print(f"  {what} would be erased.")
     restricted = sum(visit.restricted_count > 0 for visit in preview.visits)
     denied = sum(visit.denied for visit in preview.visits)
     if restricted:
-        console.print(f"  Of {counted(restricted, 'visit')} records are restricted by the owner: those stay.")
+        console.print(f"  Of {pluralize(restricted, 'visit')} records are restricted by the owner: those stay.")
     if denied:
-        visits = counted(denied, "visit was", "visits were")
+        visits = pluralize(denied, "visit was", "visits were")
         console.print(f"  {visits} denied: what is denied stays with its breach (blockrobot officer breaches).")
     if preview.touched:
         console.print(
@@ -136,20 +136,20 @@ def _print_proposal(proposal: Proposal) -> None:
     state, name = proposal.state, proposal.proposal_id.hex()[:12]
     console.print(
         f"{name}  {proposal.status}, {state.reason}: robot {state.robot.hex()[:10]} at {state.org}, "
-        f"{show_moment(state.from_ms)} to {show_moment(state.until_ms)}, "
-        f"at most {counted(state.visits_max, 'visit')}; "
-        f"{counted(state.visits, 'visit')} and {counted(state.records, 'record')} ordered so far"
+        f"{format_time(state.from_ms)} to {format_time(state.until_ms)}, "
+        f"at most {pluralize(state.visits_max, 'visit')}; "
+        f"{pluralize(state.visits, 'visit')} and {pluralize(state.records, 'record')} ordered so far"
     )
     steps = {
-        "proposed": f"{_second(proposal)}, until {show_moment(state.ends_ms)}",
-        "approved": f"either of the two, until {show_moment(state.ends_ms)}: {_called()} erase {name}",
+        "proposed": f"{_second(proposal)}, until {format_time(state.ends_ms)}",
+        "approved": f"either of the two, until {format_time(state.ends_ms)}: {_called()} erase {name}",
         "lapsed": f"its time is over; if it is still wanted: {_called()} propose ...",
     }
     if proposal.status in steps:
         console.print(f"  Next: {steps[proposal.status]}")
 
 
-def _tell_decided(found: Preview, proposal: Proposal, line: str, *, as_json: bool) -> None:
+def _print_decided(found: Preview, proposal: Proposal, line: str, *, as_json: bool) -> None:
     if as_json:
         print_answer(extend(LostKeysDecisionAnswer, _proposal_answer(proposal), preview=_preview_answer(found)))
         return
@@ -164,7 +164,7 @@ def _require_room(found: Preview, visits: int | None) -> int:
         raise BlockRobotError("SPAN_EMPTY", "Nothing in that span is left to erase.")
     most = min(visits or count, VISITS_MAX_COUNT)
     if count > most:
-        found_visits = counted(count, "visit is", "visits are")
+        found_visits = pluralize(count, "visit is", "visits are")
         raise BlockRobotError("SPAN_TOO_FULL", f"{found_visits} in that span, and {most} may go.")
     return visits or count
 
@@ -243,14 +243,14 @@ def propose(
         if not as_json:
             _print_preview(found)
         most = _require_room(found, visits)
-        question = f"Propose that {counted(len(found.touched), 'visit is', 'visits are')} erased, all of it?"
-        ask_or_say(question, yes=yes, as_json=as_json)
+        question = f"Propose that {pluralize(len(found.touched), 'visit is', 'visits are')} erased, all of it?"
+        confirm_or_print(question, yes=yes, as_json=as_json)
         proposal_id = await handling.propose(found.span, reason, most)
         return found, await handling.find(proposal_id.hex())
 
     found, proposal = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
     line = f"Proposed. Nothing is erased yet: a second officer has {APPROVE_MS // _DAY_MS} days to agree."
-    _tell_decided(found, proposal, line, as_json=as_json)
+    _print_decided(found, proposal, line, as_json=as_json)
 
 
 @lost_keys.command()
@@ -270,13 +270,13 @@ def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None
         if not as_json:
             _print_preview(found)
             console.print(f"  Reason: {LOST_KEY_REASONS.get(before.state.reason, before.state.reason)}")
-        ask_or_say("Do you agree, having checked it yourself?", yes=yes, as_json=as_json)
+        confirm_or_print("Do you agree, having checked it yourself?", yes=yes, as_json=as_json)
         await handling.approve(before)
         return found, await handling.find(before.proposal_id.hex())
 
     found, after = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
     line = f"Approved. Either of you has {CARRY_OUT_MS // _DAY_MS} days to have it carried out."
-    _tell_decided(found, after, line, as_json=as_json)
+    _print_decided(found, after, line, as_json=as_json)
 
 
 @lost_keys.command()
@@ -293,14 +293,14 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
     def tell(number: int, count: int) -> None:
         click.echo(f"visit {number + 1} of {count}: erasure is being ordered", err=True)
 
-    async def main(handling: LostKeys) -> tuple[Ordered, Proposal]:
+    async def main(handling: LostKeys) -> tuple[OrderedErasures, Proposal]:
         before = await handling.find(proposal)
         found = await handling.preview_span(before.span)
         if not as_json:
             _print_preview(found)
         if found.touched:
-            question = f"Erase the records of {counted(len(found.touched), 'visit')} for everyone, for ever?"
-            ask_or_say(question, yes=yes, as_json=as_json)
+            question = f"Erase the records of {pluralize(len(found.touched), 'visit')} for everyone, for ever?"
+            confirm_or_print(question, yes=yes, as_json=as_json)
         ordered = await handling.erase(before, tell)
         return ordered, await handling.find(before.proposal_id.hex())
 
@@ -321,14 +321,14 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
         console.print("There is nothing left to erase.")
     else:
         console.print(
-            f"Ordered: {counted(ordered.records, 'record')} of {counted(ordered.visits, 'visit')}. "
+            f"Ordered: {pluralize(ordered.records, 'record')} of {pluralize(ordered.visits, 'visit')}. "
             "Custodians destroy them and sign for it; each visit's audit says that two officers did this, and why."
         )
     if ordered.kept_visits:
-        visits = counted(ordered.kept_visits, "visit stays", "visits stay")
+        visits = pluralize(ordered.kept_visits, "visit stays", "visits stay")
         console.print(f"  {visits} in whole or in part: restricted, or denied.")
     if ordered.left_visits:
-        visits = counted(ordered.left_visits, "visit is", "visits are")
+        visits = pluralize(ordered.left_visits, "visit is", "visits are")
         console.print(f"  {visits} more than was approved, and left. Propose the rest anew.")
     _print_proposal(after)
 

@@ -16,19 +16,19 @@ from clients.officer.mandate_papers import (
 )
 from clients.sdk.failover import SURE_REFUSALS
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.plurals import counted
+from clients.sdk.terminal.plurals import pluralize
 from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
-from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.times import MOMENT
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import APPROVED, PROPOSED, Mandate, Mandates
-from clients.wallet.present.mandate_answers import MandateProposalAnswer, MandatesAnswer, mandate_answer
+from clients.wallet.presentation.mandate_answers import MandateProposalAnswer, MandatesAnswer, mandate_answer
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from consensus.members.handles import encode_short
 from consensus.rights.mandates import ACCEPT_MS, ACTS, APPROVE_MS, MANDATE_REASONS, PAPERS_MAX_COUNT
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 _DAY_MS = 24 * 3600 * 1000
 
@@ -51,9 +51,9 @@ def _print_mandate(mandate: Mandate) -> None:
     state, name = mandate.state, mandate.mandate_id.hex()[:12]
     console.print(
         f"{name}  {mandate.status}: {encode_short(state.representative)} acts for {encode_short(state.handle)} "
-        f"until {show_moment(state.until_ms)}, for {', '.join(state.acts)}; {state.org}"
+        f"until {format_time(state.until_ms)}, for {', '.join(state.acts)}; {state.org}"
     )
-    until = show_moment(state.ends_ms)
+    until = format_time(state.ends_ms)
     steps = {
         PROPOSED: f"another officer who sees the papers, until {until}: "
         f"{called(OFFICER_COMMAND)} mandates approve {name} --receipt FILE --papers FILE",
@@ -116,10 +116,10 @@ def propose(
         if place.exists() and find_same(place, made) is None:
             raise BlockRobotError("FILE_EXISTS", f"{place} is there already, of another reason or other papers.")
         if not as_json:
-            console.print(f"{encode_short(acting)} would act for {encode_short(handle)} until {show_moment(until_ms)}:")
+            console.print(f"{encode_short(acting)} would act for {encode_short(handle)} until {format_time(until_ms)}:")
             console.print("  give and take back consent in that person's name, so that robots may record the person.")
-            console.print(f"  On {counted(len(papers), 'paper')}: {MANDATE_REASONS[reason]}")
-        ask_or_say("Propose it, having seen the papers and both persons?", yes=yes, as_json=as_json)
+            console.print(f"  On {pluralize(len(papers), 'paper')}: {MANDATE_REASONS[reason]}")
+        confirm_or_print("Propose it, having seen the papers and both persons?", yes=yes, as_json=as_json)
         kept, is_new = keep_receipt(place, made)
         try:
             mandate_id = await handling.propose(handle, acting, kept.commitment, ACTS, until_ms)
@@ -157,7 +157,7 @@ def approve(
         if not as_json:
             _print_mandate(before)
             console.print(f"  Reason: {MANDATE_REASONS[seen.reason]}")
-        ask_or_say("Do you agree, having seen the papers and both persons yourself?", yes=yes, as_json=as_json)
+        confirm_or_print("Do you agree, having seen the papers and both persons yourself?", yes=yes, as_json=as_json)
         await handling.approve(before)
         return await handling.find(before.mandate_id.hex())
 

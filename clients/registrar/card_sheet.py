@@ -6,7 +6,7 @@ import html
 
 from clients.sdk.terminal.qr_codes import qr_svg
 from consensus.members.vouchers import CODE_PREFIX
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 SUFFIXES = (".html", ".svg", ".txt")
 _STYLE = """\
@@ -41,7 +41,7 @@ def qr_text(code: str) -> str:
 
 
 def build_card(code: str, *, role: str, organisation: str, until_ms: int) -> str:
-    told = {"organisation": organisation, "until": show_moment(until_ms)}
+    told = {"organisation": organisation, "until": format_time(until_ms)}
     lines = {
         language: html.escape(line.format(role=_ROLES.get(language, {}).get(role, role), **told))
         for language, (_, line, _) in _WORDS.items()

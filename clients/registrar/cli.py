@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from clients.registrar.card_sheet import SUFFIXES, describe_card, qr_text
-from clients.registrar.desk import Desk
+from clients.registrar.registrar import Registrar
 from clients.registrar.registrar_answers import (
     CardForgetAnswer,
     CardIssueAnswer,
@@ -42,10 +42,10 @@ def _desk_options(command: Any) -> Any:
     return command
 
 
-def _open(desk: Path | None, genesis: Path | None) -> Desk:
+def _open(desk: Path | None, genesis: Path | None) -> Registrar:
     place = home_folder() / "network"
     opened = load_genesis(genesis or place / "genesis.json")
-    return Desk(desk or place / "organisations" / opened.organisations[0].name, opened)
+    return Registrar(desk or place / "organisations" / opened.organisations[0].name, opened)
 
 
 @click.group()
@@ -135,9 +135,9 @@ def revoke(
     if (member is None) == (uid_file is None):
         raise click.UsageError("Give --member KEY or --uid-file FILE.")
     opened = _open(desk, genesis)
-    key = asyncio.run(opened.find_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(member, "--member")
+    key = asyncio.run(opened.get_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(member, "--member")
     if not yes:
-        role = asyncio.run(opened.find_role(key))
+        role = asyncio.run(opened.get_role(key))
         if as_json or not can_ask():
             raise click.UsageError("Nobody can be asked here: add --yes.")
         click.confirm(f"End the membership of this {role} for good?", abort=True)
@@ -174,7 +174,7 @@ def name_robot(
     if (robot is None) == (uid_file is None):
         raise click.UsageError("Give --robot KEY or --uid-file FILE.")
     opened = _open(desk, genesis)
-    key = asyncio.run(opened.find_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(robot, "--robot")
+    key = asyncio.run(opened.get_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(robot, "--robot")
     txid = asyncio.run(opened.name_robot(key, name, place))
     if as_json:
         print_answer(CardNameAnswer(txid=txid.hex(), robot=key.hex(), name=name, place=place))

@@ -14,10 +14,10 @@ KIND_VOTE = "vote"
 KIND_TIMEOUT = "timeout"
 KIND_BLOCK = "block"
 KIND_STATE = "state"
-KIND_SILENCE = "silence"
+KIND_LOCKOUT = "silence"
 
-SILENCE_RESTORED = "restored"
-SILENCE_OUTDATED = "outdated"
+LOCKOUT_RESTORED = "restored"
+LOCKOUT_OUTDATED = "outdated"
 
 
 class SigningLockout(Wire, frozen=True):
@@ -40,7 +40,7 @@ class JournalRecord(Wire, frozen=True):
     proposed_id: bytes | None
     vote: Vote | None
     timeout: Timeout | None
-    silence: SigningLockout | None
+    lockout: SigningLockout | None
 
 
 @dataclass(slots=True)
@@ -53,7 +53,7 @@ class JournalState:
     vote: Vote | None = None
     timeout: Timeout | None = None
     proposed_id: bytes | None = None
-    silence: SigningLockout | None = None
+    lockout: SigningLockout | None = None
     blocks: dict[bytes, Block] = field(default_factory=dict)
     later: list[bytes] = field(default_factory=list)
     """The records of later epochs, as they stand: the store is behind what this producer has said (R37)."""
@@ -71,14 +71,14 @@ def encode_block_record(epoch: int, block: Block) -> bytes:
         proposed_id=None,
         vote=None,
         timeout=None,
-        silence=None,
+        lockout=None,
     )
     return encode(record)
 
 
-def encode_silence_record(epoch: int, last_voted_round: int, mark: SigningLockout | None) -> bytes:
+def encode_lockout_record(epoch: int, last_voted_round: int, lockout: SigningLockout | None) -> bytes:
     record = JournalRecord(
-        kind=KIND_SILENCE,
+        kind=KIND_LOCKOUT,
         epoch=epoch,
         last_voted_round=last_voted_round,
         blocks=(),
@@ -87,13 +87,13 @@ def encode_silence_record(epoch: int, last_voted_round: int, mark: SigningLockou
         proposed_id=None,
         vote=None,
         timeout=None,
-        silence=mark,
+        lockout=lockout,
     )
     return encode(record)
 
 
 def encode_restored_record() -> bytes:
-    return encode_silence_record(0, 0, SigningLockout(reason=SILENCE_RESTORED, epoch=0, above_round=None))
+    return encode_lockout_record(0, 0, SigningLockout(reason=LOCKOUT_RESTORED, epoch=0, above_round=None))
 
 
 def read_journal(records: Iterable[bytes], epoch: int) -> JournalState:
@@ -104,8 +104,8 @@ def read_journal(records: Iterable[bytes], epoch: int) -> JournalState:
     state = JournalState(newest_epoch=epoch)
     for data in records:
         record = decode(data, JournalRecord)
-        if record.kind in (KIND_SILENCE, KIND_STATE):
-            state.silence = record.silence
+        if record.kind in (KIND_LOCKOUT, KIND_STATE):
+            state.lockout = record.lockout
         if record.epoch > epoch:
             state.later.append(data)
             state.newest_epoch = max(state.newest_epoch, record.epoch)

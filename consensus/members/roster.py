@@ -143,7 +143,7 @@ def verify_row(row: RosterRow, state_root: bytes) -> bytes:
         member: Any = decode_value(shown.value)
     except BlockRobotError:
         raise BlockRobotError("ROSTER_INVALID", "A row's proof does not lead to the state root.") from None
-    told = (row.handle, row.spend, row.view, row.sealing, "active")
-    if told != tuple(member.get(name) for name in ("handle", "spend", "view", "sealing", "status")):
+    row_values = (row.handle, row.spend, row.view, row.sealing, "active")
+    if row_values != tuple(member.get(name) for name in ("handle", "spend", "view", "sealing", "status")):
         raise BlockRobotError("ROSTER_INVALID", "The chain says otherwise of a member than the roster.")
     return shown.member

@@ -81,8 +81,8 @@ class Core:
         voter_before = None if before is None else before._voter
         self._voter: Voter = Voter(settings, chain_id, schedule, key, restored, self._tree, voter_before)
         self._blocks = BlockProcessor(self._tree, self._voter.journal_builder, self._pacemaker)
-        self._leading = Proposer(settings, schedule, self.index, self._tree, self._pacemaker)
-        self._witness = MessageLog(chain_id, schedule, self.index, check)
+        self._proposer = Proposer(settings, schedule, self.index, self._tree, self._pacemaker)
+        self._message_log = MessageLog(chain_id, schedule, self.index, check)
         self._fetcher = Fetcher(self.index, settings.base_timeout_ms)
         self._effects: list[Effect] = []
         self._now_ms = 0
@@ -109,12 +109,12 @@ class Core:
                 self._tree.add(node)
 
     def _recall(self, restored: JournalState, finalized: Block, finalized_qc: QuorumCertificate) -> None:
-        self._witness.enter(self.round)
-        self._witness.note_blocks([finalized, *restored.blocks.values()])
+        self._message_log.enter(self.round)
+        self._message_log.log_blocks([finalized, *restored.blocks.values()])
         for qc in (finalized_qc, self.high_qc):
-            self._witness.note_qc(qc)
+            self._message_log.log_qc(qc)
         if self.entered_by is not None:
-            self._witness.note_tc(self.entered_by)
+            self._message_log.log_tc(self.entered_by)
         head, is_alone = finalized.header, len(self.schedule.producers) == 1 and self.index is not None
         if is_alone and head.epoch == self.epoch and head.round > 0:
             # Alone, it certified the head's child too: it has nobody to ask what it said above that.
@@ -159,8 +159,8 @@ class Core:
         return self._voter.has_timed_out(self.round)
 
     @property
-    def silence(self) -> LockoutStatus | None:
-        return self._voter.silence
+    def lockout(self) -> LockoutStatus | None:
+        return self._voter.lockout
 
     @property
     def is_busy(self) -> bool:
@@ -197,7 +197,7 @@ class Core:
     def journal_snapshot(self) -> tuple[bytes, ...]:
         blocks = [*self._tree.nodes.values(), *self._tree.orphans.values()]
         own = self._voter.snapshot(blocks, self.high_qc, self.entered_by)
-        return (*self._later_records, *own)  # the own ones last: the last word about a silence is theirs
+        return (*self._later_records, *own)  # the own ones last: the last word about a lockout is theirs
 
     # Events
 
@@ -227,7 +227,7 @@ class Core:
                 self._accept_qc(notice.qc)
                 self._accept_tc(notice.entered_by)
             case events.LastSignedRequested(request=request, sender=sender):
-                self._on_words_asked(request, sender)
+                self._on_last_signed_requested(request, sender)
             case events.LastSignedReceived(answer=answer, sender=sender):
                 self._on_words_answered(answer, sender)
             case events.TimerFired(kind=kind, round=round_number):
@@ -249,10 +249,10 @@ class Core:
             self._effects += self._pacemaker.stop()
         if self.halted or self.has_ended:
             return
-        lifted = self._voter.end_silence()
+        lifted = self._voter.end_lockout()
         self._effects += lifted
-        if lifted and not self._voter.signing_guard.bars:
-            self._speak_again()
+        if lifted and not self._voter.signing_guard.is_blocking:
+            self._resume_signing()
         while self._voter.may_have_signed(self.round):
             self._time_out()
         self._lead()
@@ -268,10 +268,10 @@ class Core:
     def _on_started(self) -> None:
         self._effects += self._pacemaker.heartbeat()
         self._effects += self._voter.signing_guard.begin(self._now_ms)
-        if self._voter.has_left and self.silence is not None:
-            self._effects.append(effects.LockoutChanged(*self.silence))
-        self._doubt_own_memory()
-        self._effects += [effects.Broadcast(message) for message in self._last_words()]
+        if self._voter.has_left and self.lockout is not None:
+            self._effects.append(effects.LockoutChanged(*self.lockout))
+        self._check_own_messages()
+        self._effects += [effects.Broadcast(message) for message in self._latest_messages()]
         last_vote, last_timeout = self._voter.last_vote, self._voter.last_timeout
         if last_vote is not None and last_vote.round > self.high_qc.round:
             self._count_vote(last_vote)
@@ -279,7 +279,7 @@ class Core:
             self._count_timeout(last_timeout)
         self._effects += self._blocks.execute_children(self._tree.root)
 
-    def _last_words(self) -> list[Message]:
+    def _latest_messages(self) -> list[Message]:
         proposed_id = self._voter.proposed_id
         proposed = None if proposed_id is None else self.block(proposed_id)
         notice = CertificateNotice(qc=self.high_qc, entered_by=self.entered_by)
@@ -287,7 +287,7 @@ class Core:
 
     def _greet(self, index: int) -> None:
         if index != self.index:
-            self._effects += [effects.SendTo(index=index, message=message) for message in self._last_words()]
+            self._effects += [effects.SendTo(index=index, message=message) for message in self._latest_messages()]
             self._effects += self._voter.signing_guard.ask(index)
 
     def _on_timer(self, kind: str, round_number: int) -> None:
@@ -299,9 +299,9 @@ class Core:
         elif kind == effects.TIMER_EXECUTE:
             self._effects += self._blocks.execute_failed()
         elif kind == effects.TIMER_PROPOSE:
-            self._leading.retry()
+            self._proposer.retry()
             if self._pacemaker.is_manual:
-                self._leading.push(self.round)
+                self._proposer.push(self.round)
         elif kind == effects.TIMER_ROUND and round_number == self.round and self.is_busy:
             self._time_out()
         elif kind == effects.TIMER_RESEND and round_number == self.round and self._voter.last_timeout is not None:
@@ -321,7 +321,7 @@ class Core:
         if self._tree.certify(qc):
             self._pacemaker.note_qc(qc)
             self._effects += self._blocks.certified(qc.block_id)
-        self._note_evidence(self._witness.note_qc(qc))
+        self._note_evidence(self._message_log.log_qc(qc))
         if qc.round > self.high_qc.round:
             self.high_qc = qc
             self._votes.forget_up_to(qc.round)
@@ -331,8 +331,8 @@ class Core:
     def _accept_tc(self, tc: TimeoutCertificate | None) -> None:
         if tc is None or tc.round < self.round or not self._genuine.of_tc(tc):
             return
-        self._witness.note_tc(tc)
-        self._doubt_own_memory()
+        self._message_log.log_tc(tc)
+        self._check_own_messages()
         if tc.highest_qc_round <= self.high_qc.round:
             self._pacemaker.note_tc(tc)
             self._enter(tc.round + 1, tc)
@@ -345,7 +345,7 @@ class Core:
         self.round = round_number
         self.entered_by = entered_by
         self._timeouts.clear()
-        self._witness.enter(round_number)
+        self._message_log.enter(round_number)
 
     def _answer_stale(self, index: int | None, *, always: bool) -> None:
         if index is None or index == self.index or not self._genuine.has_producer(index):
@@ -361,7 +361,7 @@ class Core:
         node = self._add_block(proposal.block, sender)
         if node is not None:
             self._pacemaker.note_word_of(node.header.producer)
-            self._confront(node.header.round)
+            self._answer_conflicting_voters(node.header.round)
             if node.header.round < self.round - 1:
                 self._answer_stale(sender, always=False)
 
@@ -374,14 +374,14 @@ class Core:
             node = make_node(block, self._now_ms)
         except BlockRobotError:
             return None
-        self._note_evidence(self._witness.hear_proposal(block, node.header, node.block_id, sender))
+        self._note_evidence(self._message_log.log_unverified_proposal(block, node.header, node.block_id, sender))
         self._effects += self._blocks.check_fork(node)
         is_old = node.header.round < self._tree.root_round
         if not is_old and not self._tree.may_add(node.block_id, node.header):
             return None
         if not self._genuine.of_block(block, node.header):
             return None
-        self._note_evidence(self._witness.note_proposal(block, node.header, node.block_id))
+        self._note_evidence(self._message_log.log_proposal(block, node.header, node.block_id))
         self._use_qc(node.header.qc)
         self._accept_tc(node.header.tc)
         if not self.halted and self._tree.may_add(node.block_id, node.header):
@@ -416,7 +416,7 @@ class Core:
         if branch and not node.withheld and self._voter.may_vote(node, branch, self.round, self._now_ms):
             self._vote(branch, is_own=False)
 
-    def _speak_again(self) -> None:
+    def _resume_signing(self) -> None:
         for node in list(self._tree.nodes.values()):
             if node.execution is Execution.VALID and node.header.round == self.round:
                 self._try_vote(node)
@@ -429,15 +429,15 @@ class Core:
     def _on_vote(self, vote: Vote, sender: int | None) -> None:
         if vote.epoch != self.epoch or not self._genuine.has_producer(vote.index):
             return
-        self._note_evidence(self._witness.hear_vote(vote, sender))
+        self._note_evidence(self._message_log.log_unverified_vote(vote, sender))
         is_late = vote.round <= self.high_qc.round
         is_stale = is_late and 0 <= vote.round < self.round - _LATE_VOTE_ROUNDS
         is_near = not is_late and vote.round <= self.round + VOTE_ROUNDS_AHEAD_MAX_COUNT
         counts = is_near and not self._votes.has(vote)
         is_genuine = (is_stale or counts) and self._genuine.of_vote(vote)
         if is_genuine:
-            self._note_evidence(self._witness.note_vote(vote))
-        self._confront(vote.round)
+            self._note_evidence(self._message_log.log_vote(vote))
+        self._answer_conflicting_voters(vote.round)
         if is_genuine and is_stale:
             self._answer_stale(vote.index, always=False)
         elif is_genuine:
@@ -462,7 +462,7 @@ class Core:
         if timeout.index == self.index or not self._genuine.of_timeout(timeout):
             return
         self._pacemaker.note_word_of(timeout.index)
-        self._witness.note_timeout(timeout)
+        self._message_log.log_timeout(timeout)
         if timeout.qc.round > self.high_qc.round and not self._accept_qc(timeout.qc):
             return
         self._accept_tc(timeout.entered_by)
@@ -484,21 +484,21 @@ class Core:
 
     def _note_evidence(self, found: list[Evidence]) -> None:
         self._effects += [effects.EvidenceFound(evidence=evidence) for evidence in found]
-        self._doubt_own_memory()
+        self._check_own_messages()
 
-    def _doubt_own_memory(self) -> None:
-        for word in self._witness.take_own_words():
-            self._effects += self._voter.doubt(word)
+    def _check_own_messages(self) -> None:
+        for word in self._message_log.pop_own_messages():
+            self._effects += self._voter.lock_out(word)
 
-    def _confront(self, round_number: int) -> None:
+    def _answer_conflicting_voters(self, round_number: int) -> None:
         if self.index is None:
             return
-        block_id, voters = self._witness.confront(round_number)
+        block_id, voters = self._message_log.find_conflicting_voters(round_number)
         node = self._tree.find(block_id)
         if node is not None:
             self._effects += [effects.SendTo(index=index, message=Proposal(block=node.block)) for index in voters]
 
-    def _on_words_asked(self, request: LastSignedRequest, sender: int | None) -> None:
+    def _on_last_signed_requested(self, request: LastSignedRequest, sender: int | None) -> None:
         if request.epoch != self.epoch or self.index is None or sender is None or sender == self.index:
             return
         answer = LastSignedResponse(
@@ -506,7 +506,7 @@ class Core:
             asked_at_ms=request.asked_at_ms,
             speech=SILENT if self._voter.has_left else self._voter.signing_guard.speech,
             signed_round=self.last_voted_round,
-            word=self._witness.newest(sender),
+            word=self._message_log.newest(sender),
             qc=self.high_qc,
             entered_by=self.entered_by,
         )
@@ -523,32 +523,32 @@ class Core:
             self._accept_tc(tc)
         if not 0 <= answer.signed_round <= proven_round:
             return
-        was_barred = self._voter.signing_guard.bars
-        self._hear_own_word(answer.word)
+        was_barred = self._voter.signing_guard.is_blocking
+        self._check_own_message(answer.word)
         self._effects += self._voter.take_answer(sender, answer)
-        if was_barred and not self._voter.signing_guard.bars:
-            self._speak_again()
+        if was_barred and not self._voter.signing_guard.is_blocking:
+            self._resume_signing()
 
-    def _hear_own_word(self, word: SignedMessage | None) -> None:
+    def _check_own_message(self, word: SignedMessage | None) -> None:
         if word is None or self.index is None or word.epoch != self.epoch:
             return
         if not self._voter.remembers(word) and self._genuine.of_word(word, self.index):
-            self._effects += self._voter.doubt(word)
+            self._effects += self._voter.lock_out(word)
 
     # Leading
 
     def _lead(self) -> None:
         if self._voter.may_sign(self.round):
             at_once = self.entered_by is not None or self._timeout_seen_round == self.round
-            self._effects += self._leading.lead(
+            self._effects += self._proposer.lead(
                 self.round, self.high_qc, self.entered_by, self._now_ms, pending=self._pending, at_once=at_once
             )
 
     def _on_built(self, event: events.BlockBuilt) -> None:
-        if event.round != self.round or not self._leading.is_building(self.round):
+        if event.round != self.round or not self._proposer.is_building(self.round):
             return
         if event.block is None:
-            self._effects += self._leading.note_failure(self.round)
+            self._effects += self._proposer.note_failure(self.round)
             return
         node = make_node(event.block, self._now_ms)
         header = node.header

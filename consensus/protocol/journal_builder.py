@@ -68,7 +68,7 @@ class JournalBuilder:
                 proposed_id=proposed_id,
                 vote=vote,
                 timeout=timeout,
-                silence=None,
+                lockout=None,
             )
         )
 
@@ -87,6 +87,6 @@ class JournalBuilder:
             proposed_id=state.proposed_id,
             vote=state.vote,
             timeout=state.timeout,
-            silence=state.silence,
+            lockout=state.lockout,
         )
         return (*(encode_block_record(self._epoch, node.block) for node in kept), encode(record))

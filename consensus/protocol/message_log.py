@@ -33,7 +33,7 @@ class MessageLog:
         self._round = 1
         self._rounds: dict[int, dict[tuple[str, int], _Heard]] = {}
         self._newest: dict[int, SignedMessage] = {}
-        self._own_words: list[SignedMessage] = []
+        self._own_messages: list[SignedMessage] = []
 
     def enter(self, round_number: int) -> None:
         self._round = round_number
@@ -44,23 +44,25 @@ class MessageLog:
     def newest(self, index: int | None) -> SignedMessage | None:
         return None if index is None else self._newest.get(index)
 
-    def take_own_words(self) -> list[SignedMessage]:
-        words, self._own_words = self._own_words, []
+    def pop_own_messages(self) -> list[SignedMessage]:
+        words, self._own_messages = self._own_messages, []
         return words
 
     # Words that might not be genuine
 
-    def hear_vote(self, vote: Vote, sender: int | None) -> list[Evidence]:
+    def log_unverified_vote(self, vote: Vote, sender: int | None) -> list[Evidence]:
         """Log a vote, verifying only new information; `sender` is authenticated, isolating forgers (R31)."""
-        return self._hear(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature, sender)
+        return self._log_unverified(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature, sender)
 
-    def hear_proposal(self, block: Block, header: Header, block_id: bytes, sender: int | None) -> list[Evidence]:
+    def log_unverified_proposal(
+        self, block: Block, header: Header, block_id: bytes, sender: int | None
+    ) -> list[Evidence]:
         """Log a block as its leader's word, ignoring body and certificates."""
         if header.epoch != self._schedule.epoch or not 0 <= header.producer < len(self._schedule.producers):
             return []
-        return self._hear(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature, sender)
+        return self._log_unverified(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature, sender)
 
-    def _hear(
+    def _log_unverified(
         self, kind: str, round_number: int, index: int, block_id: bytes, signature: bytes, sender: int | None
     ) -> list[Evidence]:
         if abs(round_number - self._round) > EVIDENCE_ROUNDS_KEPT_COUNT:
@@ -93,7 +95,7 @@ class MessageLog:
             heard = words[kind, index] = _Heard()
         return heard
 
-    def confront(self, round_number: int) -> tuple[bytes, list[int]]:
+    def find_conflicting_voters(self, round_number: int) -> tuple[bytes, list[int]]:
         """Return a round's first proposal and voters for another, each once (R39)."""
         words = self._rounds.get(round_number, {})
         held = words.get((WORD_PROPOSAL, self._schedule.leader(round_number)))
@@ -109,33 +111,33 @@ class MessageLog:
 
     # Genuine words
 
-    def note_vote(self, vote: Vote) -> list[Evidence]:
+    def log_vote(self, vote: Vote) -> list[Evidence]:
         return self._note(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature)
 
-    def note_proposal(self, block: Block, header: Header, block_id: bytes) -> list[Evidence]:
+    def log_proposal(self, block: Block, header: Header, block_id: bytes) -> list[Evidence]:
         return self._note(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature)
 
-    def note_timeout(self, timeout: Timeout) -> None:
+    def log_timeout(self, timeout: Timeout) -> None:
         self._note_timeout(timeout.round, timeout.index, timeout.qc.round, timeout.signature)
 
-    def note_tc(self, tc: TimeoutCertificate) -> None:
+    def log_tc(self, tc: TimeoutCertificate) -> None:
         for entry in tc.timeouts:
             self._note_timeout(tc.round, entry.index, entry.qc_round, entry.signature)
 
-    def note_qc(self, qc: QuorumCertificate) -> list[Evidence]:
+    def log_qc(self, qc: QuorumCertificate) -> list[Evidence]:
         found: list[Evidence] = []
         for vote in qc.votes:
             found += self._note(WORD_VOTE, qc.round, vote.index, qc.block_id, vote.signature)
         return found
 
-    def note_blocks(self, blocks: Iterable[Block]) -> None:
+    def log_blocks(self, blocks: Iterable[Block]) -> None:
         for block in blocks:
             header = block.header
             if header.epoch == self._schedule.epoch and header.round > 0:
                 self._note(WORD_PROPOSAL, header.round, header.producer, block.block_id, block.signature)
-                self.note_qc(header.qc)
+                self.log_qc(header.qc)
                 if header.tc is not None:
-                    self.note_tc(header.tc)
+                    self.log_tc(header.tc)
 
     def _note_timeout(self, round_number: int, index: int, qc_round: int, signature: bytes) -> None:
         self._note_newest(WORD_TIMEOUT, round_number, index, b"", qc_round, signature)
@@ -172,4 +174,4 @@ class MessageLog:
         if is_newer:
             self._newest[index] = word
         if index == self._own_index:
-            self._own_words.append(word)
+            self._own_messages.append(word)

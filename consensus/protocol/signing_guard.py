@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from consensus.chain.block import Header
-from consensus.chain.journal_records import SILENCE_OUTDATED, SigningLockout
+from consensus.chain.journal_records import LOCKOUT_OUTDATED, SigningLockout
 from consensus.chain.messages import ASKING, SILENT, SPEAKING, LastSignedRequest, LastSignedResponse
 from consensus.chain.schedule import Schedule
 from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, Effect, LockoutChanged, SendTo, SetTimer
@@ -30,7 +30,7 @@ class SigningGuard:
         schedule: Schedule,
         index: int | None,
         base_timeout_ms: int,
-        mark: SigningLockout | None,
+        lockout: SigningLockout | None,
         *,
         asks: bool = True,
         signs_above_round: int = 0,
@@ -53,32 +53,32 @@ class SigningGuard:
         self._signed_rounds: dict[int, int] = {}
         self._highest_told_round = 0
         self.signs_above_round = signs_above_round
-        self.mark = _carried(mark, schedule.epoch, same_producers=False)
+        self.lockout = _carried(lockout, schedule.epoch, same_producers=False)
 
     @property
     def speech(self) -> str:
-        if self.mark is not None and self._has_others:
+        if self.lockout is not None and self._has_others:
             return SILENT
         return ASKING if self._is_asking else SPEAKING
 
     @property
-    def bars(self) -> bool:
-        return self._has_others and (self._is_asking or self.mark is not None)
+    def is_blocking(self) -> bool:
+        return self._has_others and (self._is_asking or self.lockout is not None)
 
     @property
     def is_waiting(self) -> bool:
-        return self._is_asking or (self._has_others and self.mark is not None and self.mark.above_round is None)
+        return self._is_asking or (self._has_others and self.lockout is not None and self.lockout.above_round is None)
 
     @property
     def report(self) -> LockoutStatus | None:
-        if not self.bars:
+        if not self.is_blocking:
             return None
-        mark = self.mark
-        if mark is None:
+        lockout = self.lockout
+        if lockout is None:
             needed = f"{self._needed_to_speak} other producers have said what they last heard of this one"
             return LockoutStatus(ASKING, f"{needed} ({len(self._willing)} so far)")
-        if mark.above_round is not None:
-            until = f"a block above round {mark.above_round} of epoch {mark.epoch} is final without it"
+        if lockout.above_round is not None:
+            until = f"a block above round {lockout.above_round} of epoch {lockout.epoch} is final without it"
         else:
             needed = f"{self._needed_for_round} other producers that may sign have told their last round"
             until = f"{needed} ({len(self._signed_rounds)} so far) and a block above it is final"
@@ -87,14 +87,14 @@ class SigningGuard:
                 f" (which cannot be while {1 + len(self._silent)} producers are silent and the chain tolerates"
                 f" {self._tolerated}: all organisations must sign a restart)"
             )
-        return LockoutStatus(mark.reason, until)
+        return LockoutStatus(lockout.reason, until)
 
     # Asking
 
     def begin(self, now_ms: int) -> list[Effect]:
         """R33: ask everybody; `now_ms` identifies this run's answers."""
         self._asked_at_ms = now_ms
-        if not self.bars:
+        if not self.is_blocking:
             return []
         return [self._changed(), *self.ask_again()]
 
@@ -113,7 +113,7 @@ class SigningGuard:
         return self.is_waiting and (answer.epoch, answer.asked_at_ms) == (self._epoch, self._asked_at_ms)
 
     def take(self, sender: int, answer: LastSignedResponse, last_voted_round: int) -> list[Effect]:
-        before = (self._is_asking, self.mark)
+        before = (self._is_asking, self.lockout)
         self._willing.discard(sender)
         self._silent.discard(sender)
         self._signed_rounds.pop(sender, None)
@@ -127,11 +127,11 @@ class SigningGuard:
         if self._is_asking and len(self._willing) >= self._needed_to_speak:
             self._is_asking = False
             self.signs_above_round = self._first_safe_round() - 1
-        mark = self.mark
-        if mark is not None and mark.above_round is None and len(self._signed_rounds) >= self._needed_for_round:
+        lockout = self.lockout
+        if lockout is not None and lockout.above_round is None and len(self._signed_rounds) >= self._needed_for_round:
             above_round = 1 + max(last_voted_round, *self._signed_rounds.values())
-            self.mark = SigningLockout(reason=mark.reason, epoch=self._epoch, above_round=above_round)
-        if before == (self._is_asking, self.mark):
+            self.lockout = SigningLockout(reason=lockout.reason, epoch=self._epoch, above_round=above_round)
+        if before == (self._is_asking, self.lockout):
             return []
         effects: list[Effect] = [self._changed()]
         if not self.is_waiting:
@@ -145,26 +145,26 @@ class SigningGuard:
 
     # Silence
 
-    def doubt(self, forgotten_round: int) -> list[Effect]:
-        mark = self.mark
+    def lock_out(self, forgotten_round: int) -> list[Effect]:
+        lockout = self.lockout
         if not self._has_others:
             return []
-        if mark is not None and (mark.above_round is None or forgotten_round <= mark.above_round):
+        if lockout is not None and (lockout.above_round is None or forgotten_round <= lockout.above_round):
             return []
-        self.mark = SigningLockout(reason=SILENCE_OUTDATED, epoch=self._epoch, above_round=None)
+        self.lockout = SigningLockout(reason=LOCKOUT_OUTDATED, epoch=self._epoch, above_round=None)
         self._signed_rounds.clear()
         return [self._changed(), *self.ask_again()]
 
     def may_end(self, finalized: Header) -> bool:
         """R35: return whether the chain passed every possibly signed round."""
-        mark = self.mark
-        if mark is None or self._is_alone:
-            return mark is not None
-        is_above = mark.above_round is not None and finalized.round > mark.above_round
-        return is_above and finalized.epoch == self._epoch == mark.epoch
+        lockout = self.lockout
+        if lockout is None or self._is_alone:
+            return lockout is not None
+        is_above = lockout.above_round is not None and finalized.round > lockout.above_round
+        return is_above and finalized.epoch == self._epoch == lockout.epoch
 
     def end(self) -> list[Effect]:
-        self.mark = None
+        self.lockout = None
         return [self._changed()]
 
     def _changed(self) -> Effect:
@@ -181,14 +181,16 @@ class SigningGuard:
         same_producers = is_following and self._producers == frozenset(schedule.producers)
         may_have_left = boundary_round <= self.signs_above_round
         spoke = self._has_others and not self._is_asking and (same_producers or not may_have_left)
-        mark = _carried(self.mark, schedule.epoch, same_producers=same_producers)
+        lockout = _carried(self.lockout, schedule.epoch, same_producers=same_producers)
         signs_above_round = _FIRST_ROUND if spoke and may_have_left else 0
-        return SigningGuard(schedule, index, base_timeout_ms, mark, asks=not spoke, signs_above_round=signs_above_round)
+        return SigningGuard(
+            schedule, index, base_timeout_ms, lockout, asks=not spoke, signs_above_round=signs_above_round
+        )
 
 
-def _carried(mark: SigningLockout | None, epoch: int, *, same_producers: bool) -> SigningLockout | None:
+def _carried(lockout: SigningLockout | None, epoch: int, *, same_producers: bool) -> SigningLockout | None:
     """R36: carry a lockout into this epoch; with changed producers or unknown rounds ask again."""
-    if mark is None or mark.epoch >= epoch:
-        return mark
-    is_bounded = same_producers and mark.above_round is not None
-    return SigningLockout(reason=mark.reason, epoch=epoch, above_round=_FIRST_ROUND if is_bounded else None)
+    if lockout is None or lockout.epoch >= epoch:
+        return lockout
+    is_bounded = same_producers and lockout.above_round is not None
+    return SigningLockout(reason=lockout.reason, epoch=epoch, above_round=_FIRST_ROUND if is_bounded else None)

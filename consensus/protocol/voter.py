@@ -9,10 +9,10 @@ from consensus.chain.journal_records import (
     KIND_PROPOSAL,
     KIND_TIMEOUT,
     KIND_VOTE,
-    SILENCE_OUTDATED,
+    LOCKOUT_OUTDATED,
     JournalState,
     SigningLockout,
-    encode_silence_record,
+    encode_lockout_record,
 )
 from consensus.chain.messages import (
     WORD_TIMEOUT,
@@ -57,7 +57,7 @@ class Voter:
         self.proposed_id = restored.proposed_id
         self.newest_epoch = restored.newest_epoch
         if before is None:
-            self.signing_guard = SigningGuard(schedule, self.index, settings.base_timeout_ms, restored.silence)
+            self.signing_guard = SigningGuard(schedule, self.index, settings.base_timeout_ms, restored.lockout)
         else:
             self.signing_guard = before.signing_guard.next(
                 schedule, self.index, settings.base_timeout_ms, boundary_round=before._tree.root.header.round
@@ -74,7 +74,7 @@ class Voter:
 
     @property
     def _is_barred(self) -> bool:
-        return self._tree.has_ended or self.has_left or self.journal_builder.is_behind or self.signing_guard.bars
+        return self._tree.has_ended or self.has_left or self.journal_builder.is_behind or self.signing_guard.is_blocking
 
     @property
     def has_left(self) -> bool:
@@ -94,35 +94,35 @@ class Voter:
     # Its own memory
 
     @property
-    def silence(self) -> LockoutStatus | None:
+    def lockout(self) -> LockoutStatus | None:
         if self.has_left:
             until = f"its ledger reaches epoch {self.newest_epoch}, of which its journal speaks"
-            return LockoutStatus(SILENCE_OUTDATED, until)
+            return LockoutStatus(LOCKOUT_OUTDATED, until)
         return self.signing_guard.report
 
-    def doubt(self, word: SignedMessage) -> list[Effect]:
+    def lock_out(self, word: SignedMessage) -> list[Effect]:
         """R34: an own word missing from the journal means lost memory."""
-        mark = self.signing_guard.mark
-        return [] if self.remembers(word) else self._follow(mark, self.signing_guard.doubt(word.round))
+        lockout = self.signing_guard.lockout
+        return [] if self.remembers(word) else self._follow(lockout, self.signing_guard.lock_out(word.round))
 
     def take_answer(self, sender: int, answer: LastSignedResponse) -> list[Effect]:
-        mark = self.signing_guard.mark
-        return self._follow(mark, self.signing_guard.take(sender, answer, self.last_voted_round))
+        lockout = self.signing_guard.lockout
+        return self._follow(lockout, self.signing_guard.take(sender, answer, self.last_voted_round))
 
-    def end_silence(self) -> list[Effect]:
+    def end_lockout(self) -> list[Effect]:
         """R35: lift the lockout once the chain has passed it."""
-        mark = self.signing_guard.mark
-        if mark is None or not self.signing_guard.may_end(self._tree.root.header):
+        lockout = self.signing_guard.lockout
+        if lockout is None or not self.signing_guard.may_end(self._tree.root.header):
             return []
-        if mark.epoch == self._epoch and mark.above_round is not None:
-            self.last_voted_round = max(self.last_voted_round, mark.above_round)
-        return self._follow(mark, self.signing_guard.end())
+        if lockout.epoch == self._epoch and lockout.above_round is not None:
+            self.last_voted_round = max(self.last_voted_round, lockout.above_round)
+        return self._follow(lockout, self.signing_guard.end())
 
-    def _follow(self, mark_before: SigningLockout | None, consequences: list[Effect]) -> list[Effect]:
-        mark = self.signing_guard.mark
-        if mark == mark_before:
+    def _follow(self, lockout_before: SigningLockout | None, consequences: list[Effect]) -> list[Effect]:
+        lockout = self.signing_guard.lockout
+        if lockout == lockout_before:
             return consequences
-        return [Persist(records=(encode_silence_record(self._epoch, self.last_voted_round, mark),)), *consequences]
+        return [Persist(records=(encode_lockout_record(self._epoch, self.last_voted_round, lockout),)), *consequences]
 
     # Votes and timeouts
 
@@ -219,6 +219,6 @@ class Voter:
             vote=self.last_vote,
             timeout=self.last_timeout,
             proposed_id=self.proposed_id,
-            silence=self.signing_guard.mark,
+            lockout=self.signing_guard.lockout,
         )
         return self.journal_builder.snapshot(tree, state)

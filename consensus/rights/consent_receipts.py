@@ -66,13 +66,13 @@ def read_word(transaction: Transaction, receipt: Receipt, *, height: int, index:
     body, arguments = transaction.body, transaction.arguments()
     place = (body.contract, body.entry)
     if place == ("identity", "register") and len(arguments) == _REGISTER_ARGUMENTS_COUNT and arguments[9]:
-        status, said = GIVEN, (arguments[0], arguments[9], list(FIRST_SENSORS), 0, 0, height + 1, height - 1)
+        status, values = GIVEN, (arguments[0], arguments[9], list(FIRST_SENSORS), 0, 0, height + 1, height - 1)
     elif body.contract == "consent" and body.entry in _STATUS_OF:
         status = _STATUS_OF[body.entry]
-        said = _said(body.entry, arguments, _from_height(receipt, status), height)
+        values = _read_values(body.entry, arguments, _from_height(receipt, status), height)
     else:
         raise BlockRobotError("CONSENT_WORD_MISSING")
-    handle, purposes, sensors, from_ms, until_ms, from_height, seen_height = said
+    handle, purposes, sensors, from_ms, until_ms, from_height, seen_height = values
     return ConsentWord(
         chain_id=body.chain_id,
         txid=transaction.txid,
@@ -91,7 +91,7 @@ def read_word(transaction: Transaction, receipt: Receipt, *, height: int, index:
     )
 
 
-def _said(entry: str, arguments: list[Any], from_height: int, height: int) -> tuple[Any, ...]:
+def _read_values(entry: str, arguments: list[Any], from_height: int, height: int) -> tuple[Any, ...]:
     if entry == "give" and len(arguments) == _GIVE_ARGUMENTS_COUNT:
         return (*arguments[:5], from_height, arguments[6])
     if entry != "give" and len(arguments) == _SAY_NO_ARGUMENTS_COUNT:
@@ -102,10 +102,10 @@ def _said(entry: str, arguments: list[Any], from_height: int, height: int) -> tu
 def _from_height(receipt: Receipt, status: str) -> int:
     for event in receipt.events:
         if (event.contract, event.name) == ("consent", status):
-            told = decode_value(event.data)
-            if told["mandate"]:
+            fields = decode_value(event.data)
+            if fields["mandate"]:
                 raise BlockRobotError("CONSENT_WORD_MISSING", "It was said for another person, under a mandate.")
-            return int(told["height"])
+            return int(fields["height"])
     raise _invalid("The chain does not tell from when the word holds.")
 
 
@@ -168,13 +168,13 @@ def _notice_reference(row: NoticeRow) -> dict[str, Any]:
 
 
 def _purpose(code: str, notice: Notice | None) -> dict[str, Any]:
-    told = {"purpose": code, "purpose_words": PURPOSES.get(code, code), "lawful_basis": "consent"}
+    fields = {"purpose": code, "purpose_words": PURPOSES.get(code, code), "lawful_basis": "consent"}
     found = next((each for each in notice.purposes if each.code == code), None) if notice is not None else None
     if found is None:
-        return told
+        return fields
     period = f"{found.storage_days} days"
     bases = {"lawful_basis": found.lawful_basis, "special_category_basis": found.special_basis}
-    return told | bases | {"purpose_words": found.words, "storage_period": period}
+    return fields | bases | {"purpose_words": found.words, "storage_period": period}
 
 
 def _event(word: ConsentWord) -> dict[str, Any]:

@@ -244,24 +244,28 @@ def askable_pairs(notice: Notice) -> dict[str, list[str]]:
     return {each.code: sorted(each.sensors) for each in notice.purposes if each.rests_on_consent}
 
 
-def require_told(published: PublishedNotice, purposes: Sequence[str], sensors: Sequence[str]) -> None:
+def require_consent_asked(published: PublishedNotice, purposes: Sequence[str], sensors: Sequence[str]) -> None:
     """Check that consent is possible for these purposes and sensors. Refusals need no check.
 
     Raises PURPOSE_NOT_TOLD, CONSENT_NOT_ASKED (other ground), SENSOR_NOT_TOLD.
     """
     named = {each.code: each for each in published.notice.purposes}
-    told = f"The notice of {published.row.organisation} (version {published.row.version})"
+    notice_name = f"The notice of {published.row.organisation} (version {published.row.version})"
     missing = ", ".join(repr(code) for code in purposes if code not in named)
     if missing:
-        raise BlockRobotError("PURPOSE_NOT_TOLD", f"{told} does not name {missing}. It names: {', '.join(named)}.")
+        raise BlockRobotError(
+            "PURPOSE_NOT_TOLD", f"{notice_name} does not name {missing}. It names: {', '.join(named)}."
+        )
     for purpose in (named[code] for code in purposes):
         if not purpose.rests_on_consent:
-            detail = f"{told} rests {purpose.code!r} on {purpose.lawful_basis} GDPR, not on consent."
+            detail = f"{notice_name} rests {purpose.code!r} on {purpose.lawful_basis} GDPR, not on consent."
             raise BlockRobotError("CONSENT_NOT_ASKED", detail)
         beyond = ", ".join(repr(code) for code in sensors if code not in purpose.sensors)
         if beyond:
             known = ", ".join(purpose.sensors) or "no sensor"
-            raise BlockRobotError("SENSOR_NOT_TOLD", f"{told} names for {purpose.code!r}: {known}. Not: {beyond}.")
+            raise BlockRobotError(
+                "SENSOR_NOT_TOLD", f"{notice_name} names for {purpose.code!r}: {known}. Not: {beyond}."
+            )
 
 
 NOTICE_LINES: Mapping[str, str] = {
@@ -287,7 +291,7 @@ NOTICE_LINES: Mapping[str, str] = {
 """What stands before the words of a notice where people read it: no part of what was published."""
 
 
-def tell_notice(notice: Notice, labels: Mapping[str, str] = NOTICE_LINES) -> list[str]:
+def notice_lines(notice: Notice, labels: Mapping[str, str] = NOTICE_LINES) -> list[str]:
     """Return entries in order of Art. 13 and 14; continuation lines are marked, preventing forged entries."""
     return [entry for topic in _topics(notice, labels) for entry in topic]
 
@@ -297,7 +301,7 @@ def _topics(notice: Notice, labels: Mapping[str, str]) -> list[list[str]]:
         [labels["controller"].format(party=_party(notice.controller))],
         [labels["joint_controller"].format(party=_party(party)) for party in notice.joint_controllers],
         [labels["officer"].format(party=_party(notice.officer))],
-        [_tell_purpose(purpose, labels) for purpose in notice.purposes],
+        [_purpose_line(purpose, labels) for purpose in notice.purposes],
         [labels["data"].format(what=each.what, origin=each.origin) for each in notice.categories],
         [labels["recipient"].format(who=each.who, what=each.what, why=each.why) for each in notice.recipients],
         [labels["retention"].format(what=each.what, how_long=each.how_long) for each in notice.retention],
@@ -313,7 +317,7 @@ def _topics(notice: Notice, labels: Mapping[str, str]) -> list[list[str]]:
     return [[one_entry(entry) for entry in topic] for topic in topics]
 
 
-def _tell_purpose(purpose: NoticePurpose, labels: Mapping[str, str]) -> str:
+def _purpose_line(purpose: NoticePurpose, labels: Mapping[str, str]) -> str:
     return labels["purpose"].format(
         code=purpose.code,
         words=purpose.words,
@@ -328,7 +332,7 @@ def _party(party: Party) -> str:
     return f"{party.name}, {party.address}, {party.contact}"
 
 
-def tell_changes(before: Notice, after: Notice) -> list[str]:
+def change_lines(before: Notice, after: Notice) -> list[str]:
     """Return removed (`- `) and added (`+ `) entries by topic."""
     lines: list[str] = []
     for old, new in zip(_topics(before, NOTICE_LINES), _topics(after, NOTICE_LINES), strict=True):

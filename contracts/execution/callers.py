@@ -125,8 +125,8 @@ def rule_of(contract: str, entry: str, docstring: str) -> CallerRule:
     found = _WORDS.search(docstring)
     words = " ".join(found.group(1).split()) if found else ""
     if words not in _RULES:
-        said = f"says {words!r}, which no rule is known for" if words else "does not say who may call it"
-        raise BlockRobotError("CONFIGURATION_INVALID", f"The entry {contract}.{entry} {said}.")
+        problem = f"says {words!r}, which no rule is known for" if words else "does not say who may call it"
+        raise BlockRobotError("CONFIGURATION_INVALID", f"The entry {contract}.{entry} {problem}.")
     return CallerRule(words, *_RULES[words])
 
 

@@ -90,10 +90,10 @@ def execute_transaction(
     )
     outcome = replace(outcome, gas_used=wire_gas + outcome.gas_used)
     if outcome.code in (ENTRY_UNKNOWN, ARGUMENTS_INVALID) and isinstance(contracts, ActiveContracts):
-        told = explain_call(host, contracts, body.contract, body.entry, transaction.arguments())
-        if told is not None:
+        explanation = explain_call(host, contracts, body.contract, body.entry, transaction.arguments())
+        if explanation is not None:
             gas_used = min(outcome.gas_used + EXPLANATION_GAS, gas_limit)
-            outcome = replace(outcome, message=told[1], gas_used=gas_used)
+            outcome = replace(outcome, message=explanation[1], gas_used=gas_used)
     if outcome.ok and host.has_written(EPOCH.flat):
         before = host.get_before(EPOCH.flat)
         if before is not None and not is_fit_to_follow(before, host.get(EPOCH.flat)):

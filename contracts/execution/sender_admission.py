@@ -187,7 +187,7 @@ def find_admission_error(state: StateReader, transaction: Transaction, chain_tim
     return NOT_ADMITTED
 
 
-def has_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:
+def is_admitted(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:
     return not find_admission_error(state, transaction, chain_time_ms)
 
 

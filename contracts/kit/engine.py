@@ -14,8 +14,8 @@ from consensus.primitives.encoding import decode_value, encode_value
 from consensus.state.keys import flat_prefix
 from contracts.execution.call_host import CallHost
 from contracts.kit.recorder import LineFigures, Recorder
-from contracts.kit.telling import told_short
 from contracts.kit.tracing import Trace
+from contracts.kit.value_text import format_short
 from contracts.state.view import MemoryState
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
 from contracts.vm.compiler.invoke import Mode
@@ -116,7 +116,7 @@ class Engine:
         self._recorder.begin(tracing=True)
         outcome = self._invoke(call, CallHost(self._state))
         self._recorder.finish(call.contract, 0, outcome.gas_used)
-        shown = ", ".join(told_short(value) for value in decode_value(call.arguments))
+        shown = ", ".join(format_short(value) for value in decode_value(call.arguments))
         return Trace(
             title=f"{call.contract}.{call.entry}({shown}) by {who} in block {call.context.height}",
             code=outcome.code,

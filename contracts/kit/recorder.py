@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from contracts.kit.telling import told_short
+from contracts.kit.value_text import format_short
 from contracts.vm.compiler.line_watch import Place
 from contracts.vm.model.closures import Frame
 from contracts.vm.model.values import Mark
@@ -113,7 +113,7 @@ class Recorder:
             value: Any = frame[slot]
             if isinstance(value, Mark):
                 continue
-            text = told_short(value, VALUE_SHOWN_CHARS)
+            text = format_short(value, VALUE_SHOWN_CHARS)
             if texts.get(name) != text:
                 texts[name] = step.values[name] = text
 

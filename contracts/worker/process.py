@@ -91,7 +91,7 @@ class BlockMachine(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Workplace:
+class WorkerTools:
     """A worker's tools; `run_view(state, height, time_ms, contract, view, arguments)` gives encoded bytes."""
 
     machine: BlockMachine
@@ -100,7 +100,7 @@ class Workplace:
     kept_files: tuple[Path, ...]
 
 
-class AskedState:
+class RemoteState:
     """The parent's state fetched from the node row by row: always right, but slow.
 
     A scan requests at most about twice the rows taken; their values are kept for later `get` calls.
@@ -163,7 +163,7 @@ def _note(place: int) -> None:
 
 
 class _Worker:
-    def __init__(self, pipe: Pipe, place: Workplace) -> None:
+    def __init__(self, pipe: Pipe, place: WorkerTools) -> None:
         self._pipe = pipe
         self._place = place
         self._layers = Layers()
@@ -200,7 +200,7 @@ class _Worker:
         if parent is None:
             if not asks:
                 raise LookupError("the parent's state is not known here")
-            parent = AskedState(self._pipe, message.parent_root)
+            parent = RemoteState(self._pipe, message.parent_root)
         transactions = [_read_transaction(txid, wire) for txid, wire in message.transactions]
         execute, place = self._place.machine, (parent, message.height, message.time_ms, transactions)
         gives_up, note = message.gives_up_change, _note if asks else note_nothing
@@ -240,7 +240,7 @@ class _Worker:
 
     def _view(self, message: View) -> Viewed:
         ledger = self._renew()
-        state: StateView = ledger if ledger.state_root == message.root else AskedState(self._pipe, message.root)
+        state: StateView = ledger if ledger.state_root == message.root else RemoteState(self._pipe, message.root)
         arguments = decode_value(message.arguments)
         if not isinstance(arguments, list):
             raise BlockRobotError("REQUEST_INVALID", "The arguments are not an encoded list.")
@@ -260,7 +260,7 @@ def _read_transaction(txid: bytes, wire: bytes) -> Transaction:
     return Transaction(wire=wire, body=body, signature=outer.signature, txid=txid, body_bytes=outer.body)
 
 
-def serve(pipe: Pipe, prepare: Callable[[Begin], Workplace]) -> None:
+def serve(pipe: Pipe, prepare: Callable[[Begin], WorkerTools]) -> None:
     """Serve until the pipe ends: `Begin`, then `Hello` once sandboxed, then one answer per message."""
     begin = pipe.receive(FROM_NODE)
     if not isinstance(begin, Begin):

@@ -1,6 +1,6 @@
 """Makes docs/pictures/renditions.png: one frame of the synthetic corridor, as the camera and as each patient sees it.
 
-It runs the robot's own hider and the wallet's own composer over the published run. Must never draw or retouch a pixel.
+It runs the robot's own redactor and the wallet's own composer over the published run. Must never draw or retouch a pixel.
 
 Run it from the root of the repository: .venv/bin/python docs/pictures/make_pictures.py
 """
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from clients.robot.hiding.background import empty_bank, learn_background
-from clients.robot.hiding.hider import Hider, Kept
+from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame
 from clients.robot.sensing.sensor_events import Depth, Frame, Sighting
 from clients.robot.synthetic.render import Reading, Renderer, readings
 from clients.robot.synthetic.scenario import Scenario, published_run_1
@@ -40,9 +40,9 @@ def sighting_of(reading: Reading) -> Sighting:
     )
 
 
-def hide(scenario: Scenario, renderer: Renderer, empty: list[Depth]) -> tuple[Depth, dict[str, Kept]]:
-    """Play the run through the hider; return the frame to show and what each owner keeps of it."""
-    hider, kept = Hider(learn_background(empty)), {}
+def hide(scenario: Scenario, renderer: Renderer, empty: list[Depth]) -> tuple[Depth, dict[str, KeptFrame]]:
+    """Play the run through the redactor; return the frame to show and what each owner keeps of it."""
+    redactor, kept = FrameRedactor(learn_background(empty)), {}
     waiting = readings(scenario)
     outputs = []
     shown = renderer.frame(SHOWN_FRAME)
@@ -50,10 +50,10 @@ def hide(scenario: Scenario, renderer: Renderer, empty: list[Depth]) -> tuple[De
         at_ms = round(index * 1000 / scenario.frame_rate)
         while waiting and waiting[0].at_s * 1000 <= at_ms:
             reading = waiting.pop(0)
-            outputs += hider.push_sighting(reading.alias, sighting_of(reading), known=True)
-        outputs += hider.push_frame(Frame(at_ms, index, shown if index == SHOWN_FRAME else renderer.frame(index)))
-    for output in [*outputs, *hider.flush()]:
-        if isinstance(output, Kept) and output.sequence == SHOWN_FRAME:
+            outputs += redactor.push_sighting(reading.alias, sighting_of(reading), known=True)
+        outputs += redactor.push_frame(Frame(at_ms, index, shown if index == SHOWN_FRAME else renderer.frame(index)))
+    for output in [*outputs, *redactor.flush()]:
+        if isinstance(output, KeptFrame) and output.sequence == SHOWN_FRAME:
             kept[output.alias] = output
     return shown, kept
 
@@ -77,8 +77,10 @@ def main() -> None:
     background = empty_bank(empty)[0].png
     panels = [panel(shown, "what the camera saw")]
     for alias, title in (("patient-a", "what patient A sees"), ("patient-b", "what patient B sees")):
-        cut = kept[alias].cut
-        panels.append(panel(compose(background, cut.x, cut.y, cut.width, cut.height, cut.pixels_png), title))
+        cutout = kept[alias].cutout
+        panels.append(
+            panel(compose(background, cutout.x, cutout.y, cutout.width, cutout.height, cutout.pixels_png), title)
+        )
     gap = np.full((panels[0].shape[0], GAP_PX, 3), 255, dtype=np.uint8)
     whole = np.hstack([panels[0], gap, panels[1], gap, panels[2]])
     done, data = cv2.imencode(".png", whole, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])

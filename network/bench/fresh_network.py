@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
-from clients.registrar.desk import Desk
+from clients.registrar.registrar import Registrar
 from clients.sdk.chain.enrolment import NewMember, register_member
 from clients.sdk.network_client import NetworkClient
 from consensus.chain.genesis import Genesis
@@ -156,7 +156,7 @@ class FreshNetwork:
     async def enrol_robots(self, count: int) -> list[LoadRobot]:
         """Register robots with final open visits. Raises CALL_REFUSED and others."""
         organisation = self.genesis.organisations[0].name
-        desk = Desk(self._folder / "network" / "organisations" / organisation, self.genesis)
+        desk = Registrar(self._folder / "network" / "organisations" / organisation, self.genesis)
         cards = [decode_card_code(desk.issue(f"bench-{number}", "robot")) for number in range(count)]
         enrolling = [asyncio.create_task(self._enrol(number, card)) for number, card in enumerate(cards)]
         try:

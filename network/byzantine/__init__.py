@@ -6,14 +6,14 @@ draw chance only from a seeded `random.Random`, so simulations replay. Join seve
 
 from __future__ import annotations
 
-from network.byzantine.behaviour import TICK_MS, Accomplices, Behaviour, OwnNode
+from network.byzantine.behaviour import TICK_MS, Behaviour, ColludingNodes, OwnNode
 from network.byzantine.catalogue import BEHAVIOURS, byzantine_clock, check_behaviour, make_behaviour
 
 __all__ = [
     "BEHAVIOURS",
     "TICK_MS",
-    "Accomplices",
     "Behaviour",
+    "ColludingNodes",
     "OwnNode",
     "byzantine_clock",
     "check_behaviour",

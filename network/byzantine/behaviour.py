@@ -59,7 +59,7 @@ class OwnNode(Protocol):
         ...
 
 
-class Accomplices:
+class ColludingNodes:
     """Shared knowledge of dishonest nodes: blocks proposed in each round."""
 
     def __init__(self) -> None:
@@ -77,13 +77,13 @@ class Accomplices:
 
 
 @dataclass(frozen=True, slots=True)
-class Liar:
+class ByzantineContext:
     """A liar's own node, genuine producer key, random source and accomplices."""
 
     own: OwnNode
     key: PrivateKey
     chance: Random
-    accomplices: Accomplices
+    accomplices: ColludingNodes
 
 
 class Behaviour:
@@ -92,7 +92,7 @@ class Behaviour:
     name: ClassVar[str] = ""
     bends_clock: ClassVar[bool] = False
 
-    def __init__(self, inner: Outbox, liar: Liar) -> None:
+    def __init__(self, inner: Outbox, liar: ByzantineContext) -> None:
         self._inner = inner
         self._own = liar.own
         self._key = liar.key
@@ -163,7 +163,7 @@ class Behaviour:
         return self._chance.randbytes(_ID_BYTES)
 
 
-class Remembered(OrderedDict[K, V]):
+class BoundedCache(OrderedDict[K, V]):
     """The newest lies, so that repetitions are identical."""
 
     def keep(self, key: K, value: V) -> V:

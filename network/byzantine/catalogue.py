@@ -7,7 +7,7 @@ from random import Random
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from network.byzantine.behaviour import Accomplices, Behaviour, Liar, OwnNode
+from network.byzantine.behaviour import Behaviour, ByzantineContext, ColludingNodes, OwnNode
 from network.byzantine.certificates import ForgedCertificates, StaleCertificates
 from network.byzantine.epochs import WrongEpochs
 from network.byzantine.garbage import Garbage
@@ -41,10 +41,16 @@ def check_behaviour(name: str) -> tuple[type[Behaviour], ...]:
 
 
 def make_behaviour(
-    name: str, *, inner: Outbox, own: OwnNode, key: PrivateKey, chance: Random, accomplices: Accomplices | None = None
+    name: str,
+    *,
+    inner: Outbox,
+    own: OwnNode,
+    key: PrivateKey,
+    chance: Random,
+    accomplices: ColludingNodes | None = None,
 ) -> Behaviour:
     """Wrap an outbox; with `+` the first acts first. Raises FAULT_UNKNOWN."""
-    liar = Liar(own, key, chance, Accomplices() if accomplices is None else accomplices)
+    liar = ByzantineContext(own, key, chance, ColludingNodes() if accomplices is None else accomplices)
     *rest, last = check_behaviour(name)
     outbox = last(inner, liar)
     for behaviour in reversed(rest):

@@ -25,7 +25,7 @@ from consensus.chain.messages import (
 )
 from consensus.primitives.keys import COMPACT_SIGNATURE_SIZE_BYTES
 from consensus.protocol.effects import Message
-from network.byzantine.behaviour import Behaviour, Liar, Remembered
+from network.byzantine.behaviour import Behaviour, BoundedCache, ByzantineContext
 from node.consensus.engine import Outbox
 
 _ROUNDS_AHEAD_MAX_COUNT = 50
@@ -36,11 +36,11 @@ class StaleCertificates(Behaviour):
 
     name: ClassVar[str] = "stale-certificates"
 
-    def __init__(self, inner: Outbox, liar: Liar) -> None:
+    def __init__(self, inner: Outbox, liar: ByzantineContext) -> None:
         super().__init__(inner, liar)
-        self._known: Remembered[int, QuorumCertificate] = Remembered()
-        self._parents: Remembered[bytes, Header] = Remembered()
-        self._said: Remembered[tuple[str, int], Message] = Remembered()
+        self._known: BoundedCache[int, QuorumCertificate] = BoundedCache()
+        self._parents: BoundedCache[bytes, Header] = BoundedCache()
+        self._said: BoundedCache[tuple[str, int], Message] = BoundedCache()
 
     def broadcast(self, message: Message) -> None:
         self._learn(message)

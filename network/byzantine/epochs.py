@@ -20,7 +20,7 @@ from consensus.chain.messages import (
 )
 from consensus.primitives.encoding import encode
 from consensus.protocol.effects import Message
-from network.byzantine.behaviour import Behaviour, Liar
+from network.byzantine.behaviour import Behaviour, ByzantineContext
 from node.consensus.engine import Outbox
 from node.p2p.wire import FrameKind, HeightNotice
 
@@ -34,7 +34,7 @@ class WrongEpochs(Behaviour):
 
     name: ClassVar[str] = "wrong-epochs"
 
-    def __init__(self, inner: Outbox, liar: Liar) -> None:
+    def __init__(self, inner: Outbox, liar: ByzantineContext) -> None:
         super().__init__(inner, liar)
         self._genuine: list[QuorumCertificate] = []
         self._last: Vote | Timeout | Block | None = None

@@ -11,7 +11,7 @@ from consensus.chain.block import Block, IndexedSignature, QuorumCertificate
 from consensus.chain.messages import CertificateNotice, LastSignedResponse, Proposal, Timeout, Vote
 from consensus.primitives.keys import COMPACT_SIGNATURE_SIZE_BYTES
 from consensus.protocol.effects import Message
-from network.byzantine.behaviour import Behaviour, Liar, Remembered
+from network.byzantine.behaviour import Behaviour, BoundedCache, ByzantineContext
 from node.consensus.engine import Outbox
 from node.p2p.wire import FRAME_MAX_BYTES, FrameKind
 
@@ -36,9 +36,9 @@ class Garbage(Behaviour):
 
     name: ClassVar[str] = "garbage"
 
-    def __init__(self, inner: Outbox, liar: Liar) -> None:
+    def __init__(self, inner: Outbox, liar: ByzantineContext) -> None:
         super().__init__(inner, liar)
-        self._spoken: Remembered[int, Message] = Remembered()
+        self._spoken: BoundedCache[int, Message] = BoundedCache()
         self._said_count = 0
         self._ticks_count = 0
 

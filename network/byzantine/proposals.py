@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 from consensus.chain.block import Block, compute_receipts_root, compute_transactions_root
 from consensus.chain.messages import Proposal, Vote
 from consensus.protocol.effects import Message
-from network.byzantine.behaviour import Behaviour, Liar, Remembered
+from network.byzantine.behaviour import Behaviour, BoundedCache, ByzantineContext
 from node.consensus.engine import Outbox
 
 _ROOT_BYTES = 32
@@ -18,9 +18,9 @@ class Equivocate(Behaviour):
 
     name: ClassVar[str] = "equivocate"
 
-    def __init__(self, inner: Outbox, liar: Liar) -> None:
+    def __init__(self, inner: Outbox, liar: ByzantineContext) -> None:
         super().__init__(inner, liar)
-        self._twins: Remembered[bytes, tuple[Block, list[int], list[int]] | None] = Remembered()
+        self._twins: BoundedCache[bytes, tuple[Block, list[int], list[int]] | None] = BoundedCache()
 
     def broadcast(self, message: Message) -> None:
         if isinstance(message, Proposal) and self.is_own(message.block):
@@ -89,9 +89,9 @@ class PartialProposals(Behaviour):
 
     name: ClassVar[str] = "partial-proposals"
 
-    def __init__(self, inner: Outbox, liar: Liar) -> None:
+    def __init__(self, inner: Outbox, liar: ByzantineContext) -> None:
         super().__init__(inner, liar)
-        self._shown: Remembered[bytes, list[int]] = Remembered()
+        self._shown: BoundedCache[bytes, list[int]] = BoundedCache()
 
     def broadcast(self, message: Message) -> None:
         if not (isinstance(message, Proposal) and self.is_own(message.block)):
@@ -114,9 +114,9 @@ class WrongRoots(Behaviour):
 
     name: ClassVar[str] = "wrong-roots"
 
-    def __init__(self, inner: Outbox, liar: Liar) -> None:
+    def __init__(self, inner: Outbox, liar: ByzantineContext) -> None:
         super().__init__(inner, liar)
-        self._wrong: Remembered[bytes, Block] = Remembered()
+        self._wrong: BoundedCache[bytes, Block] = BoundedCache()
 
     def broadcast(self, message: Message) -> None:
         super().broadcast(self._bent(message))

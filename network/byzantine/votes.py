@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from consensus.chain.messages import Vote
 from consensus.protocol.effects import Message
-from network.byzantine.behaviour import Behaviour, Liar, Remembered
+from network.byzantine.behaviour import Behaviour, BoundedCache, ByzantineContext
 from node.consensus.engine import Outbox
 
 
@@ -15,9 +15,9 @@ class DoubleVote(Behaviour):
 
     name: ClassVar[str] = "double-vote"
 
-    def __init__(self, inner: Outbox, liar: Liar) -> None:
+    def __init__(self, inner: Outbox, liar: ByzantineContext) -> None:
         super().__init__(inner, liar)
-        self._others: Remembered[bytes, list[Vote]] = Remembered()
+        self._others: BoundedCache[bytes, list[Vote]] = BoundedCache()
 
     def broadcast(self, message: Message) -> None:
         if not isinstance(message, Vote):

@@ -19,7 +19,7 @@ _COMMANDS = {
     ),
     "logs": LazyCommand("network.cli.cluster.cluster_commands:logs", "Show the last log lines of one node, or of all."),
     "console": LazyCommand(
-        "network.cli.cluster.console_command:console",
+        "network.cli.cluster.console_commands:console",
         "Show a local network in the browser: who leads and votes, what flows, buttons for every fault, a time line.",
     ),
     "node": LazyCommand(
@@ -31,7 +31,7 @@ _COMMANDS = {
         "Break the local network on purpose, and mend it; `blockrobot status --watch` shows what happens.",
     ),
     "demo": LazyCommand(
-        "network.cli.measure.demo_command:demo",
+        "network.cli.measure.demo_commands:demo",
         "Run the whole story: four nodes, a robot, two patients, a visitor; check every step.",
     ),
     "org": LazyCommand("network.cli.governance.org_commands:org", "The organisations of the network and their nodes."),
@@ -60,11 +60,11 @@ _COMMANDS = {
         "The certificates of nodes: list, issue, renew, revoke. NODE is a name in the network or a data directory.",
     ),
     "doctor": LazyCommand(
-        "network.cli.cluster.doctor_command:doctor",
+        "network.cli.cluster.doctor_commands:doctor",
         "Find what is wrong: nodes, clocks, certificates, disks, ports, ledgers, differing states. Exit code 1 if anything is.",  # noqa: E501
     ),
     "explore": LazyCommand(
-        "network.cli.cluster.explore_command:explore",
+        "network.cli.cluster.explore_commands:explore",
         "Open a node's explorer in the browser, in your own session: blocks, votes, transactions, contracts, receipts.",
     ),
     "bench": LazyCommand(
@@ -82,7 +82,8 @@ _COMMANDS = {
         "network.cli.measure.privacy_commands:privacy", "Attack our own ledger, and see what it gives away."
     ),
     "sim": LazyCommand(
-        "network.cli.measure.sim_command:sim", "Play networks of production nodes on a virtual clock, network and disk."
+        "network.cli.measure.sim_commands:sim",
+        "Play networks of production nodes on a virtual clock, network and disk.",
     ),
     "card": LazyCommand("clients.registrar.cli:card", "Issue enrolment cards (registrars)."),
     "roster": LazyCommand("clients.registrar.cli:roster", "Make robots' rosters (registrars)."),
@@ -99,11 +100,11 @@ _COMMANDS = {
     ),
     "robot": LazyCommand("clients.robot.cli.main:robot", "Record people who carry a tag, each for themselves alone."),
     "completion": LazyCommand(
-        "network.cli.completion_command:completion",
+        "network.cli.completion_commands:completion",
         "Print the completion script of a shell: commands, options, profiles, records that were viewed here.",
     ),
     "reference": LazyCommand(
-        "network.cli.reference_command:reference",
+        "network.cli.reference_commands:reference",
         "Write http-api.md, errors.md, authorisation.md, state.md and json-output.md, made from the tables in the code.",
     ),
 }

@@ -15,12 +15,12 @@ from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from network.byzantine import BEHAVIOURS
 from network.cluster import Cluster
-from network.console.chronicle import Timeline, make_event
 from network.console.export import write_export
-from network.console.looking import Looking, NodeSight
-from network.console.moments import FrameBuilder, Moment
+from network.console.node_polling import NodePoll, NodePoller
 from network.console.recorder import Recorder
 from network.console.rounds import ROUNDS_KEPT_COUNT, RoundBook
+from network.console.snapshots import ConsoleSnapshot, SnapshotBuilder
+from network.console.timeline import Timeline, make_event
 from network.console.told import (
     Choice,
     Choices,
@@ -83,7 +83,7 @@ class LiveConsole:
         self.started_ms = self._now_ms()
         self.recorder = Recorder()
         self.sequence = 0
-        self.moment: Moment | None = None
+        self.moment: ConsoleSnapshot | None = None
         self._genesis = self._read_genesis()
         self._began()
         self._news = asyncio.Event()
@@ -94,8 +94,8 @@ class LiveConsole:
         configs = self.cluster.configs.items()
         producers = [name for name, config in configs if config.producer_key_path is not None]
         self._rounds = RoundBook(len(producers) - (len(producers) - 1) // 3, producers)
-        self._chronicle = Timeline()
-        self._maker = FrameBuilder(time.monotonic())
+        self._timeline = Timeline()
+        self._maker = SnapshotBuilder(time.monotonic())
         self.moment = None
 
     def _read_genesis(self) -> bytes:
@@ -113,35 +113,35 @@ class LiveConsole:
     async def _watch_same_network(self) -> None:
         count = len(self.cluster.names)
         interval_s = (INTERVAL_MS if count <= SMALL_NETWORK_MAX_COUNT else LARGE_INTERVAL_MS) / 1000
-        async with Looking(self.cluster) as looking:
+        async with NodePoller(self.cluster) as poller:
             while not (self._is_another() and self._begin_anew()):
                 started_s = time.monotonic()
                 try:
-                    self._take(await looking.look())
+                    self._update(await poller.poll())
                     self._trouble = ""
                 except Exception as error:  # noqa: BLE001 - whatever a node says, the next look may work again
-                    self._tell_trouble(error)
+                    self._report_failure(error)
                 await asyncio.sleep(max(0.05, started_s + interval_s - time.monotonic()))
 
-    def _tell_trouble(self, error: Exception) -> None:
+    def _report_failure(self, error: Exception) -> None:
         trouble = f"{type(error).__name__}: {error}"
         if trouble != self._trouble:
             self._trouble = trouble
             log.warning("look_failed", error=type(error).__name__, detail=str(error))
-            self._tell("node", f"The console cannot see the network: {type(error).__name__}.", "bad")
+            self._add_event("node", f"The console cannot see the network: {type(error).__name__}.", "bad")
 
-    def _take(self, sights: list[NodeSight]) -> None:
+    def _update(self, polls: list[NodePoll]) -> None:
         wall_ms = self._now_ms()
-        rounds = self._rounds.take(sights, wall_ms)
+        rounds = self._rounds.update(polls, wall_ms)
         self.recorder.note_network(wall_ms, self.facts())
-        moment = self._maker.take(sights, time.monotonic(), wall_ms)
+        moment = self._maker.update(polls, time.monotonic(), wall_ms)
         for node in moment["nodes"]:
             node["state"] = self._without_places(node["state"])
-        self.recorder.add(moment, self._chronicle.take(moment, rounds))
+        self.recorder.add(moment, self._timeline.update(moment, rounds))
         self.moment = moment
-        self._tell_waiting()
+        self._wake_waiting()
 
-    def _tell_waiting(self) -> None:
+    def _wake_waiting(self) -> None:
         self.sequence += 1
         self._news.set()
         self._news = asyncio.Event()
@@ -164,7 +164,7 @@ class LiveConsole:
             self._began()
         what = "Another network stands in the folder now" if is_new_chain else "The nodes are others now"
         others = () if is_new_chain else tuple(sorted(before ^ set(self.cluster.names)))
-        self._tell("node", f"{what}: {', '.join(self.cluster.names)}.", "", others)
+        self._add_event("node", f"{what}: {', '.join(self.cluster.names)}.", "", others)
         return True
 
     async def wait_beyond(self, sequence: int, timeout_s: float) -> None:
@@ -249,19 +249,19 @@ class LiveConsole:
         is_start = isinstance(action, Restart)
         control = FaultControl(self.cluster, seed) if is_start else open_control(self.cluster, seed)
         words, nodes = action.describe(), action.touched()
-        self._tell("asked", f"Asked: {words}.", "", nodes)
+        self._add_event("asked", f"Asked: {words}.", "", nodes)
         try:
             await carry_out_requested(control, action)
         except BlockRobotError as error:
-            self._tell("asked", f"Refused: {words}. {error.code}: {error.detail}", "bad", nodes)
+            self._add_event("asked", f"Refused: {words}. {error.code}: {error.detail}", "bad", nodes)
             raise
-        self._tell("asked", f"Done: {words}.", "", nodes)
+        self._add_event("asked", f"Done: {words}.", "", nodes)
         return words
 
-    def _tell(self, kind: str, text: str, tone: str, nodes: tuple[str, ...] = ()) -> None:
-        told = self._without_places(text)
-        self.recorder.tell(make_event(self._now_ms(), kind, told[:TEXT_MAX_CHARS], tone, nodes))
-        self._tell_waiting()
+    def _add_event(self, kind: str, text: str, tone: str, nodes: tuple[str, ...] = ()) -> None:
+        shown_text = self._without_places(text)
+        self.recorder.tell(make_event(self._now_ms(), kind, shown_text[:TEXT_MAX_CHARS], tone, nodes))
+        self._wake_waiting()
 
     def _without_places(self, text: str) -> str:
         return text.replace(str(self.cluster.folder), "(the network's folder)").replace(str(Path.home()), "~")
@@ -277,12 +277,12 @@ class LiveConsole:
         open_control(self.cluster)
         plan = self.read_plan(text)
         self._plan = _RunningPlan(plan, self)
-        self._tell("asked", f"A plan of {len(plan.steps)} steps with seed {plan.seed} begins.", "")
+        self._add_event("asked", f"A plan of {len(plan.steps)} steps with seed {plan.seed} begins.", "")
         return self._plan.describe()
 
     def stop_plan(self) -> None:
         if self._plan is not None and self._plan.stop():
-            self._tell("asked", "The plan is stopped; what it switched on is still on.", "")
+            self._add_event("asked", "The plan is stopped; what it switched on is still on.", "")
 
     async def close(self) -> None:
         if self._plan is not None and self._plan.stop():
@@ -291,10 +291,10 @@ class LiveConsole:
     def note_step(self, done: StepDone) -> None:
         words, nodes = done.step.action.describe(), done.step.action.touched()
         if done.error is None:
-            self._tell("asked", f"Plan, {done.at_ms / 1000:.1f} s: {words}.", "", nodes)
+            self._add_event("asked", f"Plan, {done.at_ms / 1000:.1f} s: {words}.", "", nodes)
         else:
             text = f"Plan, {done.at_ms / 1000:.1f} s: {words} refused. {done.error.code}: {done.error.detail}"
-            self._tell("asked", text, "bad", nodes)
+            self._add_event("asked", text, "bad", nodes)
 
 
 class _RunningPlan:
@@ -323,13 +323,13 @@ class _RunningPlan:
         self._console.note_step(done)
 
     def describe(self) -> PlanTold:
-        told = describe_plan(self._plan)
-        for step, done in zip(told.steps, self._done, strict=False):
+        shown_text = describe_plan(self._plan)
+        for step, done in zip(shown_text.steps, self._done, strict=False):
             step.done_at_ms = done.at_ms
             if done.error is not None:
                 step.error = StepError(done.error.code, done.error.detail)
-        told.state = "running" if self.is_running else "stopped" if self._is_stopped else "done"
-        return told
+        shown_text.state = "running" if self.is_running else "stopped" if self._is_stopped else "done"
+        return shown_text
 
 
 def describe_plan(plan: FaultPlan) -> PlanTold:

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import msgspec
 
 from consensus.bounded_text import read_json_text
-from network.console.chronicle import ROUTINE_KINDS, Event
-from network.console.moments import Moment
+from network.console.snapshots import ConsoleSnapshot
+from network.console.timeline import ROUTINE_KINDS, Event
 from network.console.told import Dropped, KnownNetwork, NetworkFacts
 
 MOMENTS_MAX_BYTES = 12 * 1024 * 1024
@@ -36,7 +36,7 @@ class Recorder:
         self._moments: list[bytes] = []
         self._times_ms: list[int] = []
         self._size_bytes = 0
-        self._last: Moment | None = None
+        self._last: ConsoleSnapshot | None = None
         self._looked_ms = 0
         self._events: deque[Event] = deque(maxlen=events_max_count)
         self._routine: deque[Event] = deque(maxlen=routine_max_count)
@@ -74,7 +74,7 @@ class Recorder:
     def names(self) -> list[str]:
         return list(dict.fromkeys(node.name for known in self._networks for node in known.network.nodes))
 
-    def add(self, moment: Moment, events: Sequence[Event]) -> None:
+    def add(self, moment: ConsoleSnapshot, events: Sequence[Event]) -> None:
         for event in events:
             self.tell(event)
         self._looked_ms = moment["at_ms"]
@@ -104,12 +104,12 @@ class Recorder:
             self._moments = kept + newer
             self._times_ms = self._times_ms[:half:2] + self._times_ms[half:]
 
-    def moment_at(self, at_ms: int) -> Moment | None:
+    def moment_at(self, at_ms: int) -> ConsoleSnapshot | None:
         """Return the newest moment at this time, else the first; None if none."""
         if not self._moments:
             return None
         place = max(0, bisect.bisect_right(self._times_ms, at_ms) - 1)
-        moment: Moment = read_json_text(self._moments[place])
+        moment: ConsoleSnapshot = read_json_text(self._moments[place])
         return moment
 
     def events_after(self, number: int) -> list[Event]:
@@ -123,8 +123,8 @@ class Recorder:
             "events": self.events_dropped_count,
             "rounds": rounds_count,
         }
-        said = [f"{count} {what}" for what, count in counts.items() if count]
-        words = f"To stay within its limit the recording dropped {', '.join(said)} of long ago." if said else ""
+        counted = [f"{count} {what}" for what, count in counts.items() if count]
+        words = f"To stay within its limit the recording dropped {', '.join(counted)} of long ago." if counted else ""
         return Dropped(**counts, words=words)
 
     def moments_json(self) -> bytes:

@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from network.console.looking import NodeSight
+from network.console.node_polling import NodePoll
 
 ROUNDS_KEPT_COUNT = 2_000
 EPOCHS_KEPT_COUNT = 64
@@ -65,25 +65,25 @@ class RoundBook:
         self._rounds: OrderedDict[tuple[int, int], Round] = OrderedDict()
         self._floor = (-1, -1)
 
-    def take(self, sights: Sequence[NodeSight], wall_ms: int) -> list[Round]:
+    def update(self, polls: Sequence[NodePoll], wall_ms: int) -> list[Round]:
         """Merge the nodes' reports; return the rounds that changed, oldest first."""
         changed: dict[tuple[int, int], Round] = {}
-        for sight in sights:
-            self._note_epoch(sight.status or {})
-        for sight in sights:
-            for said in (sight.status or {}).get("rounds", ()):
-                place = (int(said["epoch"]), int(said["round"]))
+        for poll in polls:
+            self._note_epoch(poll.status or {})
+        for poll in polls:
+            for entry in (poll.status or {}).get("rounds", ()):
+                place = (int(entry["epoch"]), int(entry["round"]))
                 if place <= self._floor:
                     continue
                 known = self._rounds.get(place)
                 if known is None:
                     known = self._rounds[place] = changed[place] = Round(*place, wall_ms, self.quorum)
                 known.quorum = self._quorums.get(known.epoch, known.quorum)
-                known.leader = known.leader or said.get("leader")
+                known.leader = known.leader or entry.get("leader")
                 for word, group in _WORDS.items():
                     names: set[str] = getattr(known, group)
-                    if word in said.get("said", {}) and sight.name not in names:
-                        names.add(sight.name)
+                    if word in entry.get("said", {}) and poll.name not in names:
+                        names.add(poll.name)
                         changed[place] = known
         self._drop()
         return [changed[place] for place in sorted(changed)]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from msgspec import UNSET, Struct, UnsetType
 
-from network.console.chronicle import Event
-from network.console.moments import Moment
 from network.console.rounds import RoundRow
+from network.console.snapshots import ConsoleSnapshot
+from network.console.timeline import Event
 
 
 class NodeFacts(Struct, frozen=True):
@@ -99,7 +99,7 @@ class Now(Struct, frozen=True):
 
     sequence: int
     network: NetworkFacts
-    moment: Moment | None
+    moment: ConsoleSnapshot | None
     rounds: list[RoundRow]
     events: list[Event]
     plan: PlanTold | None
@@ -109,6 +109,6 @@ class Now(Struct, frozen=True):
 class Past(Struct, frozen=True):
     """What was at a time."""
 
-    moment: Moment | None
+    moment: ConsoleSnapshot | None
     network: NetworkFacts | None
     rounds: list[RoundRow]

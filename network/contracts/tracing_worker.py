@@ -21,8 +21,8 @@ from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext
 from contracts.kit.engine import watched_stack
 from contracts.kit.recorder import Recorder
-from contracts.kit.telling import told_short
 from contracts.kit.tracing import Trace
+from contracts.kit.value_text import format_short
 from contracts.lifecycle.catalogue import Catalogue, read_source_of
 from contracts.lifecycle.opening import open_block
 from contracts.state.view import MemoryState
@@ -129,7 +129,7 @@ def _trace_in(state: MemoryState, chain_id: bytes, block: Block, wanted: Outcome
     if (again.code, again.gas_used) != (wanted.code, wanted.gas_used):
         raise BlockRobotError("BLOCK_INVALID", f"Executed again it came to {again.code}, not to {wanted.code}.")
     body = transaction.body
-    arguments = ", ".join(told_short(value) for value in transaction.arguments())
+    arguments = ", ".join(format_short(value) for value in transaction.arguments())
     return Trace(
         title=f"{body.contract}.{body.entry}({arguments}) by 0x{body.sender.hex()[:12]} in block {header.height}",
         code=wanted.code,

@@ -125,8 +125,8 @@ def read_traces(path: Path) -> list[Trace]:
             for name, each in ((name, each.items()) for name, each in kept.records.items())
         ]
         for trace in traces:
-            told = kept.grants.get(trace.record_id.hex(), {})
-            trace.grants = {bytes.fromhex(piece): bytes.fromhex(grant) for piece, grant in told.items()}
+            grant_of_piece = kept.grants.get(trace.record_id.hex(), {})
+            trace.grants = {bytes.fromhex(piece): bytes.fromhex(grant) for piece, grant in grant_of_piece.items()}
     except ValueError:
         raise BlockRobotError("FILE_UNUSABLE", f"{path.name} is no file of traces that custody hunt wrote.") from None
     if kept.format != FORMAT_VERSION:

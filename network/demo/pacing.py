@@ -5,7 +5,7 @@ from __future__ import annotations
 LINE_EVERY_S = 5.0
 
 
-class Pace:
+class ProgressThrottle:
     """Passes at most one line per five seconds and stage."""
 
     def __init__(self) -> None:

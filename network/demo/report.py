@@ -12,7 +12,7 @@ from clients.robot.run.run_summary import FrameCounts, RunLatencies
 from clients.sdk.pictures.picture_names import read_robot_frame
 from network.demo.checks import Check, CheckList
 from network.demo.story import DemoState
-from network.demo.words import EVENTS, FRAMES, LATENCIES, name_person, say_quantiles, say_reasons
+from network.demo.words import EVENTS, FRAMES, LATENCIES, name_person, quantiles_text, reasons_text
 from network.report_page import Section, badge, build_report, gallery, picture, table, text, tiles
 
 PICTURES_A_PERSON_COUNT = 4
@@ -87,9 +87,9 @@ def _checks_table(checks: list[Check]) -> str:
 def _figures_table(summary: DemoSummary) -> str:
     rows: list[tuple[str, str | float | None]] = []
     for name, value in (msgspec.to_builtins(summary.frames) or {}).items():
-        rows.append((FRAMES.get(name, name), say_reasons(value) if isinstance(value, dict) else f"{value:,}"))
+        rows.append((FRAMES.get(name, name), reasons_text(value) if isinstance(value, dict) else f"{value:,}"))
     for name, values in (msgspec.to_builtins(summary.latency_ms) or {}).items():
-        rows.append((f"{LATENCIES.get(name, name)} (ms)", say_quantiles(values)))
+        rows.append((f"{LATENCIES.get(name, name)} (ms)", quantiles_text(values)))
     rows += [
         ("blocks", summary.blocks),
         ("transactions", summary.transactions),

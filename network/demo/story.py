@@ -14,7 +14,7 @@ from clients.robot.run.run_summary import RunSummary
 from clients.robot.synthetic.scenario import Scenario, published_run_1
 from clients.robot.synthetic.scenario_bag import make_bag
 from clients.robot.synthetic.scene_tags import load_or_draw_tags
-from clients.wallet.present.record_answers import (
+from clients.wallet.presentation.record_answers import (
     AuditAnswer,
     AuditEvent,
     ErasuresAnswer,
@@ -25,7 +25,7 @@ from clients.wallet.present.record_answers import (
     VerifyAnswer,
     ViewAnswer,
 )
-from clients.wallet.present.sharing_answers import EraseAnswer
+from clients.wallet.presentation.sharing_answers import EraseAnswer
 from consensus.errors import BlockRobotError
 from network.cluster import read_metric
 from network.custody.hunt import gather, hunt
@@ -35,7 +35,7 @@ from network.demo.leader_kill import LeaderKill, kill_and_restart_leader
 from network.demo.processes import LongCommand, Progress, run_command
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
 from network.demo.tampering import flip_stored_byte
-from network.demo.words import name_person, say_events, say_reasons, say_refusal
+from network.demo.words import events_text, name_person, reasons_text, refusal_text
 from network.testbed import Stage
 
 RECORDING_TIMEOUT_S = 150.0
@@ -215,7 +215,7 @@ class Demo:
         self.checks.add(
             "at most 30 % were withheld, each with its reason",
             ok=share <= WITHHELD_MAX_SHARE and sum(frames.withheld_reasons.values()) == frames.withheld,
-            detail=f"{100 * share:.1f} %: {say_reasons(frames.withheld_reasons)}",
+            detail=f"{100 * share:.1f} %: {reasons_text(frames.withheld_reasons)}",
         )
 
     async def look(self) -> None:
@@ -256,13 +256,13 @@ class Demo:
         self.checks.add(
             "patient B's wallet cannot tell which records are A's, nor fetch them",
             ok=not own & set(foreign) and refused == "RECORD_NOT_FOUND",
-            detail=f"no record of A's opens to B's view key; asking for one is answered {say_refusal(refused)}",
+            detail=f"no record of A's opens to B's view key; asking for one is answered {refusal_text(refused)}",
         )
         probe = await self.stage.wallet("patient-b", ProbeAnswer, "probe", foreign[0])
         self.checks.add(
             "custodians refuse A's records to B",
             ok=set(probe.refusals.values()) <= {"NOT_PERMITTED", "ACCESS_NOT_GRANTED"} and bool(probe.refusals),
-            detail="; ".join(f"{name}: {say_refusal(code)}" for name, code in probe.refusals.items()),
+            detail="; ".join(f"{name}: {refusal_text(code)}" for name, code in probe.refusals.items()),
         )
 
     async def tamper(self) -> None:
@@ -318,7 +318,7 @@ class Demo:
         self.checks.add(
             "nothing of it can be had any more",
             ok=refused in {"RECORD_NOT_FOUND", "CLIP_ERASED"},
-            detail=f"asking for it again is answered {say_refusal(refused)}",
+            detail=f"asking for it again is answered {refusal_text(refused)}",
         )
         await self._hunt(traces)
         listed_b = await self.stage.wallet("patient-b", RecordsAnswer, "records")
@@ -371,7 +371,7 @@ class Demo:
         self.checks.add(
             "A's audit trail tells all of it, in order",
             ok=-1 not in firsts and firsts == sorted(firsts) and heights == sorted(heights),
-            detail=f"{len(kinds)} entries: {say_events(kinds)}",
+            detail=f"{len(kinds)} entries: {events_text(kinds)}",
         )
         await self._check_agreement()
 

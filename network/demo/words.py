@@ -18,6 +18,9 @@ REASONS = {
     "not-alone": "they were not alone",
     "not-matched": "nobody in the picture was known to be them",
     "no-room": "there was no memory for it until it was known whose it was",
+    "registry-stale": "the list of consents was too old",
+    "no-consent": "they had not consented",
+    "outside-consent": "it was outside the time that they consented to",
 }
 EVENTS = {
     "visit_opened": "the robot met them",
@@ -54,20 +57,20 @@ def name_person(alias: str) -> str:
     return f"{kind} {letter.upper()}" if kind == "patient" and len(letter) == 1 else alias
 
 
-def say_refusal(code: str | None) -> str:
+def refusal_text(code: str | None) -> str:
     if code is None:
         return "with the record"
     meaning = CATALOGUE[code].meaning.rstrip(".") if code in CATALOGUE else "refused"
     return f"“{meaning}” ({code})"
 
 
-def say_reasons(counts: Mapping[str, int]) -> str:
+def reasons_text(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count}: {REASONS.get(reason, reason)}" for reason, count in counts.items()) or "none"
 
 
-def say_events(kinds: Iterable[str]) -> str:
+def events_text(kinds: Iterable[str]) -> str:
     return ", ".join(EVENTS.get(kind, kind) for kind in dict.fromkeys(kinds))
 
 
-def say_quantiles(values: Mapping[str, float]) -> str:
+def quantiles_text(values: Mapping[str, float]) -> str:
     return ", ".join(f"{_QUANTILES.get(name, name)} {value:,}" for name, value in values.items())

@@ -188,8 +188,8 @@ def check_finality(newest_ms: int, now_ms: int, heartbeat_ms: int, production: s
 
 
 def check_late(answers: Sequence[Answer]) -> list[Finding]:
-    told = {answer.name: (answer.status or {}).get("finality") or {} for answer in answers}
-    late = {name: finality for name, finality in told.items() if finality.get("late")}
+    finalities = {answer.name: (answer.status or {}).get("finality") or {} for answer in answers}
+    late = {name: finality for name, finality in finalities.items() if finality.get("late")}
     if not late:
         return []
     age_s, waiting_s = (max(finality[key] for finality in late.values()) for key in ("age_s", "waiting_s"))

@@ -15,7 +15,7 @@ from node.config import NodeConfig
 from node.consensus.journal import count_records
 from node.directory.node_directory import DirectoryContent
 from node.p2p.identity import load_authorities
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 DISK_FREE_LEAST_BYTES = 512 * 1024 * 1024
 DISK_FREE_LEAST_PER_CENT = 3
@@ -64,7 +64,7 @@ def check_authorities(directory: DirectoryContent, now_ms: int) -> list[Finding]
             continue
         end_ms = max(round(item.not_valid_after_utc.timestamp() * 1000) for item in authorities)
         if end_ms - now_ms < AUTHORITY_WARNING_MS:
-            detail = f"The authority of {organisation.name} counts until {show_moment(end_ms)}."
+            detail = f"The authority of {organisation.name} counts until {format_time(end_ms)}."
             found.append(Finding("AUTHORITY_EXPIRES_SOON", "", detail))
     return found
 

@@ -16,8 +16,8 @@ from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.errors import BlockRobotError
 from network.blocks_kept import kept_lines
 from network.cluster import Cluster, fetch_status
-from network.custody.asking import ask_all
-from network.custody.upload_telling import find_upload_troubles
+from network.custody.custody_requests import ask_all
+from network.custody.upload_problems import find_upload_problems
 from network.doctor import answers as words
 from network.doctor.answers import Answer
 from network.doctor.data_directory import check_authorities, check_directory
@@ -34,11 +34,11 @@ async def check_uploads(configs: Sequence[NodeConfig], answers: Sequence[Answer]
     running = {answer.name for answer in answers if answer.status is not None}
     custodians = [config for config in configs if config.custodian_key_path is not None and config.name in running]
     found = []
-    for config, told in zip(custodians, await ask_all(custodians), strict=True):
-        if isinstance(told, BlockRobotError):
-            found.append(Finding("CUSTODY_SILENT", config.name, f"{told.detail} ({told.code})"))
+    for config, answer in zip(custodians, await ask_all(custodians), strict=True):
+        if isinstance(answer, BlockRobotError):
+            found.append(Finding("CUSTODY_SILENT", config.name, f"{answer.detail} ({answer.code})"))
         else:
-            found += [Finding(code, config.name, sentence) for code, sentence in find_upload_troubles(told)]
+            found += [Finding(code, config.name, sentence) for code, sentence in find_upload_problems(answer)]
     return found
 
 
@@ -59,7 +59,7 @@ class Examination:
         return all(finding.kind.severity != "problem" for finding in self.findings)
 
 
-def find_data_directories(network: Path) -> list[Path]:
+def get_data_directories(network: Path) -> list[Path]:
     """Return a network folder's data directories. Raises CLUSTER_NOT_RUNNING if it is none."""
     if not (network / "genesis.json").is_file():
         raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {network}.")
@@ -68,7 +68,7 @@ def find_data_directories(network: Path) -> list[Path]:
 
 def examine_network(network: Path) -> Examination:
     """Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
-    directories = find_data_directories(network)
+    directories = get_data_directories(network)
     genesis = genesis_from_json((network / "genesis.json").read_text(encoding="utf-8"))
     found = examine(directories, genesis, whole=True)
     faults = [] if any(item.code == "CONFIGURATION_WRONG" for item in found.findings) else _faults_on_purpose(network)

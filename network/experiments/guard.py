@@ -57,7 +57,7 @@ class Guard:
                 self._process.stdin.flush()
 
 
-def stand_guard(lines: Iterable[str]) -> None:
+def run_guard(lines: Iterable[str]) -> None:
     """Read the run's lines; at end of input without `end`, stop everything named."""
     pids: list[int] = []
     networks: list[Path] = []
@@ -87,4 +87,4 @@ def _is_own_command(pid: int) -> bool:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    stand_guard(sys.stdin)
+    run_guard(sys.stdin)

@@ -55,7 +55,7 @@ _PART_FILES = re.compile(
 
 
 @contextlib.contextmanager
-def taken(out: Path) -> Iterator[None]:
+def reserved_folder(out: Path) -> Iterator[None]:
     """Hold the folder for one run. Raises FOLDER_NOT_EMPTY if foreign or in use."""
     if out.is_symlink() or (out.exists() and not out.is_dir()):
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{out} is a link or a file.")

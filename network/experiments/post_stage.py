@@ -10,7 +10,7 @@ from pathlib import Path
 
 from clients.robot.synthetic.scenario import Scenario
 from clients.sdk.pictures.picture_names import read_robot_frame
-from clients.wallet.present.record_answers import (
+from clients.wallet.presentation.record_answers import (
     AuditAnswer,
     ProbeAnswer,
     RecordRow,
@@ -28,7 +28,7 @@ REFUSALS = frozenset({"NOT_PERMITTED", "ACCESS_NOT_GRANTED"})
 
 
 @dataclass(slots=True)
-class Belongings:
+class WalletContents:
     """What a person's wallet found: records as listed, and pictures written."""
 
     records: list[RecordRow] = field(default_factory=list)
@@ -52,7 +52,7 @@ class PostStage:
         self._checks = checks
         self._tell = tell
 
-    async def look(self, people: Sequence[str], kept: int) -> dict[str, Belongings]:
+    async def look(self, people: Sequence[str], kept: int) -> dict[str, WalletContents]:
         found = {alias: await self._open(alias) for alias in people}
         total = sum(len(belongings.depths) for belongings in found.values())
         self._checks.add(
@@ -65,7 +65,7 @@ class PostStage:
                 await self._check_stranger(owner, stranger, found)
         return found
 
-    async def _open(self, alias: str) -> Belongings:
+    async def _open(self, alias: str) -> WalletContents:
         self._tell(f"post-stage: {name_person(alias)} looks at their records")
         listed = await self._stage.wallet(alias, RecordsAnswer, "records")
         records = [row for visit in listed.visits for row in visit.records]
@@ -75,7 +75,7 @@ class PostStage:
                 ok=not listed.visits,
                 detail=f"{len(records)} records",
             )
-            return Belongings()
+            return WalletContents()
         missing = sum(visit.missing_records for visit in listed.visits)
         closed = all(visit.closed for visit in listed.visits)
         self._checks.add(
@@ -91,14 +91,14 @@ class PostStage:
             ok="ok" in statuses and set(statuses) <= {"ok", "notice"},
             detail=f"{statuses.count('ok')} pictures, against a header proven final from the genesis file",
         )
-        found = Belongings(records, sorted(out.glob("*/*[0-9].png")), sorted(out.glob("*/*.depth.png")))
+        found = WalletContents(records, sorted(out.glob("*/*[0-9].png")), sorted(out.glob("*/*.depth.png")))
         await self._check_own(alias, found)
         return found
 
     def _is_in_scene(self, alias: str) -> bool:
         return alias in self._scenario.tagged_aliases
 
-    async def _check_own(self, alias: str, found: Belongings) -> None:
+    async def _check_own(self, alias: str, found: WalletContents) -> None:
         person = next(person for person in self._scenario.people if person.alias == alias)
         covered = covered_frames(self._scenario, alias)
         sequences = {read_robot_frame(path.name) for path in found.depths}
@@ -121,7 +121,7 @@ class PostStage:
         rate = self._scenario.frame_rate
         return any(other.place(number / rate) is not None for number in sequences for other in others)
 
-    async def _check_stranger(self, owner: str, stranger: str, found: dict[str, Belongings]) -> None:
+    async def _check_stranger(self, owner: str, stranger: str, found: dict[str, WalletContents]) -> None:
         first = found[owner].record_ids[0]
         out = self._pictures / "none"
         refused = await self._stage.refusal(stranger, "view", first, "--out", str(out))
@@ -134,7 +134,7 @@ class PostStage:
             detail=f"their wallet says {refused or 'nothing'}; custodians say {', '.join(sorted(codes))}",
         )
 
-    async def corrupt_and_verify(self, found: dict[str, Belongings]) -> None:
+    async def corrupt_and_verify(self, found: dict[str, WalletContents]) -> None:
         alias = next(alias for alias, belongings in found.items() if belongings.records)
         record = max(found[alias].records, key=lambda row: row.frames)
         record_id, index = record.record_id, record.frames // 2
@@ -157,10 +157,14 @@ class PostStage:
             detail=f"{len(verdicts) - 1} frames: {', '.join(sorted(rest))}",
         )
         trail = await self._stage.wallet(alias, AuditAnswer, "audit")
-        told = [row for row in trail.entries if row.kind == "verdict" and record_id in row.records]
-        self._checks.add("the verdict is on the chain", ok=len(told) == 1, detail=f"{len(told)} about this record")
+        found_verdicts = [row for row in trail.entries if row.kind == "verdict" and record_id in row.records]
+        self._checks.add(
+            "the verdict is on the chain",
+            ok=len(found_verdicts) == 1,
+            detail=f"{len(found_verdicts)} about this record",
+        )
 
-    async def verify_untouched(self, found: dict[str, Belongings]) -> None:
+    async def verify_untouched(self, found: dict[str, WalletContents]) -> None:
         verdicts: dict[tuple[str, int], str] = {}
         for alias, belongings in found.items():
             if belongings.records:

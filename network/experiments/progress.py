@@ -10,7 +10,7 @@ import click
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import error_console
 from network.demo.checks import Check
-from network.demo.pacing import Pace
+from network.demo.pacing import ProgressThrottle
 from network.experiments.definitions import Experiment
 
 
@@ -19,7 +19,7 @@ class Progress:
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
-        self._pace = Pace()
+        self._pace = ProgressThrottle()
 
     def tell(self, line: str) -> None:
         if not self._pace.lets_pass(line, time.monotonic()):
@@ -28,8 +28,8 @@ class Progress:
 
     def show(self, experiment: Experiment, check: Check) -> None:
         if self._as_json:
-            told = {"check": check.name, "ok": check.ok, "detail": check.detail, "experiment": experiment.number}
-            click.echo(json.dumps(told), err=True)
+            document = {"check": check.name, "ok": check.ok, "detail": check.detail, "experiment": experiment.number}
+            click.echo(json.dumps(document), err=True)
         else:
             mark = "[green]✓[/green]" if check.ok else "[red]✗[/red]"
             error_console.print(f"{mark} {experiment.number}: {escape(check.name)}: {escape(check.detail)}")

@@ -19,7 +19,7 @@ from network.demo.checks import Check, CheckList
 from network.experiments.comparison import MAP_FILE, write_reading
 from network.experiments.definitions import Experiment
 from network.experiments.guard import Guard
-from network.experiments.out_folder import REPORT_FILE, SUMMARY_FILE, make_experiment_folder, taken
+from network.experiments.out_folder import REPORT_FILE, SUMMARY_FILE, make_experiment_folder, reserved_folder
 from network.experiments.pages.experiment_page import build_index, build_page
 from network.experiments.run_one import ExperimentRun, Outcome, OutcomeFigures
 from network.testbed import NODES_COUNT
@@ -46,7 +46,7 @@ async def run_experiments(
     _cancel_on_signals()
     conditions = measure_conditions(nodes=NODES_COUNT, scenarios={item.name: s.digest[:16] for item, s in chosen})
     outcomes = []
-    with taken(options.out), Guard() as guard:
+    with reserved_folder(options.out), Guard() as guard:
         started = time.monotonic()
         for experiment, scenario in chosen:
             outcomes.append(await _run_one(experiment, scenario, options, guard))

@@ -20,7 +20,7 @@ WINDOW_MS = 5_000
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class DurationFigures:
     """Durations of one stretch in ms, over `count` (frame, owner) pairs."""
 
     count: int
@@ -29,7 +29,7 @@ class Stretch:
     max_ms: float
 
     @classmethod
-    def of(cls, values_ms: list[int]) -> Stretch:
+    def of(cls, values_ms: list[int]) -> DurationFigures:
         if not values_ms:
             return cls(0, 0.0, 0.0, 0.0)
         mean = round(sum(values_ms) / len(values_ms), 1)
@@ -52,7 +52,7 @@ class RunFigures:
     frames_published_while_pairing: int
     recorded_per_s_mean: float
     recorded_per_s_busiest: int
-    stretches: dict[str, Stretch]
+    stretches: dict[str, DurationFigures]
 
     @property
     def lost_share(self) -> float:
@@ -127,14 +127,14 @@ def _count_covered(received: dict[int, int], readings_ms: list[int]) -> int:
     return covered
 
 
-def _stretches(table: EventTable) -> dict[str, Stretch]:
+def _stretches(table: EventTable) -> dict[str, DurationFigures]:
     found: dict[str, list[int]] = {name: [] for name in STRETCHES}
     for events in table.cases().values():
         for times in _ways(events):
             for name, (start, end) in STRETCHES.items():
                 if start in times and end in times:
                     found[name].append(times[end] - times[start])
-    return {name: Stretch.of(values) for name, values in found.items()}
+    return {name: DurationFigures.of(values) for name, values in found.items()}
 
 
 def _ways(events: list[LoggedEvent]) -> list[dict[str, int]]:

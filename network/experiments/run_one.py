@@ -26,7 +26,7 @@ from network.experiments.definitions import Experiment
 from network.experiments.guard import Guard
 from network.experiments.log_files import read_log
 from network.experiments.pages.event_table import EventTable
-from network.experiments.post_stage import Belongings, PostStage
+from network.experiments.post_stage import PostStage, WalletContents
 from network.testbed import NODES_COUNT, Stage
 
 
@@ -103,7 +103,7 @@ class Outcome:
     checks: CheckList
     robot: RunSummary | None = None
     reading: Reading | None = None
-    belongings: dict[str, Belongings] = field(default_factory=dict)
+    belongings: dict[str, WalletContents] = field(default_factory=dict)
     stages_s: dict[str, float] = field(default_factory=dict)
     conditions: dict[str, Condition] = field(default_factory=dict)
 
@@ -259,11 +259,11 @@ class ExperimentRun:
             ok=share <= limit and sum(frames.withheld_reasons.values()) == withheld,
             detail=f"{100 * share:.1f} %: {reasons}",
         )
-        said = (frames.published, frames.covered, frames.kept, frames.withheld, frames.lost)
+        counts = (frames.published, frames.covered, frames.kept, frames.withheld, frames.lost)
         self._checks.add(
             "what the robot says of its frames is what its log shows",
-            ok=said == (len(arrived), covered, kept, withheld, lost),
-            detail=f"covered {said[1]}, kept {said[2]}, withheld {said[3]}, lost {said[4]}",
+            ok=counts == (len(arrived), covered, kept, withheld, lost),
+            detail=f"covered {counts[1]}, kept {counts[2]}, withheld {counts[3]}, lost {counts[4]}",
         )
 
     def _check_log(self, reading: Reading) -> None:

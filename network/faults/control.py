@@ -55,16 +55,16 @@ class NodeFaults:
     switched: Mapping[str, Any] | None
 
     def describe(self) -> list[str]:
-        said = [] if self.running else ["down"]
-        said += ["paused"] if self.paused else []
-        said += [f"byzantine: {self.behaviour}"] if self.behaviour else []
+        words = [] if self.running else ["down"]
+        words += ["paused"] if self.paused else []
+        words += [f"byzantine: {self.behaviour}"] if self.behaviour else []
         if self.switched is None:
-            return said
+            return words
         for peer, fault in self.switched["links"].items():
-            said.append(f"-> {peer}: {msgspec.convert(fault, LinkFault).describe()}")
+            words.append(f"-> {peer}: {msgspec.convert(fault, LinkFault).describe()}")
         if self.switched["clock_offset_ms"]:
-            said.append(f"clock {format_duration(self.switched['clock_offset_ms'])}")
-        return said + [f"{disk} disk full" for disk in self.switched["disk"]]
+            words.append(f"clock {format_duration(self.switched['clock_offset_ms'])}")
+        return words + [f"{disk} disk full" for disk in self.switched["disk"]]
 
 
 class FaultControl:

@@ -10,7 +10,7 @@ from clients.sdk.chain.notices import read_notice
 from clients.sdk.network_client import NetworkClient
 from consensus.errors import BlockRobotError
 from consensus.rights.notices import Notice, PublishedNotice
-from pages.moments import show_utc_moment
+from pages.time_format import format_utc_time
 
 OPEN = (
     "Representative in the Union, if the controller is not established there: Art. 30(1)(a).",
@@ -85,9 +85,9 @@ def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     return [line(head), line(("---",) * len(head)), *map(line, rows), ""]
 
 
-def tell_activities(found: Activities) -> str:
+def activities_text(found: Activities) -> str:
     notice, row = found.notice, found.published.row
-    when = show_utc_moment(found.time_ms)
+    when = format_utc_time(found.time_ms)
     lines = [
         f"# Register of processing activities: {_on_one_line(notice.controller.name)}",
         "",

@@ -41,7 +41,7 @@ class Step:
 
 
 @dataclass
-class Growth:
+class NodeAddition:
     """Local organisations by name with admin keys, and the receiver of steps."""
 
     client: NetworkClient

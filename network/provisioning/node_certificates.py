@@ -145,7 +145,7 @@ def _replace(config: NodeConfig, issued: NodeCertificate, *, with_key: bool) -> 
         temporary.replace(path)
 
 
-def find_authority(network: Path, organisation: str, folder: Path | None = None) -> Authority:
+def get_authority(network: Path, organisation: str, folder: Path | None = None) -> Authority:
     """Return an organisation's authority from `folder` or the network's `organisations/`.
 
     Raises AUTHORITY_NOT_HERE without its key, FILE_UNUSABLE.

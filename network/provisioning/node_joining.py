@@ -69,7 +69,7 @@ def organisation_of(config: NodeConfig, configs: Iterable[NodeConfig]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Newcomer:
+class JoiningNode:
     """A new node's parameters. Uses ports `base_port` to `base_port` + 2."""
 
     name: str
@@ -87,7 +87,7 @@ def next_base_port(directory: DirectoryContent, configs: Iterable[NodeConfig]) -
     return max(used, default=7_262) + PORTS_PER_NODE
 
 
-def check_newcomer(newcomer: Newcomer, directory: DirectoryContent) -> None:
+def check_joining_node(newcomer: JoiningNode, directory: DirectoryContent) -> None:
     """Check early as the network would. Raises NODE_EXISTS, NOT_FOUND, CONFIGURATION_INVALID."""
     name = newcomer.name
     check_name(name, "a node")
@@ -102,7 +102,7 @@ def check_newcomer(newcomer: Newcomer, directory: DirectoryContent) -> None:
     check_api_url(name, api_url_of(newcomer))
 
 
-def api_url_of(newcomer: Newcomer) -> str:
+def api_url_of(newcomer: JoiningNode) -> str:
     host = f"[{newcomer.host}]" if ":" in newcomer.host else newcomer.host
     return newcomer.api_url or f"http://{host}:{newcomer.base_port + 1}"
 
@@ -120,10 +120,10 @@ def check_api_url(name: str, url: str) -> None:
 
 
 def init_node(
-    folder: Path, newcomer: Newcomer, genesis: Genesis, authority: Authority, directory: DirectoryContent
+    folder: Path, newcomer: JoiningNode, genesis: Genesis, authority: Authority, directory: DirectoryContent
 ) -> NodeEntry:
     """Create a joining node's data directory; return its entry for approval. Raises NODE_EXISTS."""
-    check_newcomer(newcomer, directory)
+    check_joining_node(newcomer, directory)
     if folder.exists():
         raise BlockRobotError("NODE_EXISTS", f"There is something in {folder} already.")
     keys = NodeKeys(new_key(), new_key() if newcomer.is_custodian else None)

@@ -102,7 +102,7 @@ def _transaction_us() -> float:
     pool = Mempool(
         chain_id=chain.genesis.chain_id,
         cache=TransactionCache(),
-        has_standing=lambda _: True,
+        check_admission=lambda _: True,
         is_spent=lambda _: False,
     )
     payload = encode(TransactionBatch(transactions=(wire,) * 64))

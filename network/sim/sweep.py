@@ -67,8 +67,8 @@ class SweepResult:
 
     @property
     def trace(self) -> str:
-        told = " ".join(f"{seed}={trace}" for seed, trace in sorted(self.traces.items()))
-        return hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
+        traces_text = " ".join(f"{seed}={trace}" for seed, trace in sorted(self.traces.items()))
+        return hashlib.blake2b(traces_text.encode(), digest_size=16).hexdigest()
 
     @property
     def violations(self) -> int:

@@ -18,7 +18,7 @@ from aiohttp import web
 from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Meter, Metered, Readings
-from node.api.access.rate_limit import RateLimiter, RefusalDelay, Tab, Turns, is_over_budget, source_of
+from node.api.access.rate_limit import ChargedBudgets, FairQueue, RateLimiter, RefusalDelay, is_over_budget, source_of
 from node.api.access.route_access import Access
 from node.api.access.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
 from node.api.bodies import Bodies
@@ -54,7 +54,7 @@ class _Gate:
         self._services = services
         self._limiter = RateLimiter(services.note_over)
         self._sessions = SessionTable(services.genesis.chain_id, services.node_name, services.clock, services.ledger)
-        self._turns = Turns(services.note_over)
+        self._turns = FairQueue(services.note_over)
         self._bodies = Bodies(services.note_over)
         self._refusals = RefusalDelay()
         self._readings = Readings(services.ledger)
@@ -77,7 +77,7 @@ class _Gate:
             return None
         return session
 
-    def _authorise(self, route: Route, request: web.Request) -> tuple[Session | None, Tab]:
+    def _authorise(self, route: Route, request: web.Request) -> tuple[Session | None, ChargedBudgets]:
         stranger = source_of(request.remote, None)
         cost_us = ROUTE_COSTS[route.operation]
         try:

@@ -149,16 +149,16 @@ def describe_producers(snapshot: LedgerSnapshot) -> ProducersAnswer:
 
 
 def _producer(key: bytes, row: CandidateRow, seat: int | None) -> ProducerDocument:
-    told = row.evidence
+    fields = row.evidence
     evidence = None
-    if told:
+    if fields:
         evidence = EvidenceDocument(
-            kind=told["kind"],
-            epoch=told["epoch"],
-            round=told["round"],
-            height=told["height"],
-            first_id=told["first_id"].hex(),
-            second_id=told["second_id"].hex(),
+            kind=fields["kind"],
+            epoch=fields["epoch"],
+            round=fields["round"],
+            height=fields["height"],
+            first_id=fields["first_id"].hex(),
+            second_id=fields["second_id"].hex(),
         )
     return describe(ProducerDocument, row, key=key.hex(), seat=seat, evidence=evidence)
 

@@ -7,15 +7,15 @@ from collections.abc import Callable, Sequence
 from consensus.errors import BlockRobotError
 from node.api.services import LedgerSnapshot
 
-Keepers = Callable[[int], Sequence[str]]
+PeersWithBlock = Callable[[int], Sequence[str]]
 """Returns the names of the peers that say they keep the body of the block of a height."""
 
 
-def require_kept(snapshot: LedgerSnapshot, height: int, keepers: Keepers) -> None:
+def require_not_pruned(snapshot: LedgerSnapshot, height: int, peers_with_block: PeersWithBlock) -> None:
     """Raise BLOCK_PRUNED, naming keepers, if this block's body is not here."""
     earliest = snapshot.earliest_height
     if height < earliest:
-        names = keepers(height)
+        names = peers_with_block(height)
         who = f"{', '.join(names)} {'keep' if len(names) > 1 else 'keeps'} it" if names else "No peer says to keep it"
         raise BlockRobotError(
             "BLOCK_PRUNED", f"The body of block {height} was pruned; this node has them from {earliest} on. {who}."

@@ -16,7 +16,7 @@ from consensus.api_documents import Document
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Meter, Readings, Steps
-from node.api.access.rate_limit import Tab
+from node.api.access.rate_limit import ChargedBudgets
 from node.api.access.route_access import Access
 from node.api.access.sessions import Session, SessionTable
 from node.api.bodies import Hold
@@ -82,7 +82,7 @@ class Call:
     http: web.Request
     route: Route
     session: Session | None
-    tab: Tab
+    tab: ChargedBudgets
     hold: Hold
     meter: Meter
     readings: Readings

@@ -286,7 +286,7 @@ def _ignore(_source: str, _error: BlockRobotError) -> None:
 class ApiServices:
     """What `create_api` needs; `custody` and `receipts`: None without a custodian.
 
-    `note_over` gets sources over budget; `keepers` names peers with a height's body.
+    `note_over` gets sources over budget; `peers_with_block` names peers with a height's body.
     """
 
     genesis: Genesis
@@ -300,4 +300,4 @@ class ApiServices:
     rounds: RoundWatch | None = None
     public_explorer: bool = False
     note_over: Callable[[str, BlockRobotError], None] = _ignore
-    keepers: Callable[[int], Sequence[str]] = lambda _: ()
+    peers_with_block: Callable[[int], Sequence[str]] = lambda _: ()

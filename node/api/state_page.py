@@ -37,7 +37,7 @@ What calls write these: [the contracts that govern the network](system-contracts
 typed rows: `consensus/state/`."""
 
 
-def told_of(module: ModuleType) -> Iterator[tuple[Rows[Any], str]]:
+def describe_rows(module: ModuleType) -> Iterator[tuple[Rows[Any], str]]:
     body = ast.parse(inspect.getsource(module)).body
     words: dict[str, str] = {}
     for place, after in pairwise(body):
@@ -93,9 +93,9 @@ def write_state_page(made: str) -> str:
     lines = [made, "", _INTRODUCTION, ""]
     described: set[type[msgspec.Struct]] = {Row, ListRow}
     for module in MODULES:
-        told = list(told_of(module))
-        for contract in dict.fromkeys(rows.flat.partition(b"\x00")[0].decode() for rows, _ in told):
-            own = [(rows, words) for rows, words in told if rows.flat.startswith(contract.encode() + b"\x00")]
+        known_rows = list(describe_rows(module))
+        for contract in dict.fromkeys(rows.flat.partition(b"\x00")[0].decode() for rows, _ in known_rows):
+            own = [(rows, words) for rows, words in known_rows if rows.flat.startswith(contract.encode() + b"\x00")]
             what = str(inspect.getdoc(module)).partition("\n")[0].partition("; and ")[0].rstrip(".") + "."
             lines += [f"## `{contract}`", "", what, ""]
             cells = [[_describe_key(rows), describe_type(rows.kind), words] for rows, words in own]

@@ -139,7 +139,7 @@ class Engine:
         self._executor = executor
         self._mempool = mempool
         self._outages: dict[str, str] = {}
-        self._recorder = JournalWriter(
+        self._journal_writer = JournalWriter(
             journal,
             stopwatch=stopwatch,
             snapshot=self._snapshot_of_core,
@@ -166,7 +166,7 @@ class Engine:
 
     def start(self, outbox: Outbox) -> None:
         self._outbox = outbox
-        self._recorder.start(self._executor.thread)
+        self._journal_writer.start(self._executor.thread)
         self.submit(Started(now_ms=self._clock()))
 
     def add_epoch_listener(self, listener: EpochListener) -> None:
@@ -181,7 +181,7 @@ class Engine:
         self._stopped = True
         for handle in self._timers.values():
             handle.cancel()
-        await self._recorder.stop()
+        await self._journal_writer.stop()
         await self.stop_waiting()
 
     async def stop_waiting(self) -> None:
@@ -278,21 +278,21 @@ class Engine:
         for listener in self._evidence_listeners:
             listener(evidence)
 
-    def _count_timed_out(self, said: Timeout) -> None:
-        place = (said.epoch, said.round)
+    def _count_timed_out(self, timeout: Timeout) -> None:
+        place = (timeout.epoch, timeout.round)
         if place > self._timed_out:
             self._timed_out = place
             self.rounds_timed_out_count += 1
 
     def _persist(self, records: tuple[bytes, ...]) -> None:
         """Journal, then send; slow syncs run in a thread."""
-        if not self._recorder.append(records):
+        if not self._journal_writer.append(records):
             return
-        if self._recorder.is_fast:
-            self._recorder.sync()
-            self._recorder.settle()
+        if self._journal_writer.is_fast:
+            self._journal_writer.sync()
+            self._journal_writer.complete_sync()
         else:
-            self._run_in_thread(self._recorder.sync)
+            self._run_in_thread(self._journal_writer.sync)
 
     # Executing
 
@@ -315,7 +315,7 @@ class Engine:
         if future.cancelled() or self._stopped:
             return
         event = future.result()
-        self._recorder.settle()
+        self._journal_writer.complete_sync()
         if event is not None:
             self._events.appendleft(event)
         self._drain()
@@ -413,7 +413,7 @@ class Engine:
         for block in blocks:
             self._mempool.remove(block.txids)
         if head.next_epoch is None:
-            self._recorder.compact()
+            self._journal_writer.compact()
         else:
             proof_bytes = encode(EpochProof(finality=proof, epoch=head.next_epoch))
             self._begin_epoch(EpochStart(head.next_epoch, head.block_id, proof_bytes), head)
@@ -432,7 +432,7 @@ class Engine:
         self._executor.begin_epoch(start.schedule)
         self._branch, self._branch_txids, self._unstored = {}, frozenset(), {}
         self._pending = False
-        self._recorder.rewrite()
+        self._journal_writer.rewrite()
         log.info("epoch_begun", epoch=start.number, height=boundary.header.height, producers=len(start.epoch.producers))
         self.submit(Started(now_ms=self._clock()))
         for listener in self._epoch_listeners:

@@ -84,7 +84,7 @@ class JournalWriter:
         return self._sync_ms <= INLINE_SYNC_MAX_MS
 
     def append(self, records: Iterable[bytes]) -> bool:
-        """Append records; return whether accepted (then `sync` and `settle`)."""
+        """Append records; return whether accepted (then `sync` and `complete_sync`)."""
         try:
             for record in records:
                 self._newest_sequence = self._journal.append(record)
@@ -94,7 +94,7 @@ class JournalWriter:
         return True
 
     def sync(self) -> None:
-        """Sync in any thread; `settle` then handles the result."""
+        """Sync in any thread; `complete_sync` then handles the result."""
         started = self._stopwatch()
         try:
             self._journal.sync()
@@ -103,7 +103,7 @@ class JournalWriter:
         taken_ms = (self._stopwatch() - started) * 1000
         self._sync_ms += (taken_ms - self._sync_ms) / SYNC_AVERAGED_COUNT
 
-    def settle(self) -> None:
+    def complete_sync(self) -> None:
         if self._refusal:
             self._begin_outage(self._refusal)
 

@@ -12,7 +12,7 @@ LATE_TIMEOUTS_COUNT = 6
 """Work that has waited for so many base timeouts, and for LATE_MIN_S at least, has waited for too long."""
 
 
-class FinalityWatch:
+class StallDetector:
     """Seconds since the newest final block (or start), and with work waiting."""
 
     def __init__(self, stopwatch: Callable[[], float], settings: Callable[[], ChainSettings]) -> None:

@@ -18,7 +18,14 @@ from node.custody.erasure import (
     compute_expiry_subject,
 )
 from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
-from node.custody.restrictions import STANDING_EVENTS, find_restrictions, follow_event, hold, is_void, settle
+from node.custody.restrictions import (
+    RESTRICTION_EVENTS,
+    apply_restrictions,
+    find_restrictions,
+    follow_event,
+    hold,
+    is_void,
+)
 from node.custody.shares import Shares, may_release
 from node.custody.stores.custody_store import (
     BlockEffects,
@@ -72,7 +79,7 @@ class BlockApplier:
         self._block = block
         self._confirmed: list[RecordFacts] = []
         self._missing: list[RecordFacts] = []
-        self._standings: dict[bytes, VisitRestrictions] = {}
+        self._visit_restrictions: dict[bytes, VisitRestrictions] = {}
         self._settled: list[tuple[str, bytes, int]] = []
 
     async def apply(self) -> None:
@@ -80,7 +87,7 @@ class BlockApplier:
         recorded = [event.data["record_id"] for event in self._block.events if event.kind == "records.recorded"]
         staged = await self._store.clips(recorded)
         owners = {event.data["owner"] for event in self._block.events if event.kind == "records.recorded"}
-        self._standings = await self._store.standings(sorted(owners)) if owners else {}
+        self._visit_restrictions = await self._store.visit_restrictions(sorted(owners)) if owners else {}
         for event in self._block.events:
             match event.kind:
                 case "records.recorded":
@@ -100,7 +107,7 @@ class BlockApplier:
                 case "access.released" | "access.refused" | "erasure.receipted" | "erasure.expired":
                     if event.data["custodian"] == self._member:
                         await self._on_own_receipt(event)
-                case kind if kind in STANDING_EVENTS:
+                case kind if kind in RESTRICTION_EVENTS:
                     await self._flush()
                     await self._on_right(event)
                 case _:
@@ -126,11 +133,11 @@ class BlockApplier:
             expires_at_ms=data["expires_at_ms"],
             height=self._block.height,
         )
-        standing = self._standings.get(facts.owner)
+        standing = self._visit_restrictions.get(facts.owner)
         if standing is not None and standing.whole:
             standing, facts = hold(standing, facts)
-            self._standings[facts.owner] = standing
-            await self._store.apply(BlockEffects(standings=(standing,)))
+            self._visit_restrictions[facts.owner] = standing
+            await self._store.apply(BlockEffects(visit_restrictions=(standing,)))
         if clip is None:
             self._missing.append(facts)
         elif clip.status == "staged":
@@ -167,8 +174,10 @@ class BlockApplier:
     async def _on_right(self, event: FinalizedEvent) -> None:
         owner = event.data["owner"]
         before = await find_restrictions(self._store, owner) or VisitRestrictions(owner)
-        self._standings[owner] = await settle(self._store, follow_event(before, event, self._block.height))
-        if self._standings[owner].quarantined:
+        self._visit_restrictions[owner] = await apply_restrictions(
+            self._store, follow_event(before, event, self._block.height)
+        )
+        if self._visit_restrictions[owner].quarantined:
             await self._shares.deny_visit(owner)
 
     async def _awaits_any(self, record_ids: Sequence[bytes]) -> bool:

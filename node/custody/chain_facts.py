@@ -18,7 +18,7 @@ from consensus.state.identity import custodians
 from consensus.state.keys import Reader, Scanner
 from consensus.state.records import EMPTY_FRAME, OF_VISIT, RECORD, RecordRow
 from consensus.state.rights import OBJECTION, QUARANTINE, RESTRICTION
-from node.custody.restrictions import prolong, standing_of, with_natural
+from node.custody.restrictions import prolong, restrictions_from_row, with_natural_expiries
 from node.custody.stores.custody_store import Checkpoint, RecordFacts, VisitRestrictions
 from node.custody.stores.share_store import ShareRow
 
@@ -127,9 +127,9 @@ class ChainFacts:
 
     @cached_property
     def _restrictions(self) -> dict[bytes, VisitRestrictions]:
-        return {owner: standing_of(owner, row) for (owner,), row in RESTRICTION.rows(self._state)}
+        return {owner: restrictions_from_row(owner, row) for (owner,), row in RESTRICTION.rows(self._state)}
 
-    def standings(self) -> Iterator[VisitRestrictions]:
+    def visit_restrictions(self) -> Iterator[VisitRestrictions]:
         """Yield the standing of every visit with any statement, even withdrawn ones.
 
         Requests are void up to its last audited statement's height, else this state's.
@@ -138,10 +138,10 @@ class ChainFacts:
         objected = {owner for (owner,), _ in OBJECTION.rows(self._state)}
         narrowed = self._audited.narrowed
         for owner in sorted(denied | objected | set(self._restrictions) | set(narrowed)):
-            told = self._restrictions.get(owner, VisitRestrictions(owner))
+            stated = self._restrictions.get(owner, VisitRestrictions(owner))
             height = narrowed.get(owner, self.point.height)
-            standing = structs.replace(told, narrowed_height=height, quarantined=owner in denied)
-            yield with_natural(standing, self._natural(told))
+            standing = structs.replace(stated, narrowed_height=height, quarantined=owner in denied)
+            yield with_natural_expiries(standing, self._natural(stated))
 
     def _natural(self, standing: VisitRestrictions) -> dict[bytes, int]:
         natural = {}

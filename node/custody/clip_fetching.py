@@ -21,7 +21,7 @@ MISSING_READ_COUNT = 10_000
 log = structlog.get_logger(__name__)
 
 
-class Fetching:
+class ClipFetcher:
     """Mixin of `Custodian` that fetches missing clips."""
 
     if TYPE_CHECKING:  # the custodian's own

@@ -20,7 +20,7 @@ from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, che
 from consensus.records.commitments import ciphertext_leaves
 from node.custody.block_effects import BlockApplier, build_release, matches_roots
 from node.custody.chain_facts import ChainFacts
-from node.custody.clip_fetching import MISSING_READ_COUNT, Fetching
+from node.custody.clip_fetching import MISSING_READ_COUNT, ClipFetcher
 from node.custody.erase_keys import ErasableKeys, unwrap_key
 from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvents
@@ -48,7 +48,7 @@ WORDS_DIVISOR = 4
 log = structlog.get_logger(__name__)
 
 
-class Custodian(ShareService, Fetching):
+class Custodian(ShareService, ClipFetcher):
     """One custodian; `member` is its 33-byte chain key.
 
     Methods raise STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED; unfinished work continues at the next block.
@@ -242,7 +242,7 @@ class Custodian(ShareService, Fetching):
         async with self._writing:
             yield frozenset(self._in_flight)
 
-    async def mend(self, fetched: ClipDownload, read_facts: Callable[[], RecordFacts | None]) -> bool:
+    async def repair_clip(self, fetched: ClipDownload, read_facts: Callable[[], RecordFacts | None]) -> bool:
         """Replace a damaged confirmed clip by another custodian's whole copy.
 
         `read_facts` returns the chain's present record, None if not kept. Old keys go after new rows exist. False if
@@ -253,14 +253,14 @@ class Custodian(ShareService, Fetching):
         self._in_flight.update(slots)
         try:
             async with self._writing:
-                unused = await self._mend_under(fetched, read_facts(), taken)
+                unused = await self._repair_under(fetched, read_facts(), taken)
                 await self._eraser.destroy_unused(unused)
         finally:
             wipe_keys(taken)
             self._in_flight.difference_update(slots)
         return not set(slots) <= set(unused)
 
-    async def _mend_under(
+    async def _repair_under(
         self, fetched: ClipDownload, facts: RecordFacts | None, taken: Sequence[tuple[int, bytes]]
     ) -> list[int]:
         slots = [slot for slot, _ in taken]
@@ -335,7 +335,7 @@ class Custodian(ShareService, Fetching):
 
     # What the chain is owed
 
-    async def owed(self, limit: int) -> list[OutboxRow]:
+    async def ready_outbox(self, limit: int) -> list[OutboxRow]:
         """Return transactions to submit, again and again until the chain shows them.
 
         Oldest erasure and expiry receipts first; some places are for access answers.

@@ -61,7 +61,7 @@ class Eraser:
         self._store = store
         self._keys = erase_keys
         self._is_swept = True
-        self._carried_out: set[tuple[str, bytes, int]] = set()
+        self._executed_plans: set[tuple[str, bytes, int]] = set()
 
     async def erase_requested(
         self, erasure_id: bytes, record_ids: Sequence[bytes], frames: Sequence[int], height: int
@@ -74,7 +74,7 @@ class Eraser:
         remains, until = (REMAINS_LEAVES, max(kept_until)) if frames and kept_until else (REMAINS_NOTHING, 0)
         destroyed = sum(len(part.indexes) for part in parts)
         arguments = [erasure_id, destroyed, remains, until, compute_erasure_digest(parts, clips)]
-        await self._plan(RECEIPT_KIND, erasure_id, "receipt", arguments, height, parts)
+        await self._store_plan(RECEIPT_KIND, erasure_id, "receipt", arguments, height, parts)
 
     async def erase_expired(self, at_ms: int, height: int) -> None:
         """Erase confirmed clips with `expires_at_ms <= at_ms` and queue their reports.
@@ -94,7 +94,7 @@ class Eraser:
         clips = await self._store.clips(record_ids)
         parts = _parts(record_ids, await self._store.frame_places(record_ids), ())
         arguments = [list(record_ids), compute_erasure_digest(parts, clips)]
-        await self._plan(EXPIRED_KIND, compute_expiry_subject(record_ids), "expired", arguments, height, parts)
+        await self._store_plan(EXPIRED_KIND, compute_expiry_subject(record_ids), "expired", arguments, height, parts)
 
     async def erase_again(self, record_ids: Sequence[bytes]) -> None:
         """Erase records whose erasure the chain has completed; no receipt is due."""
@@ -165,11 +165,11 @@ class Eraser:
         """Finish interrupted plans, sweep once if anything went, then close plans."""
         while rows := await self._store.outbox("erasing", "erasure", _PLANS_AT_ONCE_COUNT):
             for row in rows:
-                if row.key not in self._carried_out:
-                    await self._carry_out(row)
+                if row.key not in self._executed_plans:
+                    await self._execute_plan(row)
             await self._sweep()
             for row in rows:
-                await self._close(row)
+                await self._complete_plan(row)
         await self._sweep()
 
     async def _sweep(self) -> None:
@@ -177,7 +177,7 @@ class Eraser:
             await self._store.sweep()
             self._is_swept = True
 
-    async def _plan(
+    async def _store_plan(
         self,
         kind: str,
         subject: bytes,
@@ -190,10 +190,10 @@ class Eraser:
         row = OutboxRow(kind, subject, 0, "erasure", entry, encode_value(list(arguments)), height, "erasing", plan)
         await self._store.add_outbox(row)
         for known in await self._store.outbox_of(kind, subject):  # an earlier plan of the same stays as it was
-            if known.status == "erasing" and known.key not in self._carried_out:
-                await self._carry_out(known)
+            if known.status == "erasing" and known.key not in self._executed_plans:
+                await self._execute_plan(known)
 
-    async def _carry_out(self, row: OutboxRow) -> None:
+    async def _execute_plan(self, row: OutboxRow) -> None:
         parts = decode(row.plan, ErasurePlan).parts
         slots = [slot for part in parts for slot in part.slots]
         await asyncio.to_thread(self._keys.destroy, slots)
@@ -203,11 +203,11 @@ class Eraser:
                 await self._store.erase_clip(part.record_id)
             else:
                 await self._store.erase_frames(part.record_id, part.indexes)
-        self._carried_out.add(row.key)
+        self._executed_plans.add(row.key)
 
-    async def _close(self, row: OutboxRow) -> None:
+    async def _complete_plan(self, row: OutboxRow) -> None:
         parts = decode(row.plan, ErasurePlan).parts
-        self._carried_out.discard(row.key)
+        self._executed_plans.discard(row.key)
         await self._read_back(parts)
         await self._store.mark_outbox_ready(row.key)
         await asyncio.to_thread(self._keys.release, [slot for part in parts for slot in part.slots])

@@ -15,7 +15,7 @@ from consensus.state.rights import RestrictionRow
 from node.custody.finalized_events import FinalizedEvent
 from node.custody.stores.custody_store import BlockEffects, CustodyStore, Grant, RecordFacts, VisitRestrictions
 
-NARROWING = frozenset(
+NARROWING_EVENTS = frozenset(
     {
         "records.transferred",
         "rights.restricted",
@@ -24,7 +24,7 @@ NARROWING = frozenset(
         "rights.quarantine_ended",
     }
 )
-STANDING_EVENTS = NARROWING | {"rights.lifted"}
+RESTRICTION_EVENTS = NARROWING_EVENTS | {"rights.lifted"}
 
 
 def prolong(standing: VisitRestrictions | None, record_id: bytes, expires_at_ms: int) -> int:
@@ -35,7 +35,7 @@ def prolong(standing: VisitRestrictions | None, record_id: bytes, expires_at_ms:
     return max(expires_at_ms, standing.until_ms) if covered else expires_at_ms
 
 
-def standing_of(owner: bytes, row: RestrictionRow | None) -> VisitRestrictions:
+def restrictions_from_row(owner: bytes, row: RestrictionRow | None) -> VisitRestrictions:
     if row is None:
         return VisitRestrictions(owner)
     return VisitRestrictions(
@@ -60,39 +60,39 @@ def require_release(grant: Grant, standing: VisitRestrictions | None) -> None:
         raise BlockRobotError("ACCESS_ENDED")
 
 
-def with_natural(standing: VisitRestrictions, natural: Mapping[bytes, int]) -> VisitRestrictions:
+def with_natural_expiries(standing: VisitRestrictions, natural: Mapping[bytes, int]) -> VisitRestrictions:
     return structs.replace(standing, natural=tuple(sorted(natural.items())))
 
 
 async def find_restrictions(store: CustodyStore, owner: bytes) -> VisitRestrictions | None:
-    return (await store.standings([owner])).get(owner)
+    return (await store.visit_restrictions([owner])).get(owner)
 
 
 def follow_event(before: VisitRestrictions, event: FinalizedEvent, height: int) -> VisitRestrictions:
-    """Return the standing after a visit's event; `settle` handles prolonged clips."""
+    """Return the standing after a visit's event; `apply_restrictions` handles prolonged clips."""
     after = before
     if event.kind in {"rights.restricted", "rights.lifted"}:
-        told = event.data
+        data = event.data
         after = VisitRestrictions(
             owner=before.owner,
             narrowed_height=before.narrowed_height,
             quarantined=before.quarantined,
-            whole=told["whole"],
-            whole_since_ms=told["whole_since_ms"],
-            until_ms=told["until_ms"],
-            records=tuple(told["records"]),
+            whole=data["whole"],
+            whole_since_ms=data["whole_since_ms"],
+            until_ms=data["until_ms"],
+            records=tuple(data["records"]),
             natural=before.natural,
         )
     elif event.kind == "rights.quarantined":
         after = VisitRestrictions(before.owner, before.narrowed_height, quarantined=True, natural=before.natural)
     elif event.kind == "rights.quarantine_ended":
         after = VisitRestrictions(before.owner, before.narrowed_height, natural=before.natural)
-    if event.kind in NARROWING:
+    if event.kind in NARROWING_EVENTS:
         after = structs.replace(after, narrowed_height=max(height, before.narrowed_height))
     return after
 
 
-async def settle(store: CustodyStore, standing: VisitRestrictions) -> VisitRestrictions:
+async def apply_restrictions(store: CustodyStore, standing: VisitRestrictions) -> VisitRestrictions:
     """Write a visit's standing and its clips' expiries. Idempotent.
 
     Natural expiries are written before prolonging and dropped after restoring, against crashes.
@@ -110,12 +110,12 @@ async def settle(store: CustodyStore, standing: VisitRestrictions) -> VisitRestr
             held[record_id] = own_ms
         if until_ms != now_ms:
             changed.append((record_id, until_ms))
-    await store.apply(BlockEffects(standings=(with_natural(standing, {**natural, **held}),)))
+    await store.apply(BlockEffects(visit_restrictions=(with_natural_expiries(standing, {**natural, **held}),)))
     late = tuple(replace(missing[key], expires_at_ms=until_ms) for key, until_ms in changed if key in missing)
     expiries = tuple((key, until_ms) for key, until_ms in changed if key not in missing)
     await store.apply(BlockEffects(missing=late, expiries=expiries))
-    settled = with_natural(standing, held)
-    await store.apply(BlockEffects(standings=(settled,)))
+    settled = with_natural_expiries(standing, held)
+    await store.apply(BlockEffects(visit_restrictions=(settled,)))
     return settled
 
 
@@ -125,4 +125,4 @@ def hold(standing: VisitRestrictions, facts: RecordFacts) -> tuple[VisitRestrict
     if until_ms == facts.expires_at_ms:
         return standing, facts
     natural = {**dict(standing.natural), facts.record_id: facts.expires_at_ms}
-    return with_natural(standing, natural), replace(facts, expires_at_ms=until_ms)
+    return with_natural_expiries(standing, natural), replace(facts, expires_at_ms=until_ms)

@@ -23,7 +23,7 @@ from node.custody.block_effects import build_release
 from node.custody.erase_keys import ErasableKeys
 from node.custody.erasure import Eraser
 from node.custody.restrictions import find_restrictions, is_void, require_release
-from node.custody.shares import Judged, Shares, grant_covers
+from node.custody.shares import CheckedPart, Shares, grant_covers
 from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, FrameRow
 from node.custody.stores.share_store import PartRow, PartStatus
 
@@ -54,7 +54,7 @@ class ShareService:
         them. Raises as `Shares.judge`.
         """
         check_grant_upload(upload)
-        judge = partial(self._judge_part, upload, owner, require_open)
+        judge = partial(self._check_part, upload, owner, require_open)
         judged = await judge()  # before a key is made for it, which is flushed to the disk
         if judged.is_known:
             async with self._writing:
@@ -75,11 +75,11 @@ class ShareService:
             self._in_flight.discard(taken[0])
         return status
 
-    async def _judge_part(self, upload: GrantUpload, owner: bytes, require_open: Callable[[], None]) -> Judged:
+    async def _check_part(self, upload: GrantUpload, owner: bytes, require_open: Callable[[], None]) -> CheckedPart:
         require_open()
-        return await self._shares.judge(upload, owner, self._clock_ms())
+        return await self._shares.check_part(upload, owner, self._clock_ms())
 
-    async def _put_part(self, judged: Judged, upload: GrantUpload, taken: tuple[int, bytes] | None) -> PartStatus:
+    async def _put_part(self, judged: CheckedPart, upload: GrantUpload, taken: tuple[int, bytes] | None) -> PartStatus:
         await self._shares.put(judged, upload, taken)
         if judged.row.status == "confirmed":
             await self._owe_shared(judged.row)

@@ -37,7 +37,7 @@ class HeldPart(Wire, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class CheckedPart:
     """A judged upload: the new row without slot and bytes, or the known one."""
 
     row: PartRow
@@ -66,7 +66,7 @@ class Shares:
 
     # Uploads
 
-    async def judge(self, upload: GrantUpload, owner: bytes, now_ms: int) -> Judged:
+    async def check_part(self, upload: GrantUpload, owner: bytes, now_ms: int) -> CheckedPart:
         """Check an upload by a visit's owner (33 bytes).
 
         Raises CLIP_NOT_CONFIRMED, CLIP_ERASED, CLIP_QUARANTINED, NOT_PERMITTED, GRANT_ENDED, TRANSACTION_EXPIRED,
@@ -80,8 +80,10 @@ class Shares:
         row = await self._place(upload, owner, now_ms)
         if known is not None and held is not None:
             until_ms = max(known.valid_until_ms, row.valid_until_ms)
-            return Judged(replace(row, valid_until_ms=until_ms, slot=known.slot, wrapped=known.wrapped), is_known=True)
-        return Judged(row, is_known=False)
+            return CheckedPart(
+                replace(row, valid_until_ms=until_ms, slot=known.slot, wrapped=known.wrapped), is_known=True
+            )
+        return CheckedPart(row, is_known=False)
 
     async def _check_record(self, record_id: bytes, owner: bytes) -> None:
         clip = (await self._store.clips([record_id])).get(record_id)
@@ -119,7 +121,7 @@ class Shares:
             raise BlockRobotError("RATE_LIMITED", "Too many shares of this visit wait for their grants here.")
         return staged
 
-    async def put(self, judged: Judged, upload: GrantUpload, taken: tuple[int, bytes] | None) -> None:
+    async def put(self, judged: CheckedPart, upload: GrantUpload, taken: tuple[int, bytes] | None) -> None:
         """Store a judged upload under a slot's erase key; known parts keep theirs."""
         row = judged.row
         if not judged.is_known:

@@ -42,7 +42,7 @@ from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.execution.validity import RecentTransactions, check_block_transactions, select_valid
 from contracts.state.view import Overlay, StateView
 from node.execution.execution_attempts import Attempts
-from node.execution.execution_machines import DistantMachine, Machine, Outcome
+from node.execution.execution_machines import Machine, Outcome, RemoteMachine
 from node.mempool.mempool import Mempool
 from node.mempool.quarantine import Quarantine
 from node.mempool.transaction_cache import TransactionCache
@@ -269,7 +269,7 @@ class Executor:
 
     def execute_ahead(self, parent: StateView, blocks: Sequence[CheckedBlock]) -> Sequence[Outcome]:
         """Return results of the first of these blocks, maybe none; roots unchecked."""
-        if not isinstance(self._machine, DistantMachine) or len(blocks) < 2:
+        if not isinstance(self._machine, RemoteMachine) or len(blocks) < 2:
             return ()
         headers = [checked.header for checked in blocks]
         expected = [

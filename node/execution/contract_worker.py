@@ -10,7 +10,7 @@ from pathlib import Path
 
 from consensus.chain.genesis import genesis_from_json
 from contracts.execution.machine import ContractMachine
-from contracts.worker.process import Workplace, serve
+from contracts.worker.process import WorkerTools, serve
 from contracts.worker.wire import Begin, Pipe
 from node.execution.contract_views import ContractViews
 from node.storage.lmdb_reader import LedgerFile
@@ -40,7 +40,7 @@ class WorkerLedger:
         self._snapshot.close()
 
 
-def prepare(begin: Begin) -> Workplace:
+def prepare(begin: Begin) -> WorkerTools:
     """Open the ledger and compile the contracts. Raises GENESIS_INVALID, DATA_DIRECTORY_INVALID, STORAGE_DAMAGED."""
     genesis = genesis_from_json(begin.genesis_json)
     directory = Path(begin.ledger_dir)
@@ -48,7 +48,7 @@ def prepare(begin: Begin) -> Workplace:
     views = ContractViews(genesis)
     with ledger.snapshot() as snapshot:
         views.load(snapshot)
-    return Workplace(
+    return WorkerTools(
         machine=ContractMachine.of_genesis(genesis),
         run_view=views.run,
         open_ledger=lambda: WorkerLedger(ledger.snapshot()),
@@ -56,7 +56,7 @@ def prepare(begin: Begin) -> Workplace:
     )
 
 
-def main(prepare_place: Callable[[Begin], Workplace] = prepare) -> int:
+def main(prepare_place: Callable[[Begin], WorkerTools] = prepare) -> int:
     """Serve the node over standard input and output; return the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal says it to everybody; the node is who decides
     os.umask(0o077)

@@ -63,7 +63,7 @@ class Machine(Protocol):
 
 
 @runtime_checkable
-class DistantMachine(Machine, Protocol):
+class RemoteMachine(Machine, Protocol):
     """A machine that is slow to reach: it takes several blocks at once."""
 
     def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> Sequence[Outcome]:

@@ -17,7 +17,7 @@ from consensus.limits import RETENTION_MAX_MS, TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.encoding import decode, decode_value
 from consensus.state.records import RECORD
 from consensus.state.rights import RESTRICTION
-from node.custody.restrictions import prolong, standing_of
+from node.custody.restrictions import prolong, restrictions_from_row
 from node.snapshot.making import read_header_bytes
 from node.storage.ledger_store import EventCursor, LedgerSnapshot, LedgerStore
 
@@ -84,7 +84,7 @@ def is_live(view: LedgerSnapshot, record_id: bytes, now_ms: int) -> bool:
     row = RECORD.at(view, record_id)
     if row is None or row.status not in _LIVE:
         return False
-    restricted = standing_of(row.owner, RESTRICTION.at(view, row.owner))
+    restricted = restrictions_from_row(row.owner, RESTRICTION.at(view, row.owner))
     return prolong(restricted, record_id, row.expires_at_ms) > now_ms
 
 

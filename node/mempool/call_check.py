@@ -35,9 +35,9 @@ class CallCheck:
             raise BlockRobotError(
                 "CONTRACT_DISABLED", f"The contract {row.name} is disabled since height {since_height}."
             )
-        told = explain_misfit(state, row, since_height, body.entry, transaction.arguments())
-        if told is not None:
-            raise BlockRobotError("CONTRACT_CALL_OUTDATED", f"{told[0]}: {told[1]}")
+        misfit = explain_misfit(state, row, since_height, body.entry, transaction.arguments())
+        if misfit is not None:
+            raise BlockRobotError("CONTRACT_CALL_OUTDATED", f"{misfit[0]}: {misfit[1]}")
 
     def _find(self, state: Reader, name: str) -> _Known | None:
         table = state.get(MACHINE_TABLE.flat)

@@ -92,7 +92,7 @@ class Mempool:
         *,
         chain_id: bytes,
         cache: TransactionCache,
-        has_standing: Callable[[Transaction], bool],
+        check_admission: Callable[[Transaction], bool],
         is_spent: Callable[[bytes], bool],
         account_of: Callable[[Transaction], Account] = lambda transaction: Account(transaction.body.sender),
         max_bytes: int = POOL_MAX_BYTES,
@@ -103,7 +103,7 @@ class Mempool:
         """`is_spent`: whether a txid is on the branch or final; `account_of`: whose turns count."""
         self._chain_id = chain_id
         self._cache = cache
-        self._is_admitted = has_standing
+        self._check_admission = check_admission
         self._is_spent = is_spent
         self._account_of = account_of
         self._max_bytes = max_bytes
@@ -176,7 +176,7 @@ class Mempool:
 
         Sender-specific errors go to `refusal`: unsigned calls reveal no membership. Raises TRANSACTION_WRONG_CHAIN,
         TRANSACTION_EXPIRED, TRANSACTION_TOO_FAR_AHEAD, TRANSACTION_REPLAYED, MEMPOOL_FULL, SENDER_NOT_ADMITTED or as
-        `has_standing`.
+        `check_admission`.
         """
         if transaction.txid in self._entries:
             return Screened(transaction, Account(b""), reserved=False, is_verified=True, is_waiting=True)
@@ -185,7 +185,7 @@ class Mempool:
             raise BlockRobotError("TRANSACTION_REPLAYED")
         body = transaction.body
         reserved = body.contract in RESERVED_CONTRACTS or (body.contract, body.entry) in RESERVED_CALLS
-        if not self._is_admitted(transaction):
+        if not self._check_admission(transaction):
             raise BlockRobotError("SENDER_NOT_ADMITTED")
         account = self._account_of(transaction)
         self._plan_evictions(

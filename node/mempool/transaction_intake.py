@@ -181,12 +181,12 @@ class TransactionIntake:
             receipt.give_back()  # paid for one by one as they are looked at
         began_s, is_refused = self._loop.time(), False
 
-        def told(outcomes: list[Outcome]) -> None:
+        def on_outcomes(outcomes: list[Outcome]) -> None:
             nonlocal is_refused
             is_refused = is_refused or any(one.error and one.error.code == _NOT_ADMITTED for one in outcomes)
             sink(outcomes)
 
-        job = _Job(source, deque(wires), told, also, done=self._loop.create_future())
+        job = _Job(source, deque(wires), on_outcomes, also, done=self._loop.create_future())
         if not self._bring(job):
             raise over_budget(str(source), 1.0)
         if job.done is not None:

@@ -14,7 +14,7 @@ import structlog
 
 from consensus.errors import BlockRobotError
 from node.budgets.work_costs import FRAME_COSTS, FRAME_US, READ_US, bytes_cost_us
-from node.p2p.reading import Reading
+from node.p2p.tls_overhead import TlsOverhead
 from node.p2p.traffic import Traffic
 from node.p2p.wire import (
     GOSSIP_KINDS,
@@ -116,7 +116,7 @@ class PeerConnection(asyncio.Protocol):
         self._is_held = False
         self._reading_on: asyncio.Handle | None = None
         self._late: asyncio.TimerHandle | None = None
-        self._reading = Reading(None)
+        self._reading = TlsOverhead(None)
         self._transport: asyncio.Transport | None = None
         self._gossip: deque[bytes] = deque(maxlen=GOSSIP_QUEUE_MAX_COUNT)
         self._requests: dict[int, asyncio.Future[bytes]] = {}
@@ -144,7 +144,7 @@ class PeerConnection(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
         self._transport.set_write_buffer_limits(high=GOSSIP_ABOVE_BYTES)
-        self._reading = Reading(self._transport.get_extra_info("socket"))
+        self._reading = TlsOverhead(self._transport.get_extra_info("socket"))
         self._owner.connection_made(self)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature

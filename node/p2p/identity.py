@@ -13,7 +13,7 @@ from cryptography.x509.oid import NameOID
 
 from consensus.errors import BlockRobotError
 from node.directory.node_directory import DirectoryContent, DirectoryNode
-from pages.moments import show_utc_moment
+from pages.time_format import format_utc_time
 
 PROVEN_REFUSALS = frozenset({"PEER_CUT_OFF", "PEER_REMOVED", "PEER_CERTIFICATE_REVOKED", "PEER_CERTIFICATE_EXPIRED"})
 """Refusals of certificates that the CA of the named node's organisation did issue: their holders may be told why."""
@@ -38,7 +38,7 @@ class CertificateFacts:
 
     @property
     def expires(self) -> str:
-        return show_utc_moment(self.not_after_ms)
+        return format_utc_time(self.not_after_ms)
 
 
 def read_facts(certificate: x509.Certificate) -> CertificateFacts:
@@ -136,7 +136,7 @@ def _require_dates(facts: CertificateFacts, now_ms: int) -> None:
         detail = f"The certificate of {facts.name!r} expired on {facts.expires}."
         raise _refused("PEER_CERTIFICATE_EXPIRED", facts, detail)
     if now_ms < facts.not_before_ms:
-        since = show_utc_moment(facts.not_before_ms)
+        since = format_utc_time(facts.not_before_ms)
         detail = f"The certificate of {facts.name!r} counts from {since} on: is a clock wrong?"
         raise _refused("PEER_CERTIFICATE_EXPIRED", facts, detail)
 

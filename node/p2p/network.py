@@ -20,8 +20,8 @@ from node.budgets.token_buckets import Allowance, Budgets, Source
 from node.budgets.work_costs import FRAME_COSTS, REFUSAL_US, Lane
 from node.config import NodeConfig
 from node.directory.node_directory import Directory
-from node.p2p.accepting import SHUTDOWN_TIMEOUT_MS, Accepting, bind_listener
 from node.p2p.connection import LinkShaper, PeerConnection
+from node.p2p.connection_acceptor import SHUTDOWN_TIMEOUT_MS, ConnectionAcceptor, bind_listener
 from node.p2p.identity import PROVEN_REFUSALS, identify_peer
 from node.p2p.penalties import Penalties
 from node.p2p.refusals import Refusals
@@ -142,7 +142,7 @@ class PeerNetwork:
         self._peers: dict[str, PeerConnection] = {}
         self._open: set[PeerConnection] = set()
         self._listener: socket.socket | None = None
-        self._accepting = Accepting(self._connection, lambda: self._credentials.listening, handler.note_over)
+        self._accepting = ConnectionAcceptor(self._connection, lambda: self._credentials.listening, handler.note_over)
         self._greeting = Greeting(self._give_up)
         self._links: Budgets[str] = Budgets(lambda _peer: LINK_ALLOWANCE, time.monotonic)
         self._consensus: Budgets[str] = Budgets(lambda _peer: CONSENSUS_ALLOWANCE, time.monotonic)
@@ -315,8 +315,8 @@ class PeerNetwork:
     def _say_how_own_certificate_is(self) -> None:
         own, now_ms = self._credentials.own, self._clock()
         state = own.state(now_ms)
-        said, self._said_of_own = self._said_of_own, f"{state} {own.facts.serial_hex}"
-        if said == self._said_of_own:
+        before, self._said_of_own = self._said_of_own, f"{state} {own.facts.serial_hex}"
+        if before == self._said_of_own:
             return
         if state == "expired":
             error = BlockRobotError("CERTIFICATE_EXPIRED", own.sentence(now_ms))

@@ -17,7 +17,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from consensus.errors import BlockRobotError
 from node.directory.node_directory import DirectoryContent
 from node.p2p.identity import CertificateFacts, load_authorities, read_facts
-from pages.moments import show_utc_moment
+from pages.time_format import format_utc_time
 
 EXPIRY_WARNING_MS = 30 * 24 * 3600 * 1000
 _NO_CHECK_TIME = 0x200000  # X509_V_FLAG_NO_CHECK_TIME of OpenSSL, for which the ssl module has no name
@@ -48,7 +48,7 @@ class OwnCertificate:
             "state": self.state(now_ms),
             "not_before_ms": self.facts.not_before_ms,
             "not_after_ms": self.facts.not_after_ms,
-            "expires": show_utc_moment(self.facts.not_after_ms),
+            "expires": format_utc_time(self.facts.not_after_ms),
         }
 
 
@@ -61,14 +61,14 @@ class Credentials:
         self._key_path = key_path
         self._authorities = _authorities(directory)
         self.own = self._read_own()
-        self.accepting = self._new_context(self._authorities, server=True)
+        self.connection_acceptor = self._new_context(self._authorities, server=True)
         self.dialling = self._new_context(self._authorities)
         self.listening = self._new_context(self._authorities, server=True)
         """What the listener is made with: each handshake goes on with the newest context for accepted connections."""
         self.listening.sni_callback = self._hand_on
 
     def _hand_on(self, handshake: ssl.SSLObject | ssl.SSLSocket, _name: str | None, _context: ssl.SSLContext) -> None:
-        handshake.context = self.accepting
+        handshake.context = self.connection_acceptor
 
     def trust(self, directory: DirectoryContent) -> bool:
         """Trust these CAs from the next handshake; return whether they changed.
@@ -78,7 +78,10 @@ class Credentials:
         authorities = _authorities(directory)
         if authorities == self._authorities:
             return False
-        self.accepting, self.dialling = self._new_context(authorities, server=True), self._new_context(authorities)
+        self.connection_acceptor, self.dialling = (
+            self._new_context(authorities, server=True),
+            self._new_context(authorities),
+        )
         self._authorities = authorities
         return True
 
@@ -90,8 +93,11 @@ class Credentials:
         if self._stamp() == self.own.stamp:
             return False
         own = self._read_own()
-        accepting, dialling = self._new_context(self._authorities, server=True), self._new_context(self._authorities)
-        self.own, self.accepting, self.dialling = own, accepting, dialling
+        connection_acceptor, dialling = (
+            self._new_context(self._authorities, server=True),
+            self._new_context(self._authorities),
+        )
+        self.own, self.connection_acceptor, self.dialling = own, connection_acceptor, dialling
         return True
 
     def _new_context(self, authorities: tuple[str, ...], *, server: bool = False) -> ssl.SSLContext:

@@ -32,7 +32,7 @@ from node.snapshot.form import (
     compute_content_id,
     read_manifest,
 )
-from node.snapshot.shelf import MANIFEST_INDEX
+from node.snapshot.snapshot_store import MANIFEST_INDEX
 
 CHUNKS_AT_ONCE_COUNT = 4
 OFFER_TRIES_COUNT = 20

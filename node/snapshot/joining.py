@@ -20,7 +20,7 @@ from node.snapshot.restoring import build_aside, discard_restored
 from node.storage.ledger_store import Position
 
 RETRY_MS = 5_000
-LIES = frozenset({"SNAPSHOT_DAMAGED", "SNAPSHOT_UNPROVEN", "SNAPSHOT_OTHER_CHAIN", "SNAPSHOT_VERSION"})
+BLAMED_CODES = frozenset({"SNAPSHOT_DAMAGED", "SNAPSHOT_UNPROVEN", "SNAPSHOT_OTHER_CHAIN", "SNAPSHOT_VERSION"})
 """Why a fetched snapshot is refused by its maker's fault, and not because of this node's disk or progress."""
 
 log = structlog.get_logger(__name__)
@@ -30,7 +30,7 @@ class _StoppedError(Exception):
     """The node stops while a ledger is being built."""
 
 
-class Gap(Protocol):
+class SyncGap(Protocol):
     """How far the node is behind, by its synchroniser."""
 
     def snapshot_peers(self, lag_max: int) -> tuple[list[str], int]:
@@ -41,7 +41,7 @@ class Gap(Protocol):
     def position(self) -> Position: ...
 
 
-class Joiner:
+class SnapshotJoiner:
     """Fetches a snapshot if blocks do not suffice; `restart` requests the node's restart.
 
     `lag_max`: blocks behind before preferring a snapshot (0: never preferred).
@@ -52,7 +52,7 @@ class Joiner:
         *,
         genesis: Genesis,
         requester: Requester,
-        gap: Gap,
+        gap: SyncGap,
         ledger_dir: Path,
         folder: Path,
         lag_max: int,
@@ -69,7 +69,7 @@ class Joiner:
         self._stopping = threading.Event()
         self._is_done = False
 
-    def look(self) -> None:
+    def start_if_behind(self) -> None:
         """Begin fetching a snapshot if needed and none is being fetched."""
         if self._is_done or (self._task is not None and not self._task.done()):
             return
@@ -118,7 +118,7 @@ class Joiner:
             return await asyncio.shield(self._building)
         except BlockRobotError as error:
             log.error("snapshot_refused", code=error.code, detail=error.detail)
-            if error.code in LIES:
+            if error.code in BLAMED_CODES:
                 self._fetcher.forget(source)
                 return None
         except OSError as error:

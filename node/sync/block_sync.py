@@ -130,7 +130,7 @@ class Synchroniser:
             raise AssertionError("the ledger holds genesis")
         return position
 
-    def keepers(self, height: int) -> list[str]:
+    def peers_with_block(self, height: int) -> list[str]:
         """Return peers that claim this height's block body."""
         return sorted(
             peer for peer, earliest in self._earliest.items() if earliest <= height <= self._heights.get(peer, -1)

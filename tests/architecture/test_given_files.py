@@ -9,7 +9,7 @@ from tests.architecture.test_tidy import ROOT, matches, modules
 BOUNDED_TEXT = ROOT / "consensus" / "bounded_text.py"
 PARSES = re.compile(r"\bjson\.loads?\b|\btomllib\.|\bmsgspec\.(?:json\.(?:decode|Decoder)|toml|yaml)\b|\byaml\.\w*load")
 PARSES_BESIDE = {
-    "clients/wallet/present/translations.py": "the wallet's own catalogue, which every start reads",
+    "clients/wallet/presentation/translations.py": "the wallet's own catalogue, which every start reads",
     "clients/robot/sources/messages/field_map.py": "a field of bounded length; half characters are refused as well",
 }
 
@@ -27,7 +27,7 @@ NEW_FILES = ROOT / "clients" / "sdk" / "new_files.py"
 WRITES = re.compile(r"\.write_bytes\(|(?<!formatter)\.write_text\(|\bopen\((?:.*, )?[\"'][wax]|\bO_CREAT\b")
 WRITES_BESIDE = {
     # below a folder that is made for it with mode 0700, or that a node, a robot, a desk or a wallet holds
-    "clients/registrar/desk.py": "a desk's list of cards",
+    "clients/registrar/registrar.py": "a desk's list of cards",
     "clients/robot/identity/robot_keys.py": "a robot's keys, O_EXCL",
     "clients/robot/recording/sealed_file.py": "a robot's sealed files",
     "clients/robot/run/robot_lock.py": "a lock",
@@ -54,5 +54,5 @@ WRITES_BESIDE = {
     "network/experiments/run_all.py": "an experiment's folder",
     "network/lab/hiding/companion_training.py": "a developer's model file",
     "network/lab/pedestrians/judge.py": "a developer's cache of a film",
-    "network/cli/reference_command.py": "our own reference pages, written again",
+    "network/cli/reference_commands.py": "our own reference pages, written again",
 }

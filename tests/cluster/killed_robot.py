@@ -23,7 +23,7 @@ from typing import Any
 import aiohttp
 import numpy as np
 
-from clients.registrar.desk import Desk
+from clients.registrar.registrar import Registrar
 from clients.robot.identity.robot_enrolment import register_robot
 from clients.robot.identity.robot_keys import create_identity, load_identity
 from clients.robot.recording.sealed_file import read_sealed
@@ -33,9 +33,9 @@ from clients.robot.sensing.sensor_events import Frame
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import parse_scenario
 from clients.robot.synthetic.scenario_bag import make_bag
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.records.viewing import RecordViewer
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import draw_words
 from consensus.errors import BlockRobotError
@@ -191,12 +191,12 @@ class KilledRobot:
 
     async def withdraw(self) -> None:
         """She says no to everything, and what is spooled now is to be destroyed."""
-        await Consenting(self.wallet).withdraw([], [])
+        await ConsentClient(self.wallet).withdraw([], [])
         self._destroyed |= self._spooled()
 
     async def consent(self) -> None:
         """She says yes to depth."""
-        await Consenting(self.wallet).give([PURPOSE], ["depth"])
+        await ConsentClient(self.wallet).give([PURPOSE], ["depth"])
 
     async def check(self) -> None:
         """All that was spooled is in the wallet once and whole, every visit is closed with its count, and nothing waits."""
@@ -225,7 +225,7 @@ class KilledRobot:
         """Every record of a visit opens, with the frames that were sealed, and every custodian holds it whole."""
         if not report.records:
             return
-        viewing = Viewing(self.wallet)
+        viewing = RecordViewer(self.wallet)
         access = await viewing.request_access(list(report.records), PURPOSE)
         for entry in report.records:
             seen = await viewing.view(entry, access)
@@ -284,7 +284,7 @@ async def killed_robot(network: NetworkUnderTest, folder: Path) -> AsyncIterator
     (folder / "recordings").mkdir()
     (folder / "recordings" / "tags.json").write_text(json.dumps({"ann": UID}), encoding="utf-8")
     (folder / SCENE_FILE).write_text(SCENE, encoding="utf-8")
-    desk = Desk(network.folder / "organisations" / genesis.organisations[0].name, genesis)
+    desk = Registrar(network.folder / "organisations" / genesis.organisations[0].name, genesis)
     going = asyncio.create_task(_keep_going(network))
     try:
         store = Keystore.create(folder / "ann.wallet", draw_words(), "tea", CHEAP)

@@ -84,7 +84,7 @@ def _in_spool(arguments: tuple[Any, ...], _: Any) -> bool:
 STEPS: dict[str, Step] = {
     # A picture on its way to the spool: lost with the robot's memory, and nowhere else.
     "frame-received": Step(RunStatistics, "frame_arrived", number=3),
-    "frame-decided": Step(SensorTrack, "take", after=True, number=2),
+    "frame-decided": Step(SensorTrack, "process", after=True, number=2),
     "clip-filled": Step(SensorTrack, "seal", number=2),
     "clip-sealed": Step(sensor_track, "seal_clip", after=True, number=2),
     "spooled-half": Step(os, "fsync", counts=_syncs_clip, number=2, spoils=True),

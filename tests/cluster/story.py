@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from clients.registrar.desk import Desk
+from clients.registrar.registrar import Registrar
 from clients.sdk.chain.enrolment import NewMember, register_member
 from clients.sdk.chain.governance import read_producers
 from clients.sdk.network_client import NetworkClient
@@ -73,7 +73,7 @@ class Client:
     async def enrol(self) -> None:
         """Register with a new card and open a visit."""
         genesis = self.network.genesis
-        desk = Desk(self.network.folder / "organisations" / genesis.organisations[0].name, genesis)
+        desk = Registrar(self.network.folder / "organisations" / genesis.organisations[0].name, genesis)
         card = decode_card_code(desk.issue(f"robot-{secrets.token_hex(4)}", "robot"))
         spend, view = _new_key(), _new_key()
         member = NewMember(self.key, spend.public_key, view.public_key, secrets.token_bytes(32))

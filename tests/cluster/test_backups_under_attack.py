@@ -19,7 +19,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from network.bench.custody.custody_clips import ClipRobot, SealedClip
 from network.bench.fresh_network import FreshNetwork
-from network.custody.asking import run_work
+from network.custody.custody_requests import run_work
 from node.config import NodeConfig
 from node.custody.chain.custody_answers import ScrubAnswer
 from tests.cluster.test_custody_upkeep import _settled

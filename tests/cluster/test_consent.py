@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from clients.robot.run.run_summary import RunProgress
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.ledger.wallet import VisitReport, Wallet
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward
@@ -35,7 +35,7 @@ class _Progress:
 
     def __call__(self, figures: RunProgress, *, last: bool = False) -> None:
         if self.withdrawing is None and (figures.frames_recorded or 0) > 0:
-            self.withdrawing = asyncio.create_task(Consenting(self._wallet).withdraw([], []))
+            self.withdrawing = asyncio.create_task(ConsentClient(self._wallet).withdraw([], []))
 
 
 def _frame_count(reports: list[VisitReport]) -> int:
@@ -51,16 +51,16 @@ async def test_what_is_taken_back_while_the_robot_runs_is_recorded_no_more(
     ward = Ward(network, tmp_path)
     async with ward.wallet("ann") as wallet:
         await wallet.register(ward.desk.issue(UID, "subject"), [])
-        await Consenting(wallet).give(["demo"], ["depth"])
+        await ConsentClient(wallet).give(["demo"], ["depth"])
         await ward.prepare_robot(PACE)
         progress = _Progress(wallet)
         summary = await ward.replay(progress, real_time=True)
         assert progress.withdrawing is not None
         word = await progress.withdrawing
-        (choice,) = (await Consenting(wallet).choices()).rows
+        (choice,) = (await ConsentClient(wallet).choices()).rows
         reports = await wallet.records()
-        idle = await Consenting(wallet).withdraw([], [])
-        anew = await Consenting(wallet).give(["demo"], ["depth"])
+        idle = await ConsentClient(wallet).withdraw([], [])
+        anew = await ConsentClient(wallet).give(["demo"], ["depth"])
 
     frames = summary.frames
     assert summary.roster_rows == 1

@@ -17,7 +17,7 @@ from consensus.errors import BlockRobotError
 from network.bench.custody.custody_clips import ClipRobot, SealedClip
 from network.bench.fresh_network import FreshNetwork
 from network.cluster import Cluster
-from network.custody.asking import R, ask_status, run_work
+from network.custody.custody_requests import R, ask_status, run_work
 from network.custody.hunt import HuntReport, gather, hunt
 from network.custody.traces import Trace, read_traces, write_traces
 from network.demo.tampering import flip_stored_byte

@@ -15,7 +15,7 @@ from clients.robot.sources.recordings.bag_source import BagSource
 from clients.sdk.connections import NodeAddress
 from clients.sdk.pictures.frame_previews import PREVIEW_FILE
 from clients.wallet.records.picture_files import write_pictures
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.records.viewing import RecordViewer
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from tests.cluster.commands import blockrobot, must
@@ -99,7 +99,7 @@ async def test_an_empty_frame_is_published_once_approved_and_deleted_everywhere_
         assert (await must(network, "frames", "list", member))["frames"] == []
 
         report = next(report for report in await robot.read() if report.records)
-        viewing, entry = Viewing(robot.wallet), report.records[0]
+        viewing, entry = RecordViewer(robot.wallet), report.records[0]
         view = await viewing.view(entry, await viewing.request_access([entry], PURPOSE))
         written = await write_pictures(viewing, view, tmp_path / "pictures")
         assert len(written) >= 2, "what was recorded on it is still hers to see"

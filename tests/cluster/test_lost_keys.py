@@ -12,10 +12,10 @@ import pytest
 
 from clients.officer.lost_keys import LostKeys, Span
 from clients.robot.recording import sealing, visit_book
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.records.erasure import Erasing
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.records.erasure import ErasureClient
+from clients.wallet.records.viewing import RecordViewer
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from tests.cluster.network_under_test import NetworkUnderTest
@@ -56,7 +56,7 @@ async def test_two_officers_erase_what_a_lost_key_cannot_and_who_was_hit_is_told
         await ann.register(ward.desk.issue(UID, "subject"), [])
         await eva.register(ward.desk.issue("0FF1CE01", "officer"), [])
         await other.register(ward.desk.issue("0FF1CE02", "officer"), [])
-        await Consenting(ann).give(["demo"], ["depth"])
+        await ConsentClient(ann).give(["demo"], ["depth"])
         await ward.prepare_robot()
         entries = await record_for(ward, ann)
         robot = entries[0].visit.robot.hex()[:10]
@@ -82,7 +82,7 @@ async def test_two_officers_erase_what_a_lost_key_cannot_and_who_was_hit_is_told
         (told,) = report.standing.officers
         assert (told.reason, told.records, told.proposal_id.hex()) == ("key-lost", len(entries), proposal_id)
         assert len(report.erased_ids) == len(entries)
-        done = await Erasing(ann).report(report.visit, ordered.erasure_ids[0])
+        done = await ErasureClient(ann).report(report.visit, ordered.erasure_ids[0])
         assert done.complete
         with pytest.raises(BlockRobotError, match="RECORD_ERASED"):
-            await Viewing(ann).request_access(entries[:1], "own-access")
+            await RecordViewer(ann).request_access(entries[:1], "own-access")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from clients.officer.mandate_papers import check_papers, make_receipt
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.ledger.mandates import Mandate, Mandates
 from clients.wallet.ledger.wallet import Wallet
 from consensus.errors import BlockRobotError
@@ -59,7 +59,7 @@ async def test_a_mother_consents_for_her_child_and_with_the_mandate_it_ends(
         await ward.prepare_robot()
         handle = child.store.content.handle
         assert (await ward.record()).kept == 0, "nobody said anything"
-        speaking = Consenting(mother, handle)
+        speaking = ConsentClient(mother, handle)
         with pytest.raises(BlockRobotError, match="NOT_THE_MEMBER"):
             await speaking.withdraw([], [])
 
@@ -81,11 +81,11 @@ async def test_a_mother_consents_for_her_child_and_with_the_mandate_it_ends(
         assert (await ward.record()).kept == 0
         with pytest.raises(BlockRobotError, match="NOT_THE_MEMBER"):
             await speaking.give(["demo"], ["depth"], until_ms=until_ms)
-        (row,) = (await Consenting(child).choices()).rows
+        (row,) = (await ConsentClient(child).choices()).rows
         assert (row.last.status, row.last.mandate) == ("withdrawn", own.mandate_id)
         await ended_as_it_was(eva, other, child, mother, own)
 
-        await Consenting(child).refuse(["demo"], [])
+        await ConsentClient(child).refuse(["demo"], [])
         await give((eva, other), child, mother, [paper])
         with pytest.raises(BlockRobotError, match="OWN_NO_STANDS"):
             await speaking.give(["demo"], ["depth"], until_ms=until_ms)

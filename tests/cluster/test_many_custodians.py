@@ -16,7 +16,7 @@ from consensus.records.clips import ClipUpload
 from network.bench.custody.custody_clips import ClipRobot
 from network.bench.fresh_network import FreshNetwork
 from network.cluster import Cluster
-from network.custody.asking import ask_all, run_work
+from network.custody.custody_requests import ask_all, run_work
 from node.custody.chain.custody_answers import ScrubAnswer
 
 FRAMES_COUNT, FRAME_BYTES = 3, 4_000

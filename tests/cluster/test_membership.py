@@ -12,7 +12,7 @@ import aiohttp
 import pytest
 
 from consensus.primitives.encoding import decode
-from network.provisioning.node_certificates import find_authority, read_report, renew
+from network.provisioning.node_certificates import get_authority, read_report, renew
 from node.config import load_config
 from node.p2p.wire import FrameDecoder, FrameKind, Refusal
 from tests.cluster.commands import agree, blockrobot, must
@@ -159,7 +159,7 @@ async def test_an_expired_certificate_does_not_brick_a_node(network: NetworkUnde
     await network.block_id("node-3", transaction.txid)
     network.cluster.stop("node-3")
     config = network.cluster.config("node-3")
-    renew(config, find_authority(network.folder, "hospital"), days=-1)
+    renew(config, get_authority(network.folder, "hospital"), days=-1)
     network.cluster.start("node-3")
     await network.cluster.wait_answering("node-3")
 

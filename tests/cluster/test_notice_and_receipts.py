@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from clients.registrar.desk import Desk
+from clients.registrar.registrar import Registrar
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import draw_words
 from network.notices.demo_notice import demo_notice, demo_notice_text
@@ -61,7 +61,7 @@ async def test_she_is_told_consents_has_receipts_and_is_told_again_when_it_chang
     genesis, place = network.genesis, tmp_path / "notice.toml"
     place.write_text(demo_notice_text())
     first = await must(network, "notice", "publish", str(place), "--as", "hospital", "--yes")
-    code = Desk(network.folder / "organisations" / "hospital", genesis).issue(UID, "subject")
+    code = Registrar(network.folder / "organisations" / "hospital", genesis).issue(UID, "subject")
 
     told = await ann.run("register", code, "--purpose", "demo", "--yes")
     assert told.index(demo_notice().authority.contact) < told.index("You are registered"), "the words come first"
@@ -104,7 +104,7 @@ async def test_a_wallet_made_again_from_its_words_finds_its_receipts(
     network: NetworkUnderTest, ann: Ann, tmp_path: Path
 ) -> None:
     genesis = network.genesis
-    code = Desk(network.folder / "organisations" / "hospital", genesis).issue(UID, "subject")
+    code = Registrar(network.folder / "organisations" / "hospital", genesis).issue(UID, "subject")
     told = await ann.run("register", code, "--purpose", "demo", "--yes")
     assert "hospital has published no privacy notice" in told
     await ann.ask("consent", "withdraw")

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from clients.registrar.desk import Desk
+from clients.registrar.registrar import Registrar
 from clients.sdk.network_client import NetworkClient
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.records.erasure import Erasing
+from clients.wallet.records.erasure import ErasureClient
 from clients.wallet.store.kept_proofs import read_kept
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import draw_words
@@ -43,9 +43,9 @@ def set_keeping(network: NetworkUnderTest, name: str, kept: str) -> None:
 
 async def say_and_erase(network: NetworkUnderTest, wallet: Wallet) -> bytes:
     """Register, say a word on consent, be recorded and have it erased; return the erasure's id."""
-    desk = Desk(network.folder / "organisations" / network.genesis.organisations[0].name, network.genesis)
+    desk = Registrar(network.folder / "organisations" / network.genesis.organisations[0].name, network.genesis)
     await wallet.register(desk.issue("0A0B0C0D", "subject"), ["demo"])
-    await Consenting(wallet).refuse(["care"], [])
+    await ConsentClient(wallet).refuse(["care"], [])
     story = Story(network, lambda _name, _value: None)
     robot = Client("node-1", "robot", network, story.history)
     try:
@@ -64,7 +64,7 @@ async def say_and_erase(network: NetworkUnderTest, wallet: Wallet) -> bytes:
     finally:
         await robot.client.close()
     (known,) = await wallet.scan()
-    erasing = Erasing(wallet)
+    erasing = ErasureClient(wallet)
     ids = await erasing.request(known, [story.history.writes[-1].record_id], [])
     (report,) = await erasing.wait_complete(known, ids, timeout_s=60)
     return report.erasure_id

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from clients.officer.breaches import Breaches
-from clients.registrar.desk import Desk
+from clients.registrar.registrar import Registrar
 from clients.robot.identity.robot_enrolment import register_robot
 from clients.robot.identity.robot_keys import create_identity
 from clients.robot.run.run_summary import FrameCounts, RunSummary
@@ -22,11 +22,11 @@ from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import parse_scenario
 from clients.robot.synthetic.scenario_bag import make_bag
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.records.viewing import RecordViewer
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import draw_words
 from consensus.chain.genesis import Genesis
@@ -54,7 +54,7 @@ class Ward:
         self.network = network
         self.genesis: Genesis = network.genesis
         self.folder = folder
-        self.desk = Desk(network.folder / "organisations" / self.genesis.organisations[0].name, self.genesis)
+        self.desk = Registrar(network.folder / "organisations" / self.genesis.organisations[0].name, self.genesis)
 
     def wallet(self, name: str) -> Wallet:
         return Wallet(Keystore.create(self.folder / f"{name}.wallet", draw_words(), "tea", CHEAP), self.genesis)
@@ -129,10 +129,10 @@ async def test_what_a_person_says_of_her_visit_is_what_every_custodian_does(
     async with ward.wallet("ann") as ann, ward.wallet("officer") as officer:
         await ann.register(ward.desk.issue(UID, "subject"), [])
         await officer.register(ward.desk.issue("0FF1CE", "officer"), [])
-        await Consenting(ann).give(["demo"], ["depth"])
+        await ConsentClient(ann).give(["demo"], ["depth"])
         await ward.prepare_robot()
         assert (await ward.record()).kept > 0
-        rights, viewing = Rights(ann), Viewing(ann)
+        rights, viewing = Rights(ann), RecordViewer(ann)
         (report,) = await ann.records()
         entry = report.records[0]
 
@@ -148,7 +148,7 @@ async def test_what_a_person_says_of_her_visit_is_what_every_custodian_does(
             await viewing.request_access([entry], "demo")
         assert (await ward.record()).kept == 0
         assert len(await ann.records()) == 1, "nothing new was recorded"
-        word = await Consenting(ann).give(["demo"], ["depth"])
+        word = await ConsentClient(ann).give(["demo"], ["depth"])
         await ward.told_everywhere(word.from_height)
         assert (await ward.record()).kept > 0, "her later word counts, and shows what her objection kept away"
         kinds = [one.kind for one in await audit_all(ann)]
@@ -158,7 +158,7 @@ async def test_what_a_person_says_of_her_visit_is_what_every_custodian_does(
 
 
 async def _restrict_and_correct(
-    ann: Wallet, rights: Rights, viewing: Viewing, report: VisitReport, early: bytes
+    ann: Wallet, rights: Rights, viewing: RecordViewer, report: VisitReport, early: bytes
 ) -> None:
     """A request from before is void everywhere, another's purpose is refused, her own look is not."""
     whole, entry = RecordChoice(report.visit), report.records[0]
@@ -197,7 +197,9 @@ async def _deny_and_erase(ann: Wallet, officer: Wallet, rights: Rights) -> None:
     assert (await ann.records())[1].standing.breach_id == breach.breach_id, "what is left stays in quarantine"
 
 
-async def _deny_and_decide(ann: Wallet, officer: Wallet, rights: Rights, viewing: Viewing, report: VisitReport) -> None:
+async def _deny_and_decide(
+    ann: Wallet, officer: Wallet, rights: Rights, viewing: RecordViewer, report: VisitReport
+) -> None:
     """Nobody gets a denied visit, she neither; an officer ends that, and no one else can."""
     entry = report.records[0]
     open_request = await viewing.request_access([entry], "own-access")

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.records.erasure import Erasing
-from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.records.erasure import ErasureClient
+from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.sharing.incoming_shares import IncomingShares, Receipt
-from clients.wallet.sharing.outgoing_shares import Share, Shared, Sharing, place_end
+from clients.wallet.sharing.outgoing_shares import FinalGrant, Share, SharingClient, place_end
 from consensus.errors import BlockRobotError
 from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.cluster.test_rights import Ward
@@ -42,24 +42,24 @@ class Sides:
         self.ward = ward
         self.ann = ann
         self.doctor = doctor
-        self.sharing = Sharing(ann)
+        self.sharing = SharingClient(ann)
         self.receiving = IncomingShares(doctor)
 
     async def begin(self) -> list[RecordEntry]:
         await self.ann.register(self.ward.desk.issue(UID, "subject"), [])
         await self.doctor.register(self.ward.desk.issue("D0C", "staff"), [])
-        await Consenting(self.ann).give(["demo"], ["depth"])
+        await ConsentClient(self.ann).give(["demo"], ["depth"])
         await self.ward.prepare_robot()
         assert (await self.ward.record()).kept > 0
         (report,) = await self.ann.records()
         return list(report.records)
 
-    async def share(self, entries: list[RecordEntry]) -> Shared:
-        grantee = await self.sharing.find_grantee(self.doctor.store.content.handle.hex(), "Dr Weber")
+    async def share(self, entries: list[RecordEntry]) -> FinalGrant:
+        grantee = await self.sharing.resolve_grantee(self.doctor.store.content.handle.hex(), "Dr Weber")
         now_ms = time.time_ns() // 1_000_000
         return await self.sharing.share(entries, grantee, "demo", place_end(now_ms + DAY_MS, now_ms), lambda _: None)
 
-    async def received(self, shared: Shared) -> Receipt:
+    async def received(self, shared: FinalGrant) -> Receipt:
         """Return what the doctor's wallet knows of it, once the node that it asks has followed: one may lag."""
         await self.ward.told_everywhere()
         for _ in range(FOLLOW_MAX_COUNT):
@@ -70,12 +70,12 @@ class Sides:
             await asyncio.sleep(FOLLOW_PAUSE_S)
         raise AssertionError("the grant did not come into the doctor's inbox")
 
-    async def own(self, shared: Shared) -> Share:
+    async def own(self, shared: FinalGrant) -> Share:
         await self.ward.told_everywhere()
         (share,) = [each for each in await self.sharing.shares() if each.grant.grant_id == shared.grant_id]
         return share
 
-    async def look(self, shared: Shared, access_id: bytes = b"") -> set[str]:
+    async def look(self, shared: FinalGrant, access_id: bytes = b"") -> set[str]:
         """Look at all that was shared, under a new request or an earlier one; return the states of all frames."""
         receipt = await self.received(shared)
         access_id = access_id or await self.receiving.request_access(receipt, shared.records)
@@ -83,7 +83,7 @@ class Sides:
         assert all(len(view.custodians) == 2 for view in views), "no more custodians are asked than it takes"
         return {frame.status for view in views for frame in view.frames}
 
-    async def barred(self, shared: Shared, access_id: bytes) -> str:
+    async def barred(self, shared: FinalGrant, access_id: bytes) -> str:
         """Return the code by which an earlier request is refused, once all custodians have followed."""
         receipt = await self.received(shared)
         for _ in range(FOLLOW_MAX_COUNT):
@@ -106,7 +106,7 @@ async def test_a_patient_shares_with_a_doctor_who_sees_what_she_may_and_hears_wh
         sides = Sides(ward, ann, doctor)
         entries = await sides.begin()
         with pytest.raises(BlockRobotError, match="SHARE_WITH_NON_MEMBER"):
-            await sides.sharing.find_grantee(visitor.store.content.handle.hex())
+            await sides.sharing.resolve_grantee(visitor.store.content.handle.hex())
 
         shared = await sides.share(entries)
         assert (len(shared.custodians), shared.absent) == (3, ())
@@ -122,7 +122,7 @@ async def test_a_patient_shares_with_a_doctor_who_sees_what_she_may_and_hears_wh
         await _leave(sides, entries[1:])
 
 
-async def _bar_and_lift(sides: Sides, shared: Shared) -> None:
+async def _bar_and_lift(sides: Sides, shared: FinalGrant) -> None:
     """A restriction bars the doctor, under new requests and old ones; lifted, what was shared holds again."""
     early = await sides.receiving.request_access(await sides.received(shared), shared.records)
     rights, whole = Rights(sides.ann), RecordChoice(shared.visit)
@@ -136,7 +136,7 @@ async def _bar_and_lift(sides: Sides, shared: Shared) -> None:
     assert "ok" in await sides.look(shared)
 
 
-async def _lose_custodians(network: NetworkUnderTest, sides: Sides, shared: Shared) -> None:
+async def _lose_custodians(network: NetworkUnderTest, sides: Sides, shared: FinalGrant) -> None:
     """Of three custodians any two suffice; one alone opens nothing, and the wallet says so."""
     access_id = await sides.receiving.request_access(await sides.received(shared), shared.records)
     receipt = await sides.received(shared)
@@ -151,7 +151,7 @@ async def _lose_custodians(network: NetworkUnderTest, sides: Sides, shared: Shar
     await network.cluster.wait_ready()
 
 
-async def _revoke(sides: Sides, shared: Shared) -> None:
+async def _revoke(sides: Sides, shared: FinalGrant) -> None:
     """From the block on that ends it, nobody gets anything by it; the doctor hears that copies have to go."""
     access_id = await sides.receiving.request_access(await sides.received(shared), shared.records)
     await sides.sharing.revoke(await sides.own(shared))
@@ -170,7 +170,7 @@ async def _erase_and_confirm(sides: Sides, entries: list[RecordEntry]) -> None:
     gone = entries[0]
     (recipient,) = [each for each in await sides.sharing.recipients([gone]) if each.grant.grant_id == shared.grant_id]
     assert recipient.name.startswith("Dr Weber (handle ")
-    erasing = Erasing(sides.ann)
+    erasing = ErasureClient(sides.ann)
     await erasing.wait_complete(gone.visit, await erasing.request(gone.visit, [gone.record_id], []), timeout_s=60)
     receipt = await sides.received(shared)
     with pytest.raises(BlockRobotError, match="CLIP_ERASED"):
@@ -187,7 +187,7 @@ async def _leave(sides: Sides, entries: list[RecordEntry]) -> None:
     receipt = await sides.received(shared)
     access_id = await sides.receiving.request_access(receipt, shared.records)
     assert "ok" in await sides.look(shared, access_id)
-    await Rotating(sides.doctor).leave()
+    await KeyRotation(sides.doctor).leave()
     with pytest.raises(BlockRobotError, match="GRANTEE_NOT_A_MEMBER"):
         await sides.receiving.look(receipt, shared.records[0], access_id)
     with pytest.raises(BlockRobotError, match="SHARE_WITH_NON_MEMBER"):

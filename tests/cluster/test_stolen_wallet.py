@@ -12,13 +12,13 @@ import pytest
 
 from clients.robot.identity.robot_keys import load_identity
 from clients.sdk.chain.receipts import FinalReceipt
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.records.erasure import Erasing
-from clients.wallet.records.viewing import Viewing
-from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.records.erasure import ErasureClient
+from clients.wallet.records.viewing import RecordViewer
+from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.store.keystore import Keystore
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
@@ -38,7 +38,7 @@ def quiet(_: int, __: int, ___: float) -> None:
 
 async def begin(ward: Ward, ann: Wallet) -> VisitReport:
     await ann.register(ward.desk.issue(UID, "subject"), [])
-    await Consenting(ann).give(["demo"], ["depth"])
+    await ConsentClient(ann).give(["demo"], ["depth"])
     await ward.prepare_robot()
     assert (await ward.record()).kept > 0
     (report,) = await ann.records()
@@ -53,7 +53,7 @@ async def renew_roster(ward: Ward) -> None:
 
 async def change_words(ann: Wallet, *, shared: bytes) -> None:
     """Change the words; what the thief shared ends with that."""
-    rotating = Rotating(ann)
+    rotating = KeyRotation(ann)
     rotating.prepare()
     rotating.confirm_shown()
     assert await rotating.rotate()
@@ -74,7 +74,7 @@ async def share(thief: Wallet, entry: RecordEntry) -> bytes:
 
 async def look(wallet: Wallet, entry: RecordEntry) -> str:
     """Ask anew, fetch and check one record; return the verdict."""
-    viewing = Viewing(wallet)
+    viewing = RecordViewer(wallet)
     return (await viewing.view(entry, await viewing.request_access([entry], "own-access"))).verdict
 
 
@@ -85,11 +85,11 @@ async def refuse_the_thief(thief: Wallet, report: VisitReport, early: bytes) -> 
     with pytest.raises(BlockRobotError, match="MEMBER_NO_MORE"):
         await thief.records()
     for work in (
-        Viewing(thief).request_access([entry], "own-access"),
-        Erasing(thief).request(visit, [entry.record_id], []),
+        RecordViewer(thief).request_access([entry], "own-access"),
+        ErasureClient(thief).request(visit, [entry.record_id], []),
         Rights(thief).restrict(RecordChoice(visit), "accuracy"),
         Rights(thief).deny(visit),
-        Rotating(thief).transfer(visit),
+        KeyRotation(thief).transfer(visit),
         thief.network.call(thief.keys.identity, "identity", "leave", [thief.store.content.handle]),
     ):
         with pytest.raises(BlockRobotError, match="SENDER_NOT_ADMITTED"):
@@ -108,7 +108,7 @@ async def test_who_has_the_old_words_is_refused_everywhere_and_she_goes_on(
         copied = Keystore.create(tmp_path / "thief.wallet", words, "tea", CHEAP)
         async with Wallet(copied, network.genesis) as thief:
             (seen,) = await thief.records()
-            early = await Viewing(thief).request_access(list(seen.records[:1]), "own-access")
+            early = await RecordViewer(thief).request_access(list(seen.records[:1]), "own-access")
             await settle(thief, seen.records[0], early, "RELEASED")
 
             await change_words(ann, shared=await share(thief, seen.records[0]))
@@ -129,7 +129,7 @@ async def test_who_has_the_old_words_is_refused_everywhere_and_she_goes_on(
             with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
                 await thief.network.announcements(0, thief.keys.identity)
 
-        erasing = Erasing(ann)
+        erasing = ErasureClient(ann)
         ids = await erasing.request(first.visit, [first.records[-1].record_id], [])
         await erasing.wait_complete(first.visit, ids, timeout_s=30)
         kinds = [entry.kind for entry in await audit_all(ann) if entry.owner == first.visit.owner]
@@ -156,12 +156,12 @@ async def leave_unheard(wallet: Wallet) -> None:
 
     wallet.network.submit_and_wait = deaf  # type: ignore[method-assign,assignment]
     with pytest.raises(BlockRobotError, match="TRANSACTION_NOT_FINAL_IN_TIME"):
-        await Rotating(wallet).leave()
+        await KeyRotation(wallet).leave()
     assert not wallet.store.content.left
     assert len(await wallet.records()) == 2
     assert wallet.store.content.left
     assert not wallet.member_gone
-    assert await Rotating(wallet).leave() == 0
+    assert await KeyRotation(wallet).leave() == 0
 
 
 async def take_along(network: NetworkUnderTest, folder: Path, records: int) -> None:

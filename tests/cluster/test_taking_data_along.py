@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from clients.sdk.pictures.rendition_picture import decode_colour_png, decode_depth_png
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.records.erasure import Erasing
+from clients.wallet.records.erasure import ErasureClient
 from tests.cluster.commands import run
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward
@@ -22,7 +22,7 @@ from tests.walking_alone import UID
 async def _erase_one(wallet: Wallet) -> str:
     (report,) = await wallet.records()
     entry = report.records[0]
-    erasing = Erasing(wallet)
+    erasing = ErasureClient(wallet)
     ids = await erasing.request(entry.visit, [entry.record_id], [])
     await erasing.wait_complete(entry.visit, ids, timeout_s=30)
     return entry.record_id.hex()
@@ -53,8 +53,8 @@ async def test_a_bundle_outlives_the_network_it_is_from(network: NetworkUnderTes
         await wallet.register(ward.desk.issue(UID, "subject"), ["demo"])
         await ward.prepare_robot()
         assert (await ward.record()).kept > 0
-        await Consenting(wallet).give(["care"], ["rgb"])
-        await Consenting(wallet).withdraw(["care"], ["rgb"])
+        await ConsentClient(wallet).give(["care"], ["rgb"])
+        await ConsentClient(wallet).withdraw(["care"], ["rgb"])
         erased = await _erase_one(wallet)
     command = ("wallet", "--genesis", genesis_file, "export", bundle, "--yes", "--json")
     code, exported = await run(*command, home=home)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from clients.bundle.checks.bundle_check import verify_bundle
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward
 from tests.walking_alone import UID
@@ -61,7 +61,7 @@ async def test_a_person_does_everything_in_the_page_that_she_does_in_the_termina
     async with ward.wallet("ann") as ann, ward.wallet("doctor") as doctor:
         await ann.register(ward.desk.issue(UID, "subject"), [])
         await doctor.register(ward.desk.issue("D0C", "staff"), [])
-        await Consenting(ann).give(["demo"], ["depth"])
+        await ConsentClient(ann).give(["demo"], ["depth"])
         handle = doctor.store.content.handle.hex()
     await ward.prepare_robot()
     served = Served(tmp_path, "ann", network.folder / "genesis.json", tmp_path)

@@ -11,7 +11,7 @@ from llrpkit.constants import MESSAGE_HEADER_LEN
 from llrpkit.exceptions import MessageDecodeError
 from llrpkit.protocol import decode_message, messages, params
 
-from clients.robot.sensing.sensor_events import Refused, Sighting
+from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
 from clients.robot.sources.live.llrp import _Library, _Link, _Opening
 from clients.robot.sources.messages.field_map import EPC_MAX_CHARS
 from clients.robot.sources.topics import LlrpReader
@@ -22,12 +22,12 @@ class _FeedListener:
     """Hears what becomes of a reader's reports."""
 
     def __init__(self) -> None:
-        self.heard: list[Sighting | Refused] = []
+        self.heard: list[Sighting | RefusedMessage] = []
 
     def sight(self, sighting: Sighting) -> None:
         self.heard.append(sighting)
 
-    def refuse(self, refused: Refused) -> None:
+    def refuse(self, refused: RefusedMessage) -> None:
         self.heard.append(refused)
 
 
@@ -52,7 +52,7 @@ def open_llrp() -> Target:
             link._take(client.reports.get_nowait())
         link._tell(link._readings.flush())
         for one in ear.heard:
-            assert isinstance(one, Refused) or 0 < len(one.uid) <= EPC_MAX_CHARS
+            assert isinstance(one, RefusedMessage) or 0 < len(one.uid) <= EPC_MAX_CHARS
 
     return Target("llrp", _llrp_seeds(), run, _mutate_llrp, 16 * 1024, loop.close)
 

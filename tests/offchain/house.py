@@ -67,8 +67,11 @@ class House:
         await self.follow(recorded(clip, owner))
         return clip
 
-    async def owed(self) -> list[tuple[str, list]]:
-        return [(f"{row.contract}.{row.entry}", decode_value(row.arguments)) for row in await self.custodian.owed(100)]
+    async def ready_outbox(self) -> list[tuple[str, list]]:
+        return [
+            (f"{row.contract}.{row.entry}", decode_value(row.arguments))
+            for row in await self.custodian.ready_outbox(100)
+        ]
 
 
 async def refused(code: str, action) -> None:

@@ -30,7 +30,7 @@ async def test_an_owner_gets_her_clip_after_a_final_access_request(opened: House
     await opened.follow(access(ACCESS_ID, clip))
     download = await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
     assert read_all(clip, download) == list(clip.plaintexts)
-    assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+    assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
 async def test_nothing_leaves_before_the_access_request_is_final(opened: House) -> None:
@@ -44,7 +44,7 @@ async def test_a_request_opens_only_what_it_names_and_only_to_its_owner(opened: 
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(other.record_id, ACCESS_ID, ALICE))
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(clip.record_id, ACCESS_ID, BOB))
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(bobs.record_id, ACCESS_ID, ALICE))
-    assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+    assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
 async def test_a_request_that_names_nothing_is_for_the_visit_up_to_then(opened: House) -> None:
@@ -64,7 +64,7 @@ async def test_releases_are_told_in_batches_that_fit_a_call(opened: House) -> No
         await opened.custodian.stage(clip.upload)
     await opened.follow(*(recorded(clip) for clip in clips))
     await opened.follow(access(ACCESS_ID))
-    told = [arguments[1] for _, arguments in await opened.owed()]
+    told = [arguments[1] for _, arguments in await opened.ready_outbox()]
     assert sorted(map(len, told)) == [1, 32]
     assert {record_id for batch in told for record_id in batch} == {clip.record_id for clip in clips}
 
@@ -137,11 +137,11 @@ async def test_an_upload_that_comes_after_its_record_is_confirmed_at_once(opened
     clip = record_clip()
     await opened.follow(recorded(clip), access(ACCESS_ID, clip))
     await refused("CLIP_NOT_CONFIRMED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
     await opened.custodian.stage(clip.upload)
     assert read_all(clip, await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)) == list(clip.plaintexts)
     assert await opened.custodian.missing(10) == []
-    assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+    assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
 async def test_erasing_frames_leaves_the_others_and_says_what_remains(opened: House) -> None:
@@ -150,7 +150,7 @@ async def test_erasing_frames_leaves_the_others_and_says_what_remains(opened: Ho
     download = await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
     assert read_all(clip, download) == [clip.plaintexts[0], None, clip.plaintexts[2], None]
     assert opened.keys.held_count == 2
-    receipt = next(arguments for call, arguments in await opened.owed() if call == "erasure.receipt")
+    receipt = next(arguments for call, arguments in await opened.ready_outbox() if call == "erasure.receipt")
     assert receipt[:4] == [ERASURE_ID, 2, "commitment-leaves", EXPIRES_MS]
     assert len(receipt[4]) == 32
 
@@ -163,7 +163,7 @@ async def test_erasing_a_record_destroys_all_and_it_never_comes_back(opened: Hou
     await refused("CLIP_ERASED", opened.custodian.stage(clip.upload))
     assert read_all(other, await opened.custodian.download(other.record_id, ACCESS_ID, ALICE)) == list(other.plaintexts)
     assert opened.keys.held_count == 3
-    receipt = next(arguments for call, arguments in await opened.owed() if call == "erasure.receipt")
+    receipt = next(arguments for call, arguments in await opened.ready_outbox() if call == "erasure.receipt")
     assert receipt[:4] == [ERASURE_ID, 3, "nothing", 0]
 
 
@@ -171,7 +171,7 @@ async def test_nobody_erases_anothers_record_even_if_a_contract_let_her(opened: 
     clip = await opened.keep()
     await opened.follow(erasure(ERASURE_ID, clip, owner=BOB))
     assert (await opened.custodian.export(clip.record_id)).frames[0].erased is False
-    receipt = next(arguments for call, arguments in await opened.owed() if call == "erasure.receipt")
+    receipt = next(arguments for call, arguments in await opened.ready_outbox() if call == "erasure.receipt")
     assert receipt[1] == 0
 
 
@@ -181,9 +181,9 @@ async def test_an_expired_record_is_erased_unasked(opened: House) -> None:
     await opened.custodian.stage(later.upload)
     await opened.follow(recorded(later, expires_at_ms=EXPIRES_MS + 1))
     await opened.follow(at_ms=EXPIRES_MS - 1)
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
     await opened.follow(at_ms=EXPIRES_MS)
-    [(call, arguments)] = await opened.owed()
+    [(call, arguments)] = await opened.ready_outbox()
     assert (call, arguments[0]) == ("erasure.expired", [clip.record_id])
     await refused("CLIP_ERASED", opened.custodian.export(clip.record_id))
     assert len((await opened.custodian.export(later.record_id)).frames) == 3
@@ -193,7 +193,7 @@ async def test_what_is_owed_stays_until_the_chain_shows_it_of_this_custodian(ope
     clip, expiring = await opened.keep(), await opened.keep()
     await opened.follow(access(ACCESS_ID, clip), erasure(ERASURE_ID, clip))
     await opened.follow(at_ms=EXPIRES_MS)
-    assert len(await opened.owed()) == 3
+    assert len(await opened.ready_outbox()) == 3
 
     def shown(custodian: bytes) -> list[tuple]:
         return [
@@ -203,17 +203,17 @@ async def test_what_is_owed_stays_until_the_chain_shows_it_of_this_custodian(ope
         ]
 
     await opened.follow(*shown(OTHER_CUSTODIAN))
-    assert len(await opened.owed()) == 3
+    assert len(await opened.ready_outbox()) == 3
     await opened.follow(*shown(CUSTODIAN))
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
 
 
 async def test_what_the_chain_refuses_for_good_can_be_dismissed(opened: House) -> None:
     clip = await opened.keep()
     await opened.follow(erasure(ERASURE_ID, clip))
-    [row] = await opened.custodian.owed(10)
+    [row] = await opened.custodian.ready_outbox(10)
     await opened.custodian.dismiss(row)
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
 
 
 async def test_a_block_that_comes_twice_is_in_effect_once(opened: House) -> None:
@@ -221,7 +221,7 @@ async def test_a_block_that_comes_twice_is_in_effect_once(opened: House) -> None
     block = opened.chain.block(access(ACCESS_ID, clip), erasure(ERASURE_ID, clip, frames=(0,)))
     for _ in range(3):
         await opened.custodian.on_finalized_block(block)
-    owed = await opened.owed()
+    owed = await opened.ready_outbox()
     assert [call for call, _ in owed] == ["erasure.receipt", "access.released"]
     assert owed[0][1][1] == 1
 
@@ -266,14 +266,14 @@ async def test_the_whole_store_is_looked_through_once_a_block_however_much_it_er
     sweep, swept = opened.store.sweep, []
 
     async def counted() -> None:
-        swept.append(len(await opened.owed()))
+        swept.append(len(await opened.ready_outbox()))
         await sweep()
 
     monkeypatch.setattr(opened.store, "sweep", counted)
     requests = [erasure(b"\xe0" * 31 + bytes([number]), clip) for number, clip in enumerate(clips[:35])]
     await opened.follow(*requests, at_ms=START_MS + 50_000)
     assert swept == [0], "no receipt is owed before"
-    assert len(await opened.owed()) == 35
+    assert len(await opened.ready_outbox()) == 35
     assert opened.keys.held_count == 5 * 3
     await opened.follow()
     assert len(swept) == 1, "a block that erases nothing looks through nothing"
@@ -306,7 +306,7 @@ async def test_an_erasure_of_what_is_erased_destroys_nothing_and_is_confirmed_al
     clip, other = await opened.keep(), await opened.keep()
     await opened.follow(erasure(ERASURE_ID, clip, frames=frames))
     await opened.follow(erasure(b"\xe2" * 32, clip, frames=frames))
-    receipts = [arguments for call, arguments in await opened.owed() if call == "erasure.receipt"]
+    receipts = [arguments for call, arguments in await opened.ready_outbox() if call == "erasure.receipt"]
     assert [(told[0], told[1]) for told in receipts] == [(ERASURE_ID, len(frames) or 3), (b"\xe2" * 32, 0)]
     assert read_all(other, await opened.custodian.export(other.record_id)) == list(other.plaintexts)
     assert opened.keys.held_count == 3 + (3 - len(frames) if frames else 0)
@@ -314,7 +314,7 @@ async def test_an_erasure_of_what_is_erased_destroys_nothing_and_is_confirmed_al
 
 @pytest.mark.parametrize("asked", ["download", "export"])
 @pytest.mark.parametrize("frames", [(), (0, 2)])
-@pytest.mark.parametrize("held_up", ["frames", "standings"])
+@pytest.mark.parametrize("held_up", ["frames", "visit_restrictions"])
 async def test_of_what_is_erased_while_it_is_asked_for_nothing_leaves(
     opened: House, monkeypatch: pytest.MonkeyPatch, asked: str, frames: tuple[int, ...], held_up: str
 ) -> None:

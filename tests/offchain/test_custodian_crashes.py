@@ -109,12 +109,14 @@ async def test_a_crash_at_any_write_of_a_block_loses_and_doubles_nothing(
             await refused("CLIP_ERASED", custodian.export(clip.record_id))
         await refused("NOT_FOUND", custodian.export(lapsed.record_id))
         assert house.keys.held_count == 3 + 1 + 3
-        told = {call: arguments for call, arguments in await house.owed() if call != "erasure.receipt"}
+        told = {call: arguments for call, arguments in await house.ready_outbox() if call != "erasure.receipt"}
         assert told["access.released"] == [ACCESS_ID, [kept.record_id]]
         assert told["erasure.expired"][0] == [expiring.record_id]
-        receipts = {arguments[0]: arguments[1:3] for call, arguments in await house.owed() if call == "erasure.receipt"}
+        receipts = {
+            arguments[0]: arguments[1:3] for call, arguments in await house.ready_outbox() if call == "erasure.receipt"
+        }
         assert receipts == {ERASURE_ID: [2, "commitment-leaves"], b"\xe2" * 32: [3, "nothing"]}
-        assert len(await house.owed()) == 4
+        assert len(await house.ready_outbox()) == 4
 
 
 async def test_keys_of_an_upload_that_a_crash_cut_off_are_destroyed_at_the_next_start(

@@ -58,12 +58,12 @@ REFUSALS = (
 )
 
 
-async def _mend(house: House, case: Case) -> bool:
+async def _repair(house: House, case: Case) -> bool:
     """Whoever mends read before that the chain keeps the record."""
     clip, told = case.clip, recorded(case.clip)[2]
     roots = told["commitment_root"], told["ciphertext_root"]
     facts = RecordFacts(clip.record_id, clip.upload.txid, ALICE, *roots, told["expires_at_ms"], height=1)
-    return await house.custodian.mend(held_by_peer(clip), lambda: facts)
+    return await house.custodian.repair_clip(held_by_peer(clip), lambda: facts)
 
 
 RELEASES: dict[str, Work] = {
@@ -78,7 +78,7 @@ ARRIVALS: dict[str, Work] = {
     "the same upload": lambda house, case: house.custodian.stage(case.clip.upload),
     "a peer's copy": lambda house, case: house.custodian.fetch_missing([Peer(held_by_peer(case.clip))]),
     "a part of a key": lambda house, case: house.custodian.stage_part(case.part, ALICE),
-    "a copy in place of a damaged one": _mend,
+    "a copy in place of a damaged one": _repair,
 }
 
 
@@ -99,7 +99,7 @@ async def prepare(house: House, *, is_here: bool, has_part: bool) -> Case:
 
 async def is_promised(house: House, case: Case) -> bool:
     """Tell whether this custodian owes the chain its receipt by now."""
-    owed = [arguments[0] for call, arguments in await house.owed() if call == "erasure.receipt"]
+    owed = [arguments[0] for call, arguments in await house.ready_outbox() if call == "erasure.receipt"]
     return case.id_of("erasure") in owed
 
 
@@ -156,7 +156,7 @@ async def sweep(house: House, work: Work, frames: tuple[int, ...], sampled_count
         step = -(-len(both) // count)
         for stops in [*((stop, NEVER) for stop in range(1, places + 1)), *both[::step]]:
             await race(playing, await prepare(house, **given), work, frames, stops)
-            for row in await house.custodian.owed(100):
+            for row in await house.custodian.ready_outbox(100):
                 await house.custodian.dismiss(row)
 
 

@@ -28,9 +28,9 @@ async def test_a_deletion_that_the_store_lost_is_done_again_at_the_next_try(
     block = opened.chain.block(erasure(ERASURE_ID, clip, frames=frames), erasure(b"\xe2" * 32, second, frames=frames))
     for done in (0, 1):
         await refused("STORE_UNAVAILABLE", opened.custodian.on_finalized_block(block))
-        assert len(await opened.owed()) == done, "nothing is promised before it is done"
+        assert len(await opened.ready_outbox()) == done, "nothing is promised before it is done"
     await opened.custodian.on_finalized_block(block)
-    receipts = [arguments[:2] for call, arguments in await opened.owed() if call == "erasure.receipt"]
+    receipts = [arguments[:2] for call, arguments in await opened.ready_outbox() if call == "erasure.receipt"]
     gone = len(frames) or len(clip.plaintexts)
     assert receipts == [[ERASURE_ID, gone], [b"\xe2" * 32, gone]]
     assert lost == [clip.record_id, second.record_id]
@@ -59,9 +59,9 @@ async def test_an_erase_key_that_is_still_there_stops_the_block(opened: House, m
     with monkeypatch.context() as patch:
         patch.setattr(opened.keys, "destroy", lambda _slots: None)
         await refused("ERASE_KEYS_DAMAGED", opened.custodian.on_finalized_block(block))
-        assert await opened.owed() == [], "nothing is promised before it is done"
+        assert await opened.ready_outbox() == [], "nothing is promised before it is done"
     await opened.custodian.on_finalized_block(block)
-    assert [call for call, _ in await opened.owed()] == ["erasure.receipt"]
+    assert [call for call, _ in await opened.ready_outbox()] == ["erasure.receipt"]
 
 
 async def test_what_the_state_says_is_erased_is_read_back_too(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -128,7 +128,7 @@ class Story:
         assert keys.held_count == 3 + 1
         assert keys.check_destroyed() == 0
         assert await custodian.get_background(FRAME) is None
-        owed = await self.house.owed()
+        owed = await self.house.ready_outbox()
         assert len(owed) == 4
         receipts = {told[0]: told[1:3] for call, told in owed if call == "erasure.receipt"}
         assert receipts == {ERASURE_ID: [2, "commitment-leaves"], SECOND_ID: [3, "nothing"]}
@@ -171,7 +171,7 @@ class SharesStory:
         assert found.package
         assert sorted([slot async for slot in store.slots_in_use()]) == keys.held
         assert keys.check_destroyed() == 0
-        assert ("access.released", [GRANTED, [self.clips[GRANTED].record_id]]) in await self.house.owed()
+        assert ("access.released", [GRANTED, [self.clips[GRANTED].record_id]]) in await self.house.ready_outbox()
         with pytest.raises(BlockRobotError) as refusal:
             await self.house.custodian.download_shared(request(self.clips[REVOKED]), REVOKED)
         assert refusal.value.code in {"GRANT_ENDED", "GRANT_PARTS_MISSING"}

@@ -18,7 +18,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.commitments import ciphertext_root, commitment_root
 from contracts.execution.executor import execute_block
 from node.api.services import SubmitResult
-from node.custody.chain.chain_follower import OUTBOX_LIFETIME_MS, Custody
+from node.custody.chain.custody_coordinator import OUTBOX_LIFETIME_MS, CustodyCoordinator
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys
 from node.custody.stores.sqlite_store import SqliteStore
@@ -47,7 +47,7 @@ class Ward(Hospital):
     def __init__(self, directory: Path, opened: AsyncExitStack) -> None:
         self.ledger, self.wires = MemoryStore(), list[bytes]()
         self.directory, self.opened = directory, opened
-        self.custodies: dict[str, Custody] = {}
+        self.custodies: dict[str, CustodyCoordinator] = {}
         self._waiting: list[FinalizedBlock] = []
         super().__init__()
 
@@ -80,7 +80,7 @@ class Ward(Hospital):
         key = key_of(name)
         custodian = Custodian(store, keys, member=key.public_key, clock_ms=lambda: self.time_ms)
         await custodian.start()
-        self.custodies[name] = Custody(
+        self.custodies[name] = CustodyCoordinator(
             genesis=self.genesis,
             name=name,
             custodian=custodian,
@@ -101,7 +101,7 @@ class Ward(Hospital):
         for custody in self.custodies.values():
             height = custody.checkpoint_height
             while (height := 0 if height is None else height + 1) <= self.height:
-                await custody._take_block(height)
+                await custody._apply_block(height)
 
     async def settle(self, *silent: str) -> None:
         """Let every custodian but the silent ones say what it owes, until nobody owes anything."""

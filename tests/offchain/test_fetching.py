@@ -51,7 +51,7 @@ async def test_a_missed_upload_is_fetched_from_another_custodian(opened: House) 
     assert await opened.custodian.fetch_missing([DeafPeer(), Peer(), Peer(held_by_peer(clip))]) == 1
     assert read_all(clip, await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)) == list(clip.plaintexts)
     assert await opened.custodian.fetch_missing([Peer(held_by_peer(clip))]) == 0
-    assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+    assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
     assert read_all(clip, await opened.custodian.export(clip.record_id)) == list(clip.plaintexts)
 
 
@@ -111,7 +111,7 @@ async def test_a_record_erased_while_its_clip_was_missing_stays_away(opened: Hou
     assert await opened.custodian.missing(10) == []
     assert await opened.custodian.install(held_by_peer(clip)) is False
     await refused("CLIP_ERASED", opened.custodian.stage(clip.upload))
-    assert [call for call, _ in await opened.owed()] == ["erasure.receipt"]
+    assert [call for call, _ in await opened.ready_outbox()] == ["erasure.receipt"]
 
 
 async def test_nothing_is_fetched_into_the_disks_reserve_and_erasing_goes_on(opened: House) -> None:
@@ -121,7 +121,7 @@ async def test_nothing_is_fetched_into_the_disks_reserve_and_erasing_goes_on(ope
     opened.has_room = False
     assert await opened.custodian.fetch_missing([Peer(held_by_peer(missing))]) == 0
     await opened.follow(erasure(ERASURE_ID, held))
-    assert [call for call, _ in await opened.owed()] == ["erasure.receipt"]
+    assert [call for call, _ in await opened.ready_outbox()] == ["erasure.receipt"]
     opened.has_room = True
     fetched = 0
     for _ in range(2):

@@ -28,7 +28,7 @@ async def keep_half(house: House, monkeypatch: pytest.MonkeyPatch) -> RecordedCl
 async def require_settled(house: House, clip: RecordedClip) -> None:
     assert (await house.custodian.download(clip.record_id, ACCESS_ID, ALICE)).record_id == clip.record_id
     assert await house.custodian.missing(10) == []
-    assert await house.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+    assert await house.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
 async def test_the_robot_that_uploads_again_makes_the_release_owed_after_all(
@@ -53,7 +53,7 @@ async def test_what_is_truly_missing_stays_missing_over_a_start(house: House) ->
         await house.follow(recorded(clip, ALICE))
     async with house.open():
         assert [facts.record_id for facts in await house.custodian.missing(10)] == [clip.record_id]
-        assert await house.owed() == []
+        assert await house.ready_outbox() == []
 
 
 async def test_frames_that_were_erased_before_the_clip_came_are_not_kept(opened: House) -> None:

@@ -135,7 +135,7 @@ async def _drain(found: Any) -> None:
 
 QUERIES: Mapping[str, Query] = {
     "checkpoint": lambda store: store.checkpoint(),
-    "standings": lambda store: store.standings([OWNER]),
+    "visit_restrictions": lambda store: store.visit_restrictions([OWNER]),
     "clips": lambda store: store.clips([RECORD_ID, b"\x09" * 16]),
     "clips_of_owner": lambda store: store.clips_of_owner(OWNER),
     "frames": lambda store: store.frames(RECORD_ID),

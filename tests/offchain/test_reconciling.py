@@ -53,7 +53,7 @@ async def test_records_that_are_not_here_are_missing_and_can_be_fetched(opened: 
     await opened.custodian.stage(clip.upload)
     download = await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
     assert read_all(clip, download) == list(clip.plaintexts)
-    assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+    assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
 async def test_a_staged_clip_that_became_final_meanwhile_is_confirmed_and_a_lapsed_one_goes(opened: House) -> None:
@@ -102,7 +102,7 @@ async def test_what_the_chain_knows_already_is_not_owed_again(opened: House) -> 
     state.access(clip)
     state.released(clip)
     await reconcile(opened, state)
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
     await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
 
 
@@ -114,7 +114,7 @@ async def test_another_custodians_release_is_not_ones_own(opened: House) -> None
     state.access(clip)
     state.released(clip, custodian=OTHER_CUSTODIAN)
     await reconcile(opened, state)
-    assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+    assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,9 @@ async def test_an_expired_record_that_waits_for_a_report_gets_it(
     state.record(clip, status="expired", awaited=awaited)
     state.rows[b"identity\x00custodians"] = custodians
     await reconcile(opened, state)
-    assert [(kind, told[0]) for kind, told in await opened.owed()] == [("erasure.expired", [clip.record_id])] * owes
+    assert [(kind, told[0]) for kind, told in await opened.ready_outbox()] == [
+        ("erasure.expired", [clip.record_id])
+    ] * owes
 
 
 async def test_a_refusal_that_was_told_is_not_told_again(opened: House) -> None:
@@ -143,7 +145,7 @@ async def test_a_refusal_that_was_told_is_not_told_again(opened: House) -> None:
     state.record(clip, status="erased")
     state.access(clip, refused={CUSTODIAN: "CLIP_ERASED"})
     await reconcile(opened, state)
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
 
 
 async def test_an_erasure_asked_for_meanwhile_is_carried_out_and_owed(opened: House) -> None:
@@ -155,7 +157,7 @@ async def test_an_erasure_asked_for_meanwhile_is_carried_out_and_owed(opened: Ho
     state.record(framed)
     state.erasure(clip)
     await reconcile(opened, state)
-    ((call, arguments),) = await opened.owed()
+    ((call, arguments),) = await opened.ready_outbox()
     assert (call, arguments[:2]) == ("erasure.receipt", [ERASURE_ID, 3])
     assert (await opened.store.clips([clip.record_id]))[clip.record_id].status == "erased"
     assert (await opened.store.clips([framed.record_id]))[framed.record_id].status == "confirmed"
@@ -179,7 +181,7 @@ async def test_a_store_put_back_from_a_backup_erases_what_it_had_erased(opened: 
     state.record(clip, status="erased")
     state.erasure(clip, receipts=BOTH, status="complete")
     await reconcile(opened, state)
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
     assert (await opened.store.clips([clip.record_id]))[clip.record_id].status == "erased"
     assert await opened.store.frames(clip.record_id) == []
 
@@ -191,7 +193,7 @@ async def test_an_erasure_from_before_this_custodian_came_is_carried_out_without
     state.record(clip, status="erasing")
     state.erasure(clip, custodians=[OTHER_CUSTODIAN])
     await reconcile(opened, state)
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
     assert (await opened.store.clips([clip.record_id]))[clip.record_id].status == "erased"
 
 
@@ -200,7 +202,7 @@ async def test_what_expired_meanwhile_is_erased_and_reported(opened: House) -> N
     state = State()
     state.record(clip, status="expired", custodians=[OTHER_CUSTODIAN])
     await reconcile(opened, state, at_ms=EXPIRES_MS + 1)
-    ((call, arguments),) = await opened.owed()
+    ((call, arguments),) = await opened.ready_outbox()
     assert (call, arguments[0]) == ("erasure.expired", [clip.record_id])
     assert await opened.store.frames(clip.record_id) == []
 
@@ -213,7 +215,7 @@ async def test_a_state_older_than_the_store_changes_nothing(opened: House) -> No
     state.erasure(clip)
     await opened.custodian.reconcile(state.facts(height=1))
     assert await opened.custodian.checkpoint() == before
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
 
 
 @pytest.mark.parametrize(
@@ -237,7 +239,7 @@ async def test_a_request_from_before_a_word_that_was_taken_back_since_is_void_an
     state.said(kind, 6, **data)
     await reconcile(opened, state, height=50)
     await refused("ACCESS_ENDED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
     await opened.follow(access(LATER_ID, clip))
     assert (await opened.custodian.download(clip.record_id, LATER_ID, ALICE)).record_id == clip.record_id
 
@@ -343,7 +345,7 @@ async def test_however_many_records_there_are_the_event_loop_goes_on(opened: Hou
     await getattr(opened.custodian, name)(facts)
     turning.cancel()
     assert watched.rows_max_count <= RECORDS_AT_ONCE_COUNT
-    assert len(await opened.owed()) == -(-200 // RECORDS_A_CALL_MAX_COUNT)
+    assert len(await opened.ready_outbox()) == -(-200 // RECORDS_A_CALL_MAX_COUNT)
 
 
 async def test_a_cancelled_reconciliation_ends_when_nothing_reads_the_state_any_more(opened: House) -> None:

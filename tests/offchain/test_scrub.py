@@ -79,7 +79,7 @@ async def test_what_should_not_be_there_is_reported_by_the_scrub_and_erased_by_t
     await refused("CLIP_ERASED", desk.house.custodian.export(erased.record_id))
     clips = await desk.house.store.clips([foreign.record_id])
     assert clips[foreign.record_id].owner == BOB
-    assert await desk.house.custodian.owed(10) == []
+    assert await desk.house.custodian.ready_outbox(10) == []
 
 
 async def test_a_record_that_expired_on_chain_alone_is_erased_again(desk: Desk) -> None:
@@ -106,11 +106,11 @@ async def test_what_is_held_beyond_its_time_is_erased_and_reported_as_expired(de
     await desk.house.follow(at_ms=EXPIRES_MS + 1)
     rebuilt = await desk.rebuild()
     assert sorted(rebuilt.erased_again) == sorted([clip.record_id, erasing.record_id])
-    (owed,) = [arguments for kind, arguments in await desk.house.owed() if kind == "erasure.expired"]
+    (owed,) = [arguments for kind, arguments in await desk.house.ready_outbox() if kind == "erasure.expired"]
     assert owed[0] == [clip.record_id]
     assert await desk.house.store.frame_places([clip.record_id]) == []
     await desk.rebuild()
-    assert len(await desk.house.owed()) == 1
+    assert len(await desk.house.ready_outbox()) == 1
 
 
 async def test_a_changed_byte_is_found_in_its_frame_and_mended_from_a_sound_copy(desk: Desk) -> None:
@@ -222,7 +222,7 @@ async def test_a_custodian_that_is_behind_its_ledger_says_nothing_yet(
 ) -> None:
     await desk.hold(record_clip())
     desk.house.chain.height += 1
-    monkeypatch.setattr("node.custody.repair.scrub.settled.__wrapped__.__defaults__", (0.0,))
+    monkeypatch.setattr("node.custody.repair.scrub.caught_up.__wrapped__.__defaults__", (0.0,))
     await refused("CUSTODY_CATCHING_UP", desk.scrub())
 
 

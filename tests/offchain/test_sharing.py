@@ -127,7 +127,7 @@ async def test_a_grantee_reads_with_two_custodians_parts_and_not_with_ones(opene
     where = {"grantee": GRANTEE, "record_id": clip.record_id}
     keys = open_package(joined, bytes(clip.sealing), found.package, **where)
     assert keys == dict(enumerate(clip.data_keys))
-    assert await opened.owed() == [("access.released", [HER_ACCESS_ID, [clip.record_id]])]
+    assert await opened.ready_outbox() == [("access.released", [HER_ACCESS_ID, [clip.record_id]])]
 
 
 async def test_without_frames_only_package_and_parts_come(opened: House) -> None:
@@ -215,11 +215,11 @@ async def test_a_part_that_came_late_counts_while_the_grant_stands(opened: House
     clip, other = await opened.keep(), await opened.keep()
     await opened.follow(granted(clip))
     await opened.follow(asked(clip))
-    assert await opened.owed() == [("access.refused", [HER_ACCESS_ID, "GRANT_PARTS_MISSING"])]
+    assert await opened.ready_outbox() == [("access.refused", [HER_ACCESS_ID, "GRANT_PARTS_MISSING"])]
     await refused_with("GRANT_PARTS_MISSING", opened.custodian.download_shared(request(clip), GRANT_ID))
     upload = parts_for(clip)[CUSTODIAN]
     assert await opened.custodian.stage_part(upload, ALICE) == "confirmed"
-    assert ("access.released", [HER_ACCESS_ID, [clip.record_id]]) in await opened.owed()
+    assert ("access.released", [HER_ACCESS_ID, [clip.record_id]]) in await opened.ready_outbox()
     await opened.custodian.download_shared(request(clip), GRANT_ID)
     await refused_with("NOT_PERMITTED", opened.custodian.stage_part(parts_for(other)[CUSTODIAN], ALICE))
     opened.chain.time_ms = UNTIL_MS

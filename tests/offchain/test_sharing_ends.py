@@ -177,7 +177,7 @@ async def test_nothing_is_owed_for_an_old_request_of_a_grant_that_has_ended(open
     state.grant(GRANT_ID, clip, **({"status": "revoked"} if end == "revoked" else {"until_ms": AT_MS}))
     state.access(clip, grant=GRANT_ID)
     await opened.custodian.reconcile(state.facts(at_ms=AT_MS))
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
     assert await opened.store.grant(ACCESS_ID) is not None
 
 
@@ -191,7 +191,7 @@ async def test_who_has_released_does_not_refuse_because_its_store_was_put_back(
     state.access(clip, grant=GRANT_ID, released={CUSTODIAN: 1} if has_released else {})
     await opened.custodian.reconcile(state.facts(at_ms=AT_MS))
     refusal = ("access.refused", [ACCESS_ID, "GRANT_PARTS_MISSING"])
-    assert await opened.owed() == ([] if has_released else [refusal])
+    assert await opened.ready_outbox() == ([] if has_released else [refusal])
 
 
 # The hunt

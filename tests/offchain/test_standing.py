@@ -13,7 +13,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from node.custody.custodian import Custodian
 from node.custody.finalized_events import FinalizedEvents
-from node.custody.repair.scrub import Judge, ScrubReport
+from node.custody.repair.scrub import RecordComparer, ScrubReport
 from node.custody.restrictions import find_restrictions
 from node.custody.stores.custody_store import BlockEffects, VisitRestrictions
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, refused
@@ -129,7 +129,7 @@ async def test_a_denied_visit_is_released_to_nobody_until_an_officer_ends_it(ope
         await refused("CLIP_QUARANTINED", opened.custodian.download(one.record_id, ACCESS_ID, ALICE))
         await refused("CLIP_QUARANTINED", opened.custodian.export(one.record_id))
     assert (await opened.custodian.look_at(clip.record_id)).frames, "upkeep still reads it"
-    assert await opened.owed() == [], "nothing is said to have been released"
+    assert await opened.ready_outbox() == [], "nothing is said to have been released"
     await opened.follow(cleared())
     await refused("ACCESS_ENDED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
     await opened.follow(access(SECOND_ACCESS, clip, late))
@@ -172,7 +172,7 @@ async def test_a_clip_that_comes_late_is_not_released_under_a_void_request(opene
     await opened.follow(access(ACCESS_ID, clip))
     await opened.follow(restricted(clip))
     await opened.custodian.stage(clip.upload)
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
     await refused("ACCESS_ENDED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
 
 
@@ -185,7 +185,9 @@ async def test_what_is_kept_for_a_claim_outlives_its_expiry_until_it_is_lifted(o
     await opened.follow(at_ms=EXPIRES_MS + 1)
     await opened.follow(access(ACCESS_ID, clip))
     assert await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
-    assert [arguments[0] for kind, arguments in await opened.owed() if kind == "erasure.expired"] == [[other.record_id]]
+    assert [arguments[0] for kind, arguments in await opened.ready_outbox() if kind == "erasure.expired"] == [
+        [other.record_id]
+    ]
     await opened.follow(lifted())
     await refused("CLIP_ERASED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
     standing = await find_restrictions(opened.store, ALICE)
@@ -205,7 +207,7 @@ async def test_keeping_ends_by_itself(opened: House) -> None:
     clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(at_ms=START_MS + YEAR_MS)
-    assert [kind for kind, _ in await opened.owed()] == ["erasure.expired"]
+    assert [kind for kind, _ in await opened.ready_outbox()] == ["erasure.expired"]
 
 
 async def test_what_is_recorded_into_a_visit_that_is_kept_is_kept_too(opened: House) -> None:
@@ -238,14 +240,14 @@ async def test_an_owner_who_denies_keeps_nothing(opened: House) -> None:
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(denied())
     await opened.follow(at_ms=EXPIRES_MS + 1)
-    assert [kind for kind, _ in await opened.owed()] == ["erasure.expired"]
+    assert [kind for kind, _ in await opened.ready_outbox()] == ["erasure.expired"]
 
 
 async def test_a_restricted_clip_is_erased_when_its_owner_asks(opened: House) -> None:
     clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(erasure(ERASURE_ID, clip))
-    assert [kind for kind, _ in await opened.owed()] == ["erasure.receipt"]
+    assert [kind for kind, _ in await opened.ready_outbox()] == ["erasure.receipt"]
 
 
 @pytest.mark.parametrize("events", [[restricted], [restricted, lifted]])
@@ -295,12 +297,12 @@ async def test_a_store_keeps_one_standing_for_each_owner_over_a_restart(house: H
     first = VisitRestrictions(ALICE, 4, quarantined=True, natural=((b"\x01" * 16, 9),))
     second = VisitRestrictions(BOB, 5, whole=True, whole_since_ms=3, until_ms=1 << 50, records=(b"\x02" * 16,))
     async with house.open():
-        await house.store.apply(BlockEffects(standings=(VisitRestrictions(ALICE), second)))
-        await house.store.apply(BlockEffects(standings=(first,)))
+        await house.store.apply(BlockEffects(visit_restrictions=(VisitRestrictions(ALICE), second)))
+        await house.store.apply(BlockEffects(visit_restrictions=(first,)))
     async with house.open():
-        assert await house.store.standings() == {ALICE: first, BOB: second}
-        assert await house.store.standings([BOB, b"\x07" * 33]) == {BOB: second}
-        assert await house.store.standings([]) == {}
+        assert await house.store.visit_restrictions() == {ALICE: first, BOB: second}
+        assert await house.store.visit_restrictions([BOB, b"\x07" * 33]) == {BOB: second}
+        assert await house.store.visit_restrictions([]) == {}
 
 
 async def test_only_a_confirmed_clip_gets_another_expiry(opened: House) -> None:
@@ -341,7 +343,7 @@ async def test_a_custodian_that_only_has_the_state_heeds_the_same(opened: House)
     await reconcile(opened, state)
     await refused("CLIP_QUARANTINED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
     await refused("CLIP_QUARANTINED", opened.custodian.export(clip.record_id))
-    assert await opened.owed() == []
+    assert await opened.ready_outbox() == []
 
 
 @pytest.mark.parametrize("is_here", [True, False])
@@ -365,7 +367,7 @@ async def test_a_clip_that_is_kept_for_a_claim_is_there_after_a_reconciliation(o
 
 async def scrub_of(house: House, state: State, at_ms: int) -> ScrubReport:
     facts, report = state.facts(at_ms=at_ms), ScrubReport()
-    judge = Judge(house.custodian, house.store, facts)
+    judge = RecordComparer(house.custodian, house.store, facts)
     for record in facts.records():
         clip = (await house.store.clips([record.facts.record_id])).get(record.facts.record_id)
         await judge.compare(record.facts.record_id, record, clip, report)
@@ -380,7 +382,7 @@ async def test_what_was_lifted_while_a_custodian_was_away_is_let_go(house: House
     async with house.open():
         await reconcile(house, _state(clip, height=1), at_ms=EXPIRES_MS - 10)
         assert (await house.store.clips([clip.record_id]))[clip.record_id].expires_at_ms == EXPIRES_MS
-        bobs = (await house.store.standings([BOB]))[BOB]
+        bobs = (await house.store.visit_restrictions([BOB]))[BOB]
         assert not bobs.quarantined
         await house.follow(at_ms=EXPIRES_MS)
         assert (await house.store.clips([clip.record_id]))[clip.record_id].status == "erased"

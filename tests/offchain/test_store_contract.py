@@ -283,16 +283,16 @@ async def test_receipts_of_erasures_wait_behind_no_words_on_requests(
     ]
     for each in words:
         await store.add_outbox(each)
-    assert await custodian.owed(8) == words[:8]
+    assert await custodian.ready_outbox(8) == words[:8]
     for each in receipts[:3]:
         await store.add_outbox(each)
-    assert await custodian.owed(8) == receipts[:3] + words[:5]
+    assert await custodian.ready_outbox(8) == receipts[:3] + words[:5]
     for each in receipts[3:]:
         await store.add_outbox(each)
-    assert await custodian.owed(8) == receipts[:6] + words[:2]
+    assert await custodian.ready_outbox(8) == receipts[:6] + words[:2]
     for each in words[1:]:
         await store.remove_outbox(each.key)
-    assert await custodian.owed(8) == receipts[:7] + words[:1]
+    assert await custodian.ready_outbox(8) == receipts[:7] + words[:1]
 
 
 async def test_backgrounds_are_kept_by_hash(store: CustodyStore) -> None:

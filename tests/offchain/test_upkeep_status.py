@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from network.custody.telling import scrub_sentences
+from network.custody.custody_text import scrub_sentences
 from node.custody.chain.custody_admin import CustodyAdmin, describe_scrub
 from node.custody.chain.custody_answers import FrameName, PartName, UploadReport
 from node.custody.repair.scrub import ScrubReport

@@ -14,7 +14,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipUpload
 from consensus.upload_quotas import DAY_MS, MIB_BYTES, UploadQuotas
-from network.custody.upload_telling import find_upload_troubles
+from network.custody.upload_problems import find_upload_problems
 from node.budgets.disk_reserve import DiskReserve
 from node.custody.chain.custody_answers import UploadReport
 from node.custody.chain.upload_admission import (
@@ -173,18 +173,18 @@ async def test_an_operator_is_told_of_each_robot_the_trend_and_what_is_left(
         ("hospital", 30 * MIB_BYTES, MIB_BYTES, 0),
         ("hospital", 0, 0, 3),
     ]
-    assert [code for code, _ in find_upload_troubles(told)] == ["UPLOADS_REFUSED"]
-    assert [code for code, _ in find_upload_troubles(await ask(robot_day_max_mib=1))] == [
+    assert [code for code, _ in find_upload_problems(told)] == ["UPLOADS_REFUSED"]
+    assert [code for code, _ in find_upload_problems(await ask(robot_day_max_mib=1))] == [
         "UPLOAD_QUOTA_NEAR",
         "UPLOADS_REFUSED",
     ]
     now["s"] += 2 * LATELY_S
-    assert [code for code, _ in find_upload_troubles(await ask())] == [], "it is over, and nobody is warned for ever"
+    assert [code for code, _ in find_upload_problems(await ask())] == [], "it is over, and nobody is warned for ever"
     assert (await ask()).uploads[1].refused == 3
     room["free"] = 1_100
-    assert "DISK_FILLS_UP" in [code for code, _ in find_upload_troubles(await ask())]
+    assert "DISK_FILLS_UP" in [code for code, _ in find_upload_problems(await ask())]
     room["free"] = 1_000
-    assert "UPLOADS_PAUSED" in [code for code, _ in find_upload_troubles(await ask())]
+    assert "UPLOADS_PAUSED" in [code for code, _ in find_upload_problems(await ask())]
 
 
 def test_the_reserve_is_not_used_and_none_is_kept_back_if_it_is_zero(

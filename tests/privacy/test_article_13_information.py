@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import msgspec
 
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from consensus.members.vouchers import encode_card_code
@@ -60,7 +60,7 @@ async def test_13_3_a_further_purpose_is_shown_before_she_consents_to_it(publish
     first = await notices.due()
     assert first is not None
     notices.note_shown(first)
-    word = await Consenting(published.wallet).give(["care"], ["depth"])
+    word = await ConsentClient(published.wallet).give(["care"], ["depth"])
     receipt = await ConsentReceipts(published.wallet).obtain(word.txid)
     assert receipt.published is not None
     assert await notices.due() is None
@@ -77,7 +77,7 @@ async def test_13_3_a_further_purpose_is_shown_before_she_consents_to_it(publish
 async def test_13_what_she_was_told_stands_in_her_receipt_and_cannot_be_changed_afterwards(
     published: NoticeWard,
 ) -> None:
-    word = await Consenting(published.wallet).give(["care"], ["depth"])
+    word = await ConsentClient(published.wallet).give(["care"], ["depth"])
     published.publish(further_purpose())
     receipt = await ConsentReceipts(published.wallet).obtain(word.txid)
     assert receipt.published is not None

@@ -51,7 +51,7 @@ async def test_2_neither_key_nor_picture_is_in_any_file_afterwards(house: House,
         await house.follow(erasure(ERASURE_ID, gone))
         assert not [needle for needle in needles if needle in files_of(tmp_path)]
         assert kept.upload.ciphertexts[0][:64] in files_of(tmp_path)
-        [(call, arguments)] = await house.owed()
+        [(call, arguments)] = await house.ready_outbox()
         assert (call, arguments[0]) == ("erasure.receipt", ERASURE_ID)
 
 
@@ -74,7 +74,7 @@ async def test_5_its_time_over_it_goes_unasked(house: House) -> None:  # noqa: F
         await house.keep(clip)
         await house.follow(at_ms=EXPIRES_MS)
         await refused("CLIP_ERASED", custodian.export(clip.record_id))
-        [(call, arguments)] = await house.owed()
+        [(call, arguments)] = await house.ready_outbox()
         assert (call, arguments[0]) == ("erasure.expired", [clip.record_id])
 
 

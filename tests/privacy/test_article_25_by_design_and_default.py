@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from clients.registrar.desk import Desk
-from clients.robot.consent.consent_view import Refusal
+from clients.registrar.registrar import Registrar
+from clients.robot.hiding.withhold_reason import WithholdReason
 from consensus.members.vouchers import decode_card_code
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.sensors import SENSORS
@@ -54,7 +54,7 @@ def test_1_nothing_on_the_chain_joins_two_visits(hospital: Hospital) -> None:
 
 def test_2_a_cards_code_says_nothing_of_its_number(hospital: Hospital, tmp_path: Path) -> None:
     (tmp_path / "registrar.key").write_bytes(hospital.registrar.secret)
-    first, second = (decode_card_code(Desk(tmp_path, hospital.genesis).issue(UID, "subject")) for _ in range(2))
+    first, second = (decode_card_code(Registrar(tmp_path, hospital.genesis).issue(UID, "subject")) for _ in range(2))
     assert first.handle != second.handle
     assert first.card_secret != second.card_secret
 
@@ -66,10 +66,10 @@ def test_3_who_says_nothing_is_not_recorded(hospital: Hospital) -> None:
 @story()
 async def test_5_a_robot_that_does_not_know_keeps_nothing(ward: Ward) -> None:
     ward.registry.say(ANN)
-    assert ward.refusal() is Refusal.STALE, "it has not asked yet"
+    assert ward.refusal() is WithholdReason.STALE, "it has not asked yet"
     await ward.consents.refresh()
     assert ward.refusal() is None
-    assert ward.refusal(handle=b"?" * 32) is Refusal.NO_CONSENT, "it has not heard of that person"
+    assert ward.refusal(handle=b"?" * 32) is WithholdReason.NO_CONSENT, "it has not heard of that person"
 
 
 def test_6_nobody_is_let_in_unless_she_acts(hospital: Hospital) -> None:

@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.state.membership import NodeRow, OrganisationRow
 from network.cli.governance.notice_commands import activities_answer
 from network.notices.demo_notice import demo_notice
-from network.notices.processing_register import OPEN, Activities, read_activities, tell_activities
+from network.notices.processing_register import OPEN, Activities, activities_text, read_activities
 from tests.world.notices import NoticeWard
 
 
@@ -39,7 +39,7 @@ async def register_of(ward: NoticeWard) -> Activities:
 
 
 async def test_30_1_a_to_g_everything_that_the_article_names_is_in_it(ward: NoticeWard) -> None:
-    text, notice = tell_activities(await register_of(ward)), demo_notice()
+    text, notice = activities_text(await register_of(ward)), demo_notice()
     for part in ("(a) Who", "(b) Purposes", "(c) Data", "(d) Recipients", "(e) Third", "(f) Time", "(g) Measures"):
         assert f"## {part}" in text
     for words in (notice.controller.contact, notice.officer.contact, notice.third_countries, *notice.measures):
@@ -55,7 +55,7 @@ async def test_30_1_a_to_g_everything_that_the_article_names_is_in_it(ward: Noti
 async def test_30_1_d_who_else_keeps_clips_comes_from_the_chain_and_not_from_the_notice(ward: NoticeWard) -> None:
     found = await register_of(ward)
     assert found.processors == ("uni|versity",), "who keeps no clips is none"
-    assert "uni\\|versity | http://127.0.0.1:2 | ledger and encrypted clips |" in tell_activities(found)
+    assert "uni\\|versity | http://127.0.0.1:2 | ledger and encrypted clips |" in activities_text(found)
 
 
 async def test_30_3_it_is_in_writing_also_for_programs_and_says_as_of_when(ward: NoticeWard) -> None:
@@ -63,12 +63,12 @@ async def test_30_3_it_is_in_writing_also_for_programs_and_says_as_of_when(ward:
     told = activities_answer(found, None)
     assert (told.organisation, told.height, told.notice.version) == ("ward", found.height, 1)
     assert [row.name for row in told.activities] == [purpose.code for purpose in demo_notice().purposes]
-    assert f"as of block {found.height}" in tell_activities(found)
+    assert f"as of block {found.height}" in activities_text(found)
 
 
 async def test_30_what_no_program_knows_is_named_as_open(ward: NoticeWard) -> None:
     found = await register_of(ward)
-    assert all(f"- {line}" in tell_activities(found) for line in OPEN)
+    assert all(f"- {line}" in activities_text(found) for line in OPEN)
     assert activities_answer(found, None).open == list(OPEN)
 
 

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
-from clients.registrar.desk import Desk
-from clients.robot.hiding.hider import Kept
+from clients.registrar.registrar import Registrar
+from clients.robot.hiding.frame_redactor import KeptFrame
 from clients.robot.pairing.tag_pairing import MEMORY_MS, Pairing
 from clients.robot.sensing.sensor_clocks import RunClocks
 from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
@@ -46,7 +46,7 @@ from tests.offchain.small_chain import (
     record_clip,
     recorded,
 )
-from tests.unit.clients.robot.hiding.test_hider import OWNERS, Clip, pixels, play
+from tests.unit.clients.robot.hiding.test_frame_redactor import OWNERS, Clip, pixels, play
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, key_of
 from tests.unit.node.api.small_network import RECORD_ID, SmallLedger, SmallNode
 from tests.world.dicts import CHEAP
@@ -178,15 +178,15 @@ async def test_defect_07_the_hook_acts_on_forks_and_replays_from_block_0(tmp_pat
         forked = replace(chain.block(erasure(b"\x01" * 32, clip)), height=2, block_id=b"\xff" * 32)
         await refused("CUSTODY_OUT_OF_ORDER", custodian.on_finalized_block(forked))
         assert not any(frame.erased for frame in (await custodian.export(clip.record_id)).frames)
-        assert await custodian.owed(10) == []
+        assert await custodian.ready_outbox(10) == []
         await custodian.on_finalized_block(chain.blocks[-1])
-        owed = await custodian.owed(10)
+        owed = await custodian.ready_outbox(10)
         assert owed
     async with custodian_in(tmp_path, chain) as custodian:
         assert (await custodian.checkpoint()).height == 3
         for block in chain.blocks:
             await custodian.on_finalized_block(block)
-        assert await custodian.owed(10) == owed
+        assert await custodian.ready_outbox(10) == owed
         assert await custodian.missing(10) == []
 
 
@@ -258,7 +258,8 @@ def test_defect_11_tag_hashes_that_a_second_of_searching_reverses(tmp_path: Path
     assert tries[hashlib.sha256(uid.encode()).digest()] == 12_345, "the prototype's would be found"
     (tmp_path / "registrar.key").write_bytes(hospital.registrar.secret)
     cards = [
-        decode_card_code(Desk(tmp_path, hospital.genesis, hospital_clock(hospital)).issue(uid, "subject")) for _ in "12"
+        decode_card_code(Registrar(tmp_path, hospital.genesis, hospital_clock(hospital)).issue(uid, "subject"))
+        for _ in "12"
     ]
     assert cards[0].handle != cards[1].handle, "the same tag, and another number each time"
     anna = Person("anna", handle=cards[1].handle)
@@ -310,9 +311,11 @@ def test_defect_13_everybody_gets_the_full_frame() -> None:
         seen.append((reading.alias, sighting))
     clip = Clip(scenario, [renderer.empty_frame(number) for number in range(12)], frames, truth, seen)
     foreign = total = beside_others = 0
-    for kept in (output for output in play(clip, clip.sightings)[0] if isinstance(output, Kept)):
+    for kept in (output for output in play(clip, clip.sightings)[0] if isinstance(output, KeptFrame)):
         labels = truth[kept.sequence]
-        box = labels[kept.cut.y : kept.cut.y + kept.cut.height, kept.cut.x : kept.cut.x + kept.cut.width]
+        box = labels[
+            kept.cutout.y : kept.cutout.y + kept.cutout.height, kept.cutout.x : kept.cutout.x + kept.cutout.width
+        ]
         shown = pixels(kept) > 0
         foreign += np.count_nonzero(shown & (box != 0) & (box != OWNERS[kept.alias]))
         total += np.count_nonzero(shown)

@@ -13,12 +13,12 @@ from shamir_mnemonic import EncryptedMasterSecret, Share, split_ems
 from shamir_mnemonic.wordlist import WORDLIST
 
 from clients.wallet.recovery.slip39_shares import (
-    Gathering,
+    ShareCollector,
     find_unknown,
     near_words,
     read_share,
+    split_into_words,
     split_words,
-    take_words,
 )
 from consensus.errors import BlockRobotError
 
@@ -30,8 +30,8 @@ def words_of(entropy: bytes) -> str:
     return str(Mnemonic("english").to_mnemonic(entropy))
 
 
-def gathered(shares: list[str]) -> Gathering:
-    gathering = Gathering()
+def gathered(shares: list[str]) -> ShareCollector:
+    gathering = ShareCollector()
     for share in shares:
         gathering.add(read_share(share))
     return gathering
@@ -185,6 +185,6 @@ def test_a_word_with_one_letter_amiss_finds_its_way(word, data):
 def test_numbers_and_signs_between_words_do_not_matter():
     shares = split_words(words_of(bytes(32)), 2, 3)
     numbered = "\n".join(f" {number:>2}. {word.upper()}," for number, word in enumerate(shares[0].split(), 1))
-    assert take_words(numbered) == shares[0].split()
+    assert split_into_words(numbered) == shares[0].split()
     assert isinstance(read_share(numbered), Share)
     assert read_share(numbered) == read_share(shares[0])

@@ -14,7 +14,7 @@ from clients.robot.sensing.sensor_clocks import (
     LATE_MAX_MS,
     ClockEstimator,
     RunClocks,
-    Standing,
+    TimestampStatus,
 )
 from clients.robot.sensing.sensor_events import Event, Frame, Sighting
 from consensus.errors import BlockRobotError
@@ -85,13 +85,13 @@ def test_an_estimator_believes_no_jump_that_was_not_confirmed_and_stays_small(ro
         standing = estimator.observe(START_MS + at, START_MS + received)
         after = estimator.offset_at(START_MS + received)
         assert after is not None
-        if standing is Standing.DOUBTFUL:
+        if standing is TimestampStatus.DOUBTFUL:
             doubts += 1
             assert after == before
-        elif standing is Standing.CLOCK_SET:
+        elif standing is TimestampStatus.CLOCK_SET:
             assert doubts >= CONFIRM_COUNT - 1
             assert estimator.started_anew_count == restarts + 1
-        if standing is not Standing.DOUBTFUL:
+        if standing is not TimestampStatus.DOUBTFUL:
             doubts = 0
             assert -1 <= received - at - after <= LATE_MAX_MS + 300, "no message came before it was sent, nor very late"
         assert len(estimator._bins) <= HORIZON_MS // 5_000

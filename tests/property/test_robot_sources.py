@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.robot.sensing.sensor_events import Frame, Refused, Sighting
+from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting
 from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.recordings.recording import Recording
@@ -44,10 +44,10 @@ def valid() -> dict[str, bytes]:
     }
 
 
-def outcome(topic: str, data: bytes) -> list[Frame | Sighting | Refused]:
+def outcome(topic: str, data: bytes) -> list[Frame | Sighting | RefusedMessage]:
     kind = IMAGE_TYPE if topic == DEPTH_TOPIC else SIGHTING_TYPE
     found = source().events_of(Message(topic, kind, START_MS * 1_000_000, data))
-    assert all(isinstance(event, Frame | Sighting | Refused) for event in found)
+    assert all(isinstance(event, Frame | Sighting | RefusedMessage) for event in found)
     return found  # type: ignore[return-value]
 
 
@@ -84,7 +84,7 @@ def test_flipped_bits_are_refused_or_make_a_whole_event(topic: str, flips: list[
 @given(topics, st.integers(0, 200))
 def test_a_message_that_ends_early_is_refused(topic: str, kept: int) -> None:
     data = valid()[topic]
-    assert [type(event) for event in outcome(topic, data[: min(kept, len(data) - 9)])] == [Refused]
+    assert [type(event) for event in outcome(topic, data[: min(kept, len(data) - 9)])] == [RefusedMessage]
 
 
 @given(

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.wallet.ledger.wallet import RecordEntry
-from clients.wallet.page.record_seals import Seal, VerifiedBlock, tell_seal
+from clients.wallet.page.record_seals import Seal, VerifiedBlock, page_seal
 from clients.wallet.records.viewing import (
     CHECKS,
     CUSTODY_CHECKS,
@@ -62,7 +62,7 @@ def test_a_seal_is_good_and_a_verdict_verified_only_if_every_check_passed(
 ) -> None:
     counted = min(CLIP_FRAMES_MAX_COUNT, max(1, len(frames) + difference))
     view = found(frames, counted)
-    seal = tell_seal(Seal(view, BLOCK, 0), language)
+    seal = page_seal(Seal(view, BLOCK, 0), language)
     is_sound = STATUS_CORRUPTED not in frames and counted == len(frames)
     assert (seal.state == "good") == all(check.ok for check in seal.checks) == is_sound
     assert (view.verdict == "verified") == is_sound
@@ -72,7 +72,7 @@ def test_a_seal_is_good_and_a_verdict_verified_only_if_every_check_passed(
 
 @given(frames=statuses.filter(lambda each: STATUS_CORRUPTED in each), check=st.sampled_from(CHECKS))
 def test_a_seal_says_which_check_failed_and_nothing_of_those_that_come_after_it(frames: list[str], check: str) -> None:
-    seal = tell_seal(Seal(found(frames, len(frames), check), BLOCK, 0), "en")
+    seal = page_seal(Seal(found(frames, len(frames), check), BLOCK, 0), "en")
     told = {each.code: each.ok for each in seal.checks}
     passed = ("header_votes", "record_on_chain", *CHECKS[: CHECKS.index(check)])
     assert told == dict.fromkeys(passed, True) | {check: False, "complete": True}
@@ -83,4 +83,4 @@ def test_a_seal_says_which_check_failed_and_nothing_of_those_that_come_after_it(
 def test_no_erasure_of_pictures_turns_a_good_seal_red(frames: list[str], data: st.DataObject) -> None:
     gone = data.draw(st.sets(st.integers(0, len(frames) - 1)))
     after = [STATUS_ERASED if index in gone else status for index, status in enumerate(frames)]
-    assert [tell_seal(Seal(found(each, len(frames)), BLOCK, 0), "en").state for each in (frames, after)] == ["good"] * 2
+    assert [page_seal(Seal(found(each, len(frames)), BLOCK, 0), "en").state for each in (frames, after)] == ["good"] * 2

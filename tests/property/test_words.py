@@ -93,7 +93,7 @@ def test_a_producer_never_speaks_at_or_below_a_round_in_which_peers_hold_a_word_
             effects = node.fire("round")
         elif kind == "answer":
             peer, word, signed_round = what
-            if word is not None and not node.core._voter.remembers(word) and node.core.silence is not None:
+            if word is not None and not node.core._voter.remembers(word) and node.core.lockout is not None:
                 told.add(word.round)
             effects = node.answer_from(peer, word=word, signed_round=signed_round)
         else:

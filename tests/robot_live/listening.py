@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
 
-from clients.robot.sensing.sensor_events import Frame, Refused, Sighting, SourceEvent
+from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting, SourceEvent
 from clients.robot.sources.live.live_feed import Feed
 from clients.robot.sources.live.live_source import LiveCounts, LiveSource
 from clients.robot.sources.source import StoppableClock
@@ -34,7 +34,7 @@ class Heard:
 
     @property
     def refused(self) -> list[tuple[str, str]]:
-        return [(event.kind, event.reason) for event in self.events if isinstance(event, Refused)]
+        return [(event.kind, event.reason) for event in self.events if isinstance(event, RefusedMessage)]
 
     def told_of(self, part: str) -> list[str]:
         """What was said of one part, such as a reader."""

@@ -13,7 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 from clients.robot.sensing.sensor_clocks import RunClocks
-from clients.robot.sensing.sensor_events import Frame, Refused, Sighting
+from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting
 from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.live.ros1 import Ros1Feed
 from clients.robot.sources.source import StoppableClock
@@ -34,7 +34,7 @@ class Ear:
         self.source = LiveSource([Ros1Feed(settings["uri"])], topics, self.said.append)
 
     def take(self, event):
-        if isinstance(event, Refused):
+        if isinstance(event, RefusedMessage):
             self.refused[f"{event.kind} {event.reason}"] += 1
             return
         self.admitted += len(self.clocks.admit(event))

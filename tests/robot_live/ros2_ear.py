@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from clients.robot.sensing.sensor_events import Frame, Refused
+from clients.robot.sensing.sensor_events import Frame, RefusedMessage
 from clients.robot.sources.live.ros2 import Ros2Feed
 from clients.robot.sources.messages.decoding import MessageReader
 from clients.robot.sources.messages.message_types import LearntTypes, types_with
@@ -41,7 +41,7 @@ class Ear:
             if message.topic not in self.wanted:
                 return
             for event in self.reader.read(message, self.types.of(message.type)):
-                name = f"{event.kind}: {event.reason}" if isinstance(event, Refused) else type(event).__name__
+                name = f"{event.kind}: {event.reason}" if isinstance(event, RefusedMessage) else type(event).__name__
                 self.events[name] += 1
                 if isinstance(event, Frame):
                     self.latest["shape"] = list(event.depth.shape)

@@ -15,7 +15,7 @@ from aiohttp import web
 from aiohttp.test_utils import TestServer, make_mocked_request
 
 from consensus.errors import BlockRobotError
-from network.custody.asking import LINE_TIMEOUT_S, ask_status, run_work
+from network.custody.custody_requests import LINE_TIMEOUT_S, ask_status, run_work
 from node.config import NodeConfig
 from node.custody.chain.custody_admin import describe_rebuild, describe_scrub
 from node.custody.chain.custody_admin_routes import HEARTBEAT_S

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
-from network.custody.asking import ask_status
+from network.custody.custody_requests import ask_status
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import Intruder
 from tests.security.test_exhaustion import ANSWER_MAX_S, Crowd

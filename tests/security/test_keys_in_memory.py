@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from network.custody.asking import ask_status
+from network.custody.custody_requests import ask_status
 from node.custody.erase_keys import ERASE_KEY_BYTES, HEADER_BYTES, PAGE_SLOTS_COUNT
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import Intruder

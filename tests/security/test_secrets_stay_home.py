@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.registrar.desk import Desk
+from clients.registrar.registrar import Registrar
 from clients.sdk.network_client import NetworkClient
 from consensus.members.vouchers import decode_card_code
 from tests.cluster.network_under_test import NetworkUnderTest
@@ -68,7 +68,7 @@ async def _download(intruder: Intruder, record_id: bytes, access_id: bytes, toke
 
 async def _tell_story(network: NetworkUnderTest, intruder: Intruder) -> dict[str, bytes]:
     """Enrol, register, record, fetch, erase one frame, fail here and there; return every secret there was."""
-    desk = Desk(network.folder / "organisations" / network.genesis.organisations[0].name, network.genesis)
+    desk = Registrar(network.folder / "organisations" / network.genesis.organisations[0].name, network.genesis)
     uid = secrets.token_hex(12).upper()
     ward = Ward(intruder)
     ward.patient.card = decode_card_code(desk.issue(uid, "subject"))

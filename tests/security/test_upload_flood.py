@@ -13,7 +13,7 @@ import pytest
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from network.custody.asking import ask_status
+from network.custody.custody_requests import ask_status
 from network.doctor.examination import examine_network
 from node.config import READING_TOKEN_FILE_NAME
 from tests.cluster.network_under_test import NetworkUnderTest

@@ -78,7 +78,7 @@ SEEDS = range(30)
 
 def test_without_the_rule_a_restored_producer_contradicts_itself(monkeypatch):
     """The schedule is sharp enough: turn the rules off, and some seeds show two words of one round (F6, C1)."""
-    monkeypatch.setattr(SigningGuard, "bars", False)
+    monkeypatch.setattr(SigningGuard, "is_blocking", False)
     monkeypatch.setattr(SigningGuard, "_first_safe_round", lambda self: 1)
     caught = 0
     for seed in SEEDS:
@@ -95,10 +95,10 @@ def test_with_the_rule_a_restored_producer_never_contradicts_itself_and_takes_pa
         cluster = restore_in_the_middle(seed, flagged=flagged)
         cluster.links = Links(delay_min=5, delay_max=60)
         if flagged:
-            assert cluster.nodes[3].core.silence.reason == "restored", seed
+            assert cluster.nodes[3].core.lockout.reason == "restored", seed
         txid = live(cluster, 40, step_ms=300)
         assert cluster.run(20_000, lambda txid=txid, cluster=cluster: cluster.all_final([txid])), seed
-        assert cluster.nodes[3].core.silence is None, seed
+        assert cluster.nodes[3].core.lockout is None, seed
         before = words_of(cluster, 3)
         live(cluster, 5)
         assert words_of(cluster, 3) > before, seed
@@ -116,7 +116,7 @@ def test_a_lost_journal_is_made_good_by_silence():
     assert words_of(cluster, 2) == before
     txid = live(cluster, 30, step_ms=200)
     assert cluster.run(10_000, lambda: cluster.all_final([txid]))
-    assert cluster.nodes[2].core.silence is None
+    assert cluster.nodes[2].core.lockout is None
 
 
 def test_a_silent_producer_that_crashes_is_still_silent():
@@ -129,13 +129,13 @@ def test_a_silent_producer_that_crashes_is_still_silent():
     cluster.reconnect(1)
     for _ in range(3):
         cluster.run(120)
-        assert cluster.nodes[1].core.silence.reason == "restored"
+        assert cluster.nodes[1].core.lockout.reason == "restored"
         cluster.nodes[1].crash()
         cluster.nodes[1].start_if_down()
         cluster.reconnect(1)
     txid = live(cluster, 30, step_ms=200)
     assert cluster.run(20_000, lambda: cluster.all_final([txid]))
-    assert cluster.nodes[1].core.silence is None
+    assert cluster.nodes[1].core.lockout is None
 
 
 def test_an_idle_network_lets_a_restored_producer_speak_after_some_heartbeats():
@@ -146,7 +146,7 @@ def test_an_idle_network_lets_a_restored_producer_speak_after_some_heartbeats():
     cluster.nodes[0].crash()
     restore(cluster.nodes[0], image, flagged=True)
     cluster.reconnect(0)
-    assert cluster.run(120_000, lambda: cluster.nodes[0].core.silence is None)
+    assert cluster.run(120_000, lambda: cluster.nodes[0].core.lockout is None)
 
 
 @pytest.mark.parametrize("restored", [[0, 1], [0, 1, 2, 3]])
@@ -166,7 +166,7 @@ def test_more_restored_than_the_chain_tolerates_stand_still_and_say_so(restored)
     cluster.submit()
     cluster.run(120_000)
     for number in restored:
-        assert "all organisations must sign a restart" in cluster.nodes[number].core.silence.until
+        assert "all organisations must sign a restart" in cluster.nodes[number].core.lockout.until
         assert cluster.nodes[number].height <= height + 1
 
 
@@ -181,7 +181,7 @@ def test_of_seven_two_restored_come_back_while_the_others_go_on():
         cluster.reconnect(number)
     txid = live(cluster, 60, step_ms=150)
     assert cluster.run(20_000, lambda: cluster.all_final([txid]))
-    assert all(node.core.silence is None for node in cluster.nodes)
+    assert all(node.core.lockout is None for node in cluster.nodes)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -195,7 +195,7 @@ def test_after_a_power_cut_of_all_one_exchange_is_enough(seed):
         node.start_if_down()
     for node in cluster.nodes:
         cluster.reconnect(node.number)
-    assert cluster.run(2 * 60 + 1, lambda: all(node.core.silence is None for node in cluster.nodes))
+    assert cluster.run(2 * 60 + 1, lambda: all(node.core.lockout is None for node in cluster.nodes))
     txid = cluster.submit()
     assert cluster.run(10_000, lambda: cluster.all_final([txid]))
 
@@ -204,7 +204,7 @@ def test_requests_that_are_lost_are_made_again():
     cluster = Cluster(4)
     cluster.links = Links(delay_min=5, delay_max=60, loss=0.5)
     cluster.start()
-    assert cluster.run(20_000, lambda: all(node.core.silence is None for node in cluster.nodes))
+    assert cluster.run(20_000, lambda: all(node.core.lockout is None for node in cluster.nodes))
 
 
 def test_a_restored_producer_waits_into_the_next_epoch():
@@ -220,7 +220,7 @@ def test_a_restored_producer_waits_into_the_next_epoch():
     assert cluster.run(20_000, lambda: all(node.epoch.number == 1 for node in cluster.nodes))
     txid = live(cluster, 40, step_ms=200)
     assert cluster.run(20_000, lambda: cluster.all_final([txid]))
-    assert all(node.core.silence is None for node in cluster.nodes)
+    assert all(node.core.lockout is None for node in cluster.nodes)
 
 
 def test_every_honest_node_holds_the_same_evidence_against_a_liar():

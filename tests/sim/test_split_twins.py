@@ -51,5 +51,5 @@ def test_of_seven_a_leader_that_splits_its_twins_evenly_is_found_out():
 
 
 def test_without_the_rule_it_is_not(monkeypatch):
-    monkeypatch.setattr(MessageLog, "confront", lambda self, round_number: (b"", []))
+    monkeypatch.setattr(MessageLog, "find_conflicting_voters", lambda self, round_number: (b"", []))
     assert evidence_after_a_while() == []

@@ -16,8 +16,8 @@ from typing import Any
 
 from playwright.async_api import Browser, Page, async_playwright, expect
 
-from network.cli.cluster.explore_command import find_entrance
-from network.cli.contract.contract_signers import find_signers
+from network.cli.cluster.explore_commands import open_explorer
+from network.cli.contract.contract_signers import get_signers
 from tests.cluster.network_under_test import running
 from tests.ui.chromium import open_chromium
 from tests.ui.console_under_test import ConsoleUnderTest
@@ -39,7 +39,7 @@ async def _wallet(network: RecordedNetwork, page: Page, folder: Path) -> dict[st
 
 
 async def _explorer(network: RecordedNetwork, page: Page) -> dict[str, float]:
-    entrance = await find_entrance(find_signers(network.network.folder, None, None, None), "node-1")
+    entrance = await open_explorer(get_signers(network.network.folder, None, None, None), "node-1")
     await page.goto(entrance.target)
     await expect(page.locator("#state")).to_contain_text("session until", timeout=SETTLED_MS)
     return await weigh(page)

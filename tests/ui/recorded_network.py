@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from clients.robot.run.run_summary import FrameCounts
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.store.keystore import Keystore
 from consensus.chain.genesis import Genesis
@@ -80,7 +80,7 @@ class RecordedNetwork:
         await self.start_unregistered()
         async with self.wallet() as ann:
             await ann.register(self.issue_card(UID, "subject"), [])
-            await Consenting(ann).give(["demo"], ["depth"])
+            await ConsentClient(ann).give(["demo"], ["depth"])
         await self.prepare_robot()
         await self.record()
 

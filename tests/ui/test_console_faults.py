@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from playwright.async_api import Page, Request, expect
 
 from network.cli.main import main
-from network.console.looking import parse_counts
+from network.console.node_polling import parse_counts
 from network.faults.control import FaultControl
 from network.faults.plan import STEP_FIELDS
 from node.config import OPERATOR_HOST, reading_headers

@@ -14,7 +14,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, Request, Route, expect
 
-from clients.wallet.records.erasure import Erasing
+from clients.wallet.records.erasure import ErasureClient
 from consensus.primitives.encoding import encode_value
 from node.config import CONFIG_FILE
 from tests.ui.accessible import find_accessibility_faults
@@ -362,8 +362,8 @@ async def test_an_erasure_is_told_with_the_receipt_of_each_custodian_and_with_no
     page: Page, recorded_network: RecordedNetwork
 ) -> None:
     async with recorded_network.wallet() as ann:
-        ((visit, ids),) = await Erasing(ann).request_each([recorded_network.records[-1]], [])
-        await Erasing(ann).wait_complete(visit, ids, 60.0)
+        ((visit, ids),) = await ErasureClient(ann).request_each([recorded_network.records[-1]], [])
+        await ErasureClient(ann).wait_complete(visit, ids, 60.0)
     await enter(page, recorded_network.network, "custody")
     await expect(page.get_by_text("receipt; complete")).to_be_visible()
     await page.get_by_role("link", name="1 record").first.click()

@@ -9,9 +9,9 @@ import click
 import pytest
 from playwright.async_api import Page
 
-from clients.wallet.present.translations import choose_language
+from clients.wallet.presentation.translations import choose_language
 from clients.wallet.recovery.guardian_sheets import build_sheet, read_written, write_sheets
-from clients.wallet.recovery.slip39_shares import split_words, take_words
+from clients.wallet.recovery.slip39_shares import split_into_words, split_words
 from clients.wallet.store.guardian_set import GuardianSet
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.watched_page import NARROW
@@ -54,8 +54,8 @@ async def test_what_is_copied_out_of_a_sheet_in_the_browser_is_read_again(page: 
     await page.goto(file.as_uri())
     assert await page.locator("script").count() == 0
     copied = await page.locator("#words").inner_text()
-    assert take_words(copied) == share.split()
-    assert take_words(read_written(file)) == share.split()
+    assert split_into_words(copied) == share.split()
+    assert split_into_words(read_written(file)) == share.split()
 
 
 def test_a_sheet_says_all_that_a_guardian_has_to_know() -> None:

@@ -9,7 +9,7 @@ from playwright.async_api import Page, expect
 from network.cluster import Cluster
 from network.console.live import LiveConsole
 from network.provisioning.network_layout import create_network
-from tests.unit.network.console.sights import sights
+from tests.unit.network.console.polls import polls
 
 PAPER_PX = (718, 1047)
 """A4 at 96 to the inch, within margins of a centimetre."""
@@ -26,7 +26,7 @@ async def test_what_happened_is_printed_with_its_times_and_over_the_whole_width(
     folder = tmp_path / "network"
     create_network(folder, nodes=4, organisations=2, base_port=20_000, store="sqlite", faults=True)
     console = LiveConsole(Cluster(folder))
-    console._take(sights())
+    console._update(polls())
     file = tmp_path / "run.html"
     file.write_text(console.export(), encoding="utf-8")
     await page.goto(file.as_uri())

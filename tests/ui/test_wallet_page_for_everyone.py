@@ -11,7 +11,7 @@ import pytest
 from playwright.async_api import Page, Route, expect
 
 from clients.wallet.page.page import ASSETS
-from clients.wallet.present.translations import LANGUAGES, section
+from clients.wallet.presentation.translations import LANGUAGES, section
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.full_day import RECORDS_COUNT, VISITS_COUNT, measure_full_day, serve_full_day, weigh_all_views
 from tests.ui.recorded_network import RecordedNetwork

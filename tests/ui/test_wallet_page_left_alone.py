@@ -16,7 +16,7 @@ import pytest_asyncio
 from msgspec.structs import replace
 from playwright.async_api import Dialog, Page, Route, expect
 
-from clients.wallet.consent.consent_choices import ConsentDecision, Consenting
+from clients.wallet.consent.consent_choices import ConsentClient, ConsentDecision
 from clients.wallet.page.routes import clip_routes
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.rights.notices import encode_notice
@@ -176,9 +176,9 @@ async def test_whoever_reloads_while_something_is_under_way_is_asked_first(
     shown: Shown, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page, may_go_on, was_asked, asked = shown.page, asyncio.Event(), asyncio.Event(), list[str]()
-    refuse = Consenting.refuse
+    refuse = ConsentClient.refuse
 
-    async def slowly(self: Consenting, *what: list[str]) -> ConsentDecision:
+    async def slowly(self: ConsentClient, *what: list[str]) -> ConsentDecision:
         await may_go_on.wait()
         return await refuse(self, *what)
 
@@ -187,7 +187,7 @@ async def test_whoever_reloads_while_something_is_under_way_is_asked_first(
         await dialog.dismiss()
         was_asked.set()
 
-    monkeypatch.setattr(Consenting, "refuse", slowly)
+    monkeypatch.setattr(ConsentClient, "refuse", slowly)
     page.on("dialog", stay)
     await page.evaluate("() => { location.hash = '#/consent'; }")
     await page.locator("[data-key=no-research-rgb]").click(timeout=SOON_MS)

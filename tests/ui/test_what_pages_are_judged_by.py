@@ -7,7 +7,7 @@ import re
 import pytest
 from playwright.async_api import Page
 
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.records.viewing import RecordViewer
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.watched_page import NARROW, Pages, Watch
@@ -94,7 +94,7 @@ async def test_what_a_page_complains_of_and_whom_it_calls_is_noticed(page: Page,
 async def test_a_recorded_person_can_look_at_her_record(recorded_network: RecordedNetwork) -> None:
     (entry,) = recorded_network.records[:1]
     async with recorded_network.wallet() as ann:
-        viewing = Viewing(ann)
+        viewing = RecordViewer(ann)
         access_id = await viewing.request_access([entry], "demo")
         view = await viewing.view(entry, access_id)
     assert entry.metadata.frame_count == len(view.frames) > 0

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from clients.wallet.recovery.slip39_shares import Gathering, read_share, require_of_wallet
+from clients.wallet.recovery.slip39_shares import ShareCollector, read_share, require_of_wallet
 from consensus.errors import BlockRobotError
 
 VECTORS: list[dict[str, Any]] = json.loads(Path(__file__).with_name("slip39.json").read_text(encoding="utf-8"))
@@ -37,8 +37,8 @@ REFUSED = {
 }
 
 
-def gather(vector: dict[str, Any]) -> Gathering:
-    gathering = Gathering()
+def gather(vector: dict[str, Any]) -> ShareCollector:
+    gathering = ShareCollector()
     for share in vector["shares"]:
         gathering.add(read_share(share))
     return gathering

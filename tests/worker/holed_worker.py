@@ -27,7 +27,7 @@ from contracts.execution.results import BlockContext, BlockResult, note_nothing
 from contracts.execution.views import run_view
 from contracts.state.view import StateReader, StateView
 from contracts.vm import compile_contract
-from contracts.worker.process import Workplace
+from contracts.worker.process import WorkerTools
 from contracts.worker.wire import Begin
 from node.execution.contract_worker import main, prepare
 
@@ -107,7 +107,7 @@ class HoledMachine:
         )
 
 
-def prepare_holed(begin: Begin) -> Workplace:
+def prepare_holed(begin: Begin) -> WorkerTools:
     """Prepare as the real worker does, then put the hole in."""
     place = prepare(begin)
     vm_host.hashing = SimpleNamespace(**{**vars(hashing), "sha256": holed_sha256})

@@ -22,10 +22,10 @@ MODULES = [
     import_module(f"clients.{place}")
     for place in (
         *("officer.breach_commands", "officer.lost_keys_commands", "officer.officer_mandates_commands"),
-        *("wallet.commands.audit_command", "wallet.commands.consent_commands", "wallet.commands.erase_command"),
-        *("wallet.commands.export_command", "wallet.commands.inbox_commands", "wallet.commands.mandates_commands"),
-        *("wallet.commands.notice_commands", "wallet.commands.records_command", "wallet.commands.rights_commands"),
-        *("wallet.commands.share_commands", "wallet.commands.view_commands", "wallet.records.erasure_status"),
+        *("wallet.commands.audit_commands", "wallet.commands.consent_commands", "wallet.commands.erase_commands"),
+        *("wallet.commands.export_commands", "wallet.commands.inbox_commands", "wallet.commands.mandates_commands"),
+        *("wallet.commands.notice_commands", "wallet.commands.records_commands", "wallet.commands.rights_commands"),
+        *("wallet.commands.share_commands", "wallet.commands.view_commands"),
     )
 ]
 """Those whose commands act on a wallet that was opened."""

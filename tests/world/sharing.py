@@ -16,7 +16,7 @@ from clients.sdk.proof_checks import ProvedState
 from clients.sdk.sessions import GrantKey
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.sharing.incoming_shares import IncomingShares
-from clients.wallet.sharing.outgoing_shares import Grantee, Shared, Sharing
+from clients.wallet.sharing.outgoing_shares import FinalGrant, Grantee, SharingClient
 from clients.wallet.store.keystore import KnownVisit
 from consensus.api_documents import ProofsAnswer
 from consensus.chain.block import FinalityProof, Header
@@ -175,7 +175,7 @@ class SharedWard(Ward):
         self.custody = self.network.custody
         self.wallet.network = self.network  # type: ignore[assignment]
         self.pauses_s: list[float] = []
-        self.sharing = Sharing(self.wallet, sleep=self._pause)
+        self.sharing = SharingClient(self.wallet, sleep=self._pause)
         self.told: list[str] = []
 
     async def _pause(self, seconds: float) -> None:
@@ -201,12 +201,12 @@ class SharedWard(Ward):
         return -(-(self.chain.time_ms + ahead_ms) // GRANT_STEP_MS) * GRANT_STEP_MS
 
     async def grantee(self, wallet: Wallet, label: str = "Dr Weber") -> Grantee:
-        return await self.sharing.find_grantee(wallet.store.content.handle.hex(), label)
+        return await self.sharing.resolve_grantee(wallet.store.content.handle.hex(), label)
 
     async def entries(self) -> list[RecordEntry]:
         return [entry for report in await self.wallet.records() for entry in report.records]
 
-    async def share(self, wallet: Wallet, purpose: str = "care", **given: Any) -> Shared:
+    async def share(self, wallet: Wallet, purpose: str = "care", **given: Any) -> FinalGrant:
         """Share all of the patient's records with somebody, for a week."""
         entries = await self.entries()
         grantee = await self.grantee(wallet, given.get("label", "Dr Weber"))

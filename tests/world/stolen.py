@@ -18,7 +18,7 @@ from clients.sdk.proof_checks import ProvedState
 from clients.wallet.cli import wallet_context
 from clients.wallet.cli.main import wallet
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.store.keystore import Keystore, KnownVisit
 from clients.wallet.store.member_keys import derive_keys
 from consensus.chain.transaction import Transaction
@@ -29,7 +29,7 @@ from consensus.records.envelopes import seal_metadata
 from consensus.records.metadata import RecordMetadata, compute_metadata_hash
 from consensus.state.identity import active_role
 from consensus.state.records import decided_root
-from contracts.execution.sender_admission import has_standing
+from contracts.execution.sender_admission import is_admitted
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit, key_of
 from tests.world.dicts import CHEAP
 from tests.world.ward import Patient
@@ -114,7 +114,7 @@ class Chain:
 
     async def submit_and_wait(self, transaction: Transaction) -> Final:
         self.power.moment()
-        if not has_standing(self.hospital.state, transaction, self.hospital.time_ms):
+        if not is_admitted(self.hospital.state, transaction, self.hospital.time_ms):
             raise BlockRobotError("SENDER_NOT_ADMITTED")
         self.calls.append((transaction.body.sender, transaction.body.entry))
         (receipt,) = self.hospital.block([transaction])
@@ -210,9 +210,9 @@ async def no_pause(_: float) -> None:
     """Chance decides how long; here nobody waits."""
 
 
-async def take_new_words(wallet: Wallet, sleep: Callable[[float], Awaitable[None]] = no_pause) -> Rotating:
+async def take_new_words(wallet: Wallet, sleep: Callable[[float], Awaitable[None]] = no_pause) -> KeyRotation:
     """Do what `wallet rotate` does up to the new member key, and move no visit yet."""
-    rotating = Rotating(wallet, sleep=sleep)
+    rotating = KeyRotation(wallet, sleep=sleep)
     rotating.prepare()
     rotating.confirm_shown()
     assert await rotating.rotate()

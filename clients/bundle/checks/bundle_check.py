@@ -18,6 +18,7 @@ from clients.bundle.proving import (
     Heard,
     Proofs,
     Proven,
+    build_documents,
     first_files,
     fixed_files,
     known_form,
@@ -25,10 +26,9 @@ from clients.bundle.proving import (
     proof_files,
     prove,
     sign_parts,
-    tell_all,
     walk_visits,
 )
-from clients.sdk.terminal.plurals import counted
+from clients.sdk.terminal.plurals import pluralize
 from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import recover
@@ -144,7 +144,9 @@ class _Check:
         self._check_signatures(genesis.chain_id, manifest_bytes, proven)
         self._expect(first_files())
         visits = self._check_frames(proven)
-        self._expect(tell_all(proven, visits) + proof_files(proofs) + fixed_files(genesis_text, manifest.version))
+        self._expect(
+            build_documents(proven, visits) + proof_files(proofs) + fixed_files(genesis_text, manifest.version)
+        )
         self._order += [layout.MANIFEST, layout.SIGNATURES]
         names, known = [entry.name for entry in self._reader.entries], set(self._order)
         for name in names:
@@ -259,8 +261,8 @@ class _Check:
 
     def _verdict(self, manifest: doc.Manifest, proven: Proven, visits: tuple[doc.VisitDocument, ...]) -> Verdict:
         times_ms, consents = proven.chain.times_ms, proven.consents
-        told = [visit.proved_from_height for visit in visits] + [consents.proved_at_height] * bool(consents.member)
-        as_of = min(told, default=0)
+        heights = [visit.proved_from_height for visit in visits] + [consents.proved_at_height] * bool(consents.member)
+        as_of = min(heights, default=0)
         return Verdict(
             manifest=manifest,
             is_anchored=self._expected is not None,
@@ -307,28 +309,28 @@ def unproved(verdict: Verdict) -> list[str]:
     partial = [visit for visit in verdict.visits if not visit.is_whole]
     if partial:
         lines.append(
-            f"that nothing else happened in {counted(len(partial), 'visit')} of which only a part was exported"
+            f"that nothing else happened in {pluralize(len(partial), 'visit')} of which only a part was exported"
         )
     open_metadata = [record for record in verdict.records if record.sensor and not record.metadata_proved]
     if open_metadata:
         lines.append(
-            f"sensor, times and counts of {counted(len(open_metadata), 'record')}, which are the exporter's word"
+            f"sensor, times and counts of {pluralize(len(open_metadata), 'record')}, which are the exporter's word"
         )
     known = [record for record in verdict.records if record.metadata_proved and record.frames]
     miscounted = sum(len(record.frames) != record.frame_count for record in known)
     if miscounted:
-        records = counted(miscounted, "record")
+        records = pluralize(miscounted, "record")
         lines.append(f"which pictures {records} should hold: the robot counted others than it committed to")
     unnamed = sum(
         record.metadata_proved and record.status == "active" and record.frame_count > 0 and not record.frames
         for record in verdict.records
     )
     if unnamed:
-        lines.append(f"anything of the pictures of {counted(unnamed, 'record')}, which the bundle does not name")
+        lines.append(f"anything of the pictures of {pluralize(unnamed, 'record')}, which the bundle does not name")
     for status, of_one, of_many in _GONE:
         count = sum(frame.status == status for frame in verdict.frames)
         if count:
-            lines.append(f"anything of {counted(count, f'picture, which {of_one}', f'pictures, which {of_many}')}")
+            lines.append(f"anything of {pluralize(count, f'picture, which {of_one}', f'pictures, which {of_many}')}")
     consents = verdict.consents
     if consents.member:
         shown = set(verdict.visits_of_member)
@@ -342,7 +344,7 @@ def unproved(verdict: Verdict) -> list[str]:
     missing = sum(max(0, visit.missing) for visit in verdict.visits)
     if missing:
         lines.append(
-            f"anything of {counted(missing, 'record')} that the robot numbered and never brought to the ledger"
+            f"anything of {pluralize(missing, 'record')} that the robot numbered and never brought to the ledger"
         )
     lines.append(
         "when the bundle was made, what was asked for, and why anything is missing: the exporter's word, signed"
@@ -358,6 +360,6 @@ def _unsigned(verdict: Verdict) -> list[str]:
     words = [word for word in verdict.consents.history if word.kind in RECEIPTED]
     count = sum(word.transaction not in receipted for word in words)
     if count:
-        said = f"{count} of the owner's words on consent {'was' if count == 1 else 'were'} said"
-        lines.append(f"under which notice {said}: no receipt by both sides is here")
+        statement = f"{count} of the owner's words on consent {'was' if count == 1 else 'were'} said"
+        lines.append(f"under which notice {statement}: no receipt by both sides is here")
     return lines

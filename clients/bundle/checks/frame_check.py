@@ -103,12 +103,12 @@ def walk_frames(
     """Yield a record's frame files in order; return documents. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN,
     RENDITION_CORRUPTED.
     """
-    told = []
+    documents = []
     for index, leaf in enumerate(_read_leaves(opening, state)):
         salt = read_bytes(RECORD_OPENINGS, opening.salts[index])
         if not salt:
             status = ERASED if index in state.erased_frames else ABSENT
-            told.append(FrameDocument(index, status, 0, 0, "", "", []))
+            documents.append(FrameDocument(index, status, 0, 0, "", "", []))
             continue
         name = rendition_name(visit, record, index)
         if index in state.erased_frames:
@@ -129,8 +129,8 @@ def walk_frames(
         for place, data in shown:
             yield Piece(place, data, is_drawn=True)
         about = (rendition.captured_at_ms, rendition.sequence, rendition.encoding)
-        told.append(FrameDocument(index, status, *about, name, [place for place, _ in shown]))
-    return told
+        documents.append(FrameDocument(index, status, *about, name, [place for place, _ in shown]))
+    return documents
 
 
 def _draw_all(rendition: Rendition, background: bytes | None) -> tuple[str, list[tuple[str, bytes | Pixels]]]:

@@ -69,11 +69,11 @@ def _prove_step(chain: ProvedChain, genesis: Genesis, step: doc.KeyChange) -> tu
     transaction = decode_transaction(doc.read_bytes(KEY_HISTORY, step.transaction))
     transaction.verify_sender()
     proved = chain.receipt(KEY_HISTORY, step.proof)
-    told = read_step(transaction)
+    key_step = read_step(transaction)
     is_right = transaction.body.chain_id == genesis.chain_id and proved.receipt.txid == transaction.txid
     if not is_right or not proved.receipt.ok:
         raise _unproven("A rotation of keys is not what the ledger took.")
-    return (proved.height, proved.index), told
+    return (proved.height, proved.index), key_step
 
 
 def own_steps(events: Sequence[tuple[bytes, str, dict[str, Any]]], member: bytes) -> list[bytes]:

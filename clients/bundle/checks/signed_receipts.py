@@ -48,7 +48,9 @@ def prove_signed(
     return tuple(found)
 
 
-def require_told(signed: doc.SignedReceipts, found: Sequence[CheckedReceipt], consents: doc.ConsentsDocument) -> None:
+def require_proved_consents(
+    signed: doc.SignedReceipts, found: Sequence[CheckedReceipt], consents: doc.ConsentsDocument
+) -> None:
     """Raise BUNDLE_UNPROVEN unless receipts match proved consents or registrations."""
     proved = {(word.transaction, word.kind, word.height) for word in consents.history}
     for number, (entry, checked) in enumerate(zip(signed.receipts, found, strict=True), 1):
@@ -64,13 +66,13 @@ def is_registering(entry: doc.ReceiptEntry) -> bool:
     return transaction.body.contract == _REGISTERING
 
 
-def tell_signed(signed: doc.SignedReceipts, found: Sequence[CheckedReceipt]) -> doc.SignedReceiptsDocument:
+def build_signed_receipts(signed: doc.SignedReceipts, found: Sequence[CheckedReceipt]) -> doc.SignedReceiptsDocument:
     return doc.SignedReceiptsDocument(
-        [_tell(entry, checked) for entry, checked in zip(signed.receipts, found, strict=True)]
+        [_build_receipt(entry, checked) for entry, checked in zip(signed.receipts, found, strict=True)]
     )
 
 
-def _tell(entry: doc.ReceiptEntry, checked: CheckedReceipt) -> doc.SignedReceiptDocument:
+def _build_receipt(entry: doc.ReceiptEntry, checked: CheckedReceipt) -> doc.SignedReceiptDocument:
     word, row = checked.word, None if checked.published is None else checked.published.row
     return doc.SignedReceiptDocument(
         transaction=word.txid.hex(),

@@ -170,8 +170,8 @@ def _deciding_key(proved: Proved, owner: bytes, trail: tuple[tuple[int, EntryRow
             raise _unproven("The bundle does not prove which key decides of a visit that may have been transferred.")
         return owner
     current = _row(proved, CURRENT, owner)
-    told = 0 if current is None else current.transfers
-    if told < transfers or found.height < proved[COUNT.key(owner)].height:
+    proved_transfers = 0 if current is None else current.transfers
+    if proved_transfers < transfers or found.height < proved[COUNT.key(owner)].height:
         raise _unproven("What the bundle proves of the key that decides of a visit is older than the visit's trail.")
     return deciding_key(owner, current)
 

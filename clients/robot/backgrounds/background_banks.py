@@ -98,15 +98,15 @@ def record_scene(robot: Path, viewpoint: str, frames: Sequence[Depth], now_ms: i
         write_private(folder / f"{number:03d}.png", png)
     write_private(folder / _PREVIEW, _preview(chosen))
     _write(folder, _Stored(viewpoint, now_ms, [hashlib.sha256(png).hexdigest() for png in pngs]))
-    return find_scene(robot, viewpoint)
+    return get_scene(robot, viewpoint)
 
 
 def list_scenes(robot: Path) -> list[EmptyScene]:
     found = sorted((robot / FOLDER).glob(f"*/{_SCENE}"))
-    return [find_scene(robot, path.parent.name) for path in found]
+    return [get_scene(robot, path.parent.name) for path in found]
 
 
-def find_scene(robot: Path, viewpoint: str) -> EmptyScene:
+def get_scene(robot: Path, viewpoint: str) -> EmptyScene:
     """Raises BACKGROUND_NOT_FOUND, BACKGROUND_INVALID."""
     folder = _folder(robot, viewpoint)
     stored = _read(folder)
@@ -127,7 +127,7 @@ def approve_scene(robot: Path, viewpoint: str, *, by: str, days: int, now_ms: in
     """Record a person's approval for `days`. Raises BACKGROUND_*."""
     if not by.strip() or not 1 <= days <= VALID_MAX_DAYS:
         raise BlockRobotError("BACKGROUND_INVALID", f"An approval names a person and 1 to {VALID_MAX_DAYS} days.")
-    scene = find_scene(robot, viewpoint)
+    scene = get_scene(robot, viewpoint)
     stored = msgspec.structs.replace(
         _read(scene.folder),
         approved_by=by.strip(),
@@ -147,7 +147,7 @@ def approve_scene(robot: Path, viewpoint: str, *, by: str, days: int, now_ms: in
 
 def approved_scene(robot: Path, viewpoint: str, now_ms: int) -> EmptyScene:
     """Raises BACKGROUND_NOT_FOUND, _NOT_APPROVED, _EXPIRED, _INVALID."""
-    scene = find_scene(robot, viewpoint)
+    scene = get_scene(robot, viewpoint)
     state = scene.state(now_ms)
     if state == "expired":
         raise BlockRobotError(
@@ -176,8 +176,8 @@ def check_empty(frames: Sequence[Depth]) -> None:
     """Raise BACKGROUND_INVALID on motion; still people go undetected."""
     changed = _most_changed(frames)[1]
     if _largest_px(changed) > MOVED_MAX_SHARE * changed.size:
-        told = f"Something moved in {4 * _largest_px(changed)} pixels: the scene was not empty."
-        raise BlockRobotError("BACKGROUND_INVALID", told)
+        detail = f"Something moved in {4 * _largest_px(changed)} pixels: the scene was not empty."
+        raise BlockRobotError("BACKGROUND_INVALID", detail)
 
 
 def moved_px(frames: Sequence[Depth]) -> int:

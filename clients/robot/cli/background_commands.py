@@ -13,7 +13,7 @@ from clients.robot.backgrounds.background_banks import (
     VALID_MAX_DAYS,
     EmptyScene,
     approve_scene,
-    find_scene,
+    get_scene,
     list_scenes,
     record_scene,
 )
@@ -24,7 +24,7 @@ from clients.robot.identity.robot_keys import is_sealed
 from clients.robot.sensing.sensor_events import Depth
 from clients.robot.sources.live.live_sampling import record_empty_frames
 from clients.sdk.terminal.terminal import can_ask, command_output, console, print_answer
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 
 @click.group()
@@ -96,7 +96,7 @@ def list_command(ctx: click.Context, as_json: bool) -> None:
         print_answer(RobotViewpointsAnswer(viewpoints=rows))
         return
     for row in rows:
-        by = f"approved by {row.approved_by} until {show_moment(row.expires_at_ms)}" if row.approved_by else ""
+        by = f"approved by {row.approved_by} until {format_time(row.expires_at_ms)}" if row.approved_by else ""
         state = "" if row.state == "approved" else row.state
         console.print(f"{row.viewpoint}: {row.frames} frames, {', '.join(filter(None, (state, by)))}")
     if not rows:
@@ -122,19 +122,19 @@ def approve_command(ctx: click.Context, viewpoint: str, by: str, days: int, yes:
     Example: blockrobot robot background approve ward-3 --by "A. Nurse" --days 30
     """
     folder = ctx.obj.folder
-    scene = find_scene(folder, viewpoint)
+    scene = get_scene(folder, viewpoint)
     if not yes:
         if not can_ask():
-            told = (
+            detail = (
                 f"There is no terminal to ask whether you have looked at {scene.preview}: look at it, and give --yes."
             )
-            raise click.UsageError(told)
+            raise click.UsageError(detail)
         click.confirm(f"Have you looked at {scene.preview}, and is nobody in it?", abort=True, err=True)
     approved = approve_scene(folder, viewpoint, by=by, days=days, now_ms=_now_ms())
     if as_json:
         print_answer(_viewpoint(approved))
     else:
-        console.print(f"{viewpoint} is approved until {show_moment(approved.expires_at_ms)}.")
+        console.print(f"{viewpoint} is approved until {format_time(approved.expires_at_ms)}.")
 
 
 def _now_ms() -> int:

@@ -260,7 +260,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         viewpoint=options["viewpoint"],
         lasts_s=options.get("seconds"),
         copies=options["copies"],
-        approver=place.find_approver(options["approve_as"]),
+        approver=place.get_approver(options["approve_as"]),
     )
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)

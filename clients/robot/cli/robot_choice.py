@@ -36,7 +36,7 @@ class RobotPlace:
             return read_passphrase(file)
         return str(click.prompt("Passphrase of the robot", hide_input=True, err=True)) if can_ask() else None
 
-    def find_approver(self, organisation: str | None) -> PrivateKey | None:
+    def get_approver(self, organisation: str | None) -> PrivateKey | None:
         """Return the organisation's admin key beside the genesis file. Raises ORGANISATION_KEY_NOT_FOUND."""
         if organisation is None:
             return None

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from msgspec import UnsetType
 
-from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX
 from clients.robot.hiding.match_evidence import Obstacle
 from clients.robot.hiding.merged_evidence import MergedBy
 from clients.robot.run.run_summary import (
@@ -79,9 +79,9 @@ def summary_lines(summary: RunSummary) -> Iterator[str]:
     yield from _unknown_lines(intake.unknown_tags)
     yield from consent_lines(summary.consents)
     for kind, reasons in intake.messages_refused.items():
-        told = "; ".join(f"{count} {reason}: {REASON_WORDS.get(reason, reason)}" for reason, count in reasons.items())
+        listed = "; ".join(f"{count} {reason}: {REASON_WORDS.get(reason, reason)}" for reason, count in reasons.items())
         first = intake.first_refused.get(kind)
-        line = f"Not usable: {sum(reasons.values())} {KIND_WORDS[kind]} ({told})."
+        line = f"Not usable: {sum(reasons.values())} {KIND_WORDS[kind]} ({listed})."
         yield f"{line} The first: {first}" if first else line
         if "json" in reasons:
             yield 'A field holds JSON text: name the value in it in the topics file, as in epc = "data{}.uid".'
@@ -142,14 +142,14 @@ def _merged_lines(rows: list[MergedTag]) -> Iterator[str]:
 
 def refused_lines(refused: dict[str, int]) -> Iterator[str]:
     if refused:
-        told = ", ".join(f"{count} {code}" for code, count in refused.items())
-        yield f"Custodians took no upload {sum(refused.values())} times ({told}); what was refused was tried again."
+        listed = ", ".join(f"{count} {code}" for code, count in refused.items())
+        yield f"Custodians took no upload {sum(refused.values())} times ({listed}); what was refused was tried again."
 
 
 def _withheld(counts: FrameCounts) -> str:
     reasons = counts.withheld_reasons
-    told = [f"{count} {reason}" for reason, count in reasons.items()] if len(reasons) > 1 else list(reasons)
-    return f"{counts.withheld} withheld" + (f" ({', '.join(told)})" if told else "")
+    listed = [f"{count} {reason}" for reason, count in reasons.items()] if len(reasons) > 1 else list(reasons)
+    return f"{counts.withheld} withheld" + (f" ({', '.join(listed)})" if listed else "")
 
 
 def _live_lines(intake: RunIntake) -> Iterator[str]:

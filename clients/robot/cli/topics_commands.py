@@ -11,7 +11,7 @@ from clients.robot.cli.live_options import look_options, make_feeds
 from clients.robot.cli.robot_answers import RobotTopic, RobotTopicsAnswer
 from clients.robot.sources.live.live_sampling import Sample
 from clients.robot.sources.recordings.recording import Recording
-from clients.robot.sources.recordings.topic_listing import Listed, draft_topics, list_topics, next_steps
+from clients.robot.sources.recordings.topic_listing import ListedTopic, draft_topics, list_topics, next_steps
 from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer
 
@@ -69,7 +69,7 @@ def _open(recording: Path | None, options: dict[str, Any]) -> Recording | Sample
     return sample
 
 
-def _topic(item: Listed) -> RobotTopic:
+def _topic(item: ListedTopic) -> RobotTopic:
     figures = item.figures
     return RobotTopic(
         topic=figures.name,

@@ -13,11 +13,11 @@ import hashlib
 import hmac
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 import structlog
 
 from clients.robot.consent.registry_reader import Majority, Reading, RegistryReader
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.pairing.rosters import RosterBook
 from clients.robot.recording.spool import SpooledClip
 from clients.robot.run.run_summary import ConsentCounts
@@ -38,14 +38,6 @@ _Place = tuple[bytes, str, str, int]
 """Whose consent, to which purpose and sensor, from which height on."""
 
 _log = structlog.get_logger("consents")
-
-
-class Refusal(StrEnum):
-    """Why a picture may not be kept."""
-
-    STALE = "registry-stale"
-    NO_CONSENT = "no-consent"
-    OUTSIDE = "outside-consent"
 
 
 def compute_stale_after_ms(heartbeat_ms: int) -> int:
@@ -231,16 +223,16 @@ class Consents:
 
     # Answers
 
-    def find_refusal(self, handle: bytes, purpose: str, sensor: str, taken_at_ms: int) -> Refusal | None:
+    def find_withhold_reason(self, handle: bytes, purpose: str, sensor: str, taken_at_ms: int) -> WithholdReason | None:
         """Return why a picture taken then may not be kept, or None."""
         if self._view is None or not self.is_fresh():
-            return Refusal.STALE
+            return WithholdReason.STALE
         consent = self._consent(self._view, handle, purpose, sensor)
         if consent is None:
-            return Refusal.NO_CONSENT
+            return WithholdReason.NO_CONSENT
         began_ms = self._began_ms(handle, purpose, sensor, consent)
         ended = consent.until_ms and taken_at_ms >= consent.until_ms
-        return Refusal.OUTSIDE if taken_at_ms < began_ms or ended else None
+        return WithholdReason.OUTSIDE if taken_at_ms < began_ms or ended else None
 
     def is_coming(self, handle: bytes, purpose: str, sensor: str) -> bool:
         """Return whether a consent awaits its height."""
@@ -263,7 +255,7 @@ class Consents:
     def person_tag(self, handle: bytes) -> bytes:
         return compute_person_tag(self._person_key, handle)
 
-    async def may_record(self, clip: SpooledClip) -> bool:
+    async def decide_recording(self, clip: SpooledClip) -> bool:
         """Wait for a fresh view later than the clip's last picture; return whether it may be recorded.
 
         In replays faster than real time, the sealing time counts. Raises SESSION_REFUSED, INTERNAL.
@@ -274,8 +266,8 @@ class Consents:
             await self._wait_to_know_of(min(clip.captured_until_ms, clip.decided_at_ms))
             if handle is None:
                 return False
-            refusals = {self.find_refusal(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends}
-            if Refusal.STALE not in refusals:
+            refusals = {self.find_withhold_reason(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends}
+            if WithholdReason.STALE not in refusals:
                 return refusals == {None}
             # The view turned stale since: that is no word of theirs.
             await self._news.wait()

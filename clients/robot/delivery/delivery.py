@@ -99,18 +99,18 @@ class Delivery:
         network: DeliveryNetwork,
         *,
         on_delivered: Callable[[Delivered], None],
-        may_record: Callable[[SpooledClip], Awaitable[bool]],
+        decide_recording: Callable[[SpooledClip], Awaitable[bool]],
         on_dropped: Callable[[SpooledClip], Awaitable[None]] = _nothing,
         at_once: bool = False,
     ) -> None:
-        """`may_record` is checked before each announcement or record, and again after upload.
+        """`decide_recording` is checked before each announcement or record, and again after upload.
 
         Refused clips are destroyed; `on_dropped` is called once that is durable.
         """
         self._spool = spool
         self._network = network
         self._on_delivered = on_delivered
-        self._may_record = may_record
+        self._may_record = decide_recording
         self._on_dropped = on_dropped
         self._delay_max_ms = 0 if at_once else SUBMIT_DELAY_MAX_MS
         self._loaded = asyncio.Semaphore(CLIPS_LOADED_MAX_COUNT)

@@ -47,10 +47,10 @@ class CompanionWatch:
     def _judge(self, silhouette: Silhouette, free: list[_Pool], at_ms: int) -> Silhouette:
         pool = self._pool_of(silhouette, free, at_ms)
         if pool.two:
-            return silhouette if silhouette.trouble == "merged" else _merged_by_pool(silhouette)
+            return silhouette if silhouette.withhold_reason == "merged" else _merged_by_pool(silhouette)
         settled = at_ms - pool.began_ms >= SETTLED_MS
-        if silhouette.trouble == "merged" and settled and silhouette.companion_odds <= self._model.certain:
-            return replace(silhouette, trouble="contact")
+        if silhouette.withhold_reason == "merged" and settled and silhouette.companion_odds <= self._model.certain:
+            return replace(silhouette, withhold_reason="contact")
         return silhouette
 
     def _pool_of(self, silhouette: Silhouette, free: list[_Pool], at_ms: int) -> _Pool:
@@ -71,5 +71,5 @@ class CompanionWatch:
 
 def _merged_by_pool(silhouette: Silhouette) -> Silhouette:
     company = silhouette.company
-    told = None if company is None else replace(company, by=MergedBy.BEFORE)
-    return replace(silhouette, trouble="merged", company=told)
+    earlier = None if company is None else replace(company, by=MergedBy.BEFORE)
+    return replace(silhouette, withhold_reason="merged", company=earlier)

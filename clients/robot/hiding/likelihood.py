@@ -116,7 +116,7 @@ class Filters:
 FILTERS = Filters()
 
 
-def take(belief: Belief, step: Step, distance_m: float, person_m: float) -> Belief:
+def update_belief(belief: Belief, step: Step, distance_m: float, person_m: float) -> Belief:
     """`person_m`: the person's range at the reading."""
     predicted = (step.motion @ belief.mean[:, :, None])[:, :, 0]
     error = distance_m - person_m * FILTERS.in_view - predicted[:, 0] - step.drifting * predicted[:, 2]

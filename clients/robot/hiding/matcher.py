@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clients.robot.hiding.likelihood import FILTERS, Belief, Step, log_antenna, log_evidence, log_sum, take
+from clients.robot.hiding.likelihood import FILTERS, Belief, Step, log_antenna, log_evidence, log_sum, update_belief
 from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, READINGS_MIN_COUNT, MatchEvidence
 from clients.robot.hiding.tracking import NEAREST_RANGE_MS, Track
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
@@ -65,7 +65,7 @@ class _Evidence(NamedTuple):
 _NOTHING = _Evidence()
 
 
-class _Standing(NamedTuple):
+class _TrackScore(NamedTuple):
     """A tag's evidence: all readings, and with everybody followed."""
 
     every: _Evidence = _NOTHING
@@ -74,10 +74,10 @@ class _Standing(NamedTuple):
     bound: bool = False
 
 
-_Standings = dict[int, _Standing]
+_TrackScores = dict[int, _TrackScore]
 
 
-class _Cloud(NamedTuple):
+class _UntrackedInterval(NamedTuple):
     """Interval (ms) with untracked people at ranges (m)."""
 
     after_ms: int
@@ -90,8 +90,8 @@ class _Tag:
     readings: list[Sighting] = field(default_factory=list)
     slots: dict[tuple[int, Facing, bool], Sighting] = field(default_factory=dict)
     weighed: int = 0
-    standings: _Standings = field(default_factory=dict)
-    checkpoints: list[tuple[int, _Standings]] = field(default_factory=lambda: [(0, {})])
+    scores: _TrackScores = field(default_factory=dict)
+    checkpoints: list[tuple[int, _TrackScores]] = field(default_factory=lambda: [(0, {})])
     known: bool = False  # whether the roster holds it
     # Up to here bindings stand as they were made, though the evidence is weighed anew.
     decided_until_ms: int | None = None
@@ -122,10 +122,10 @@ class _Tag:
             return
         while len(self.checkpoints) > 1 and self.checkpoints[-1][0] > place:
             self.checkpoints.pop()
-        self.weighed, standings = self.checkpoints[-1]
-        self.standings = dict(standings)
+        self.weighed, scores = self.checkpoints[-1]
+        self.scores = dict(scores)
 
-    def let_go(self, first_ms: int) -> None:
+    def drop_before(self, first_ms: int) -> None:
         """Drop older readings; bindings stay until contradicted."""
         gone = bisect_left(self.readings, first_ms, key=lambda reading: reading.middle_ms)
         if gone == 0 or self.weighed < gone:
@@ -134,13 +134,13 @@ class _Tag:
         del self.readings[:gone]
         self.slots = {slot: reading for slot, reading in self.slots.items() if reading.middle_ms >= first_ms}
         self.weighed = 0
-        self.standings = {number: _Standing(bound=True) for number, old in self.standings.items() if old.bound}
-        self.checkpoints = [(0, dict(self.standings))]
+        self.scores = {number: _TrackScore(bound=True) for number, old in self.scores.items() if old.bound}
+        self.checkpoints = [(0, dict(self.scores))]
 
     def forget_tracks(self, numbers: Sequence[int]) -> None:
-        for standings in (self.standings, *(kept for _, kept in self.checkpoints)):
+        for scores in (self.scores, *(kept for _, kept in self.checkpoints)):
             for number in numbers:
-                standings.pop(number, None)
+                scores.pop(number, None)
 
 
 class Matcher:
@@ -150,7 +150,7 @@ class Matcher:
         self._tags: dict[str, _Tag] = {}
         self._tracks: dict[int, Track] = {}
         self._waiting: set[str] = set()
-        self._clouds: list[_Cloud] = []
+        self._clouds: list[_UntrackedInterval] = []
         self._now_ms: int | None = None
 
     def note_unfollowed(self, at_ms: int, ranges: Sequence[float]) -> None:
@@ -161,7 +161,7 @@ class Matcher:
         """
         # From the frame before, so that a reading between the two counts the same whether it comes in time or late.
         after_ms = at_ms - NEAREST_RANGE_MS if self._now_ms is None else min(self._now_ms, at_ms - 1)
-        self._clouds.append(_Cloud(after_ms, at_ms + NEAREST_RANGE_MS, tuple(ranges)))
+        self._clouds.append(_UntrackedInterval(after_ms, at_ms + NEAREST_RANGE_MS, tuple(ranges)))
 
     def add_track(self, track: Track) -> None:
         self._tracks[track.number] = track
@@ -188,7 +188,7 @@ class Matcher:
         for alias in sorted(self._waiting):
             tag = self._tags[alias]
             self._weigh_until(tag, at_ms)
-            tag.let_go(_first_kept_ms(at_ms))
+            tag.drop_before(_first_kept_ms(at_ms))
             self._weigh_until(tag, at_ms)
             if tag.weighed == len(tag.readings):
                 self._waiting.discard(alias)
@@ -222,18 +222,18 @@ class Matcher:
 
     def log_odds(self, alias: str) -> dict[int, float]:
         tag = self._tags.get(alias)
-        standings = tag.standings.items() if tag is not None else ()
-        return {number: standing.odds for number, standing in standings if standing.odds is not None}
+        scores = tag.scores.items() if tag is not None else ()
+        return {number: score.odds for number, score in scores if score.odds is not None}
 
     def explain(self, alias: str, present: Sequence[int]) -> MatchEvidence | None:
         """Return best-fit evidence, None if never compared."""
         tag = self._tags.get(alias)
         if tag is None:
             return None
-        stand = {number: tag.standings[number] for number in present if number in tag.standings}
+        stand = {number: tag.scores[number] for number in present if number in tag.scores}
         if not stand:
             return None
-        ratio = {number: standing.every.ratio() for number, standing in stand.items()}
+        ratio = {number: score.every.ratio() for number, score in stand.items()}
         best, *rivals = sorted(ratio, key=lambda number: -ratio[number])
         every = stand[best].every
         others = [ratio[number] for number in rivals]
@@ -268,8 +268,8 @@ class Matcher:
 
     def _is_bound(self, alias: str, number: int) -> bool:
         tag = self._tags.get(alias)
-        standing = tag.standings.get(number) if tag is not None else None
-        return standing is not None and standing.bound
+        score = tag.scores.get(number) if tag is not None else None
+        return score is not None and score.bound
 
     def _make_room(self, *, known: bool) -> bool:
         """Evict the longest-silent stranger's tag, or for a roster tag a roster one.
@@ -292,7 +292,7 @@ class Matcher:
             self._weigh(tag, tag.readings[tag.weighed])
             tag.weighed += 1
             if tag.weighed - tag.checkpoints[-1][0] >= _CHECKPOINT_EVERY_COUNT:
-                tag.checkpoints.append((tag.weighed, dict(tag.standings)))
+                tag.checkpoints.append((tag.weighed, dict(tag.scores)))
 
     def _weigh(self, tag: _Tag, reading: Sighting) -> None:
         at_ms = reading.middle_ms
@@ -302,13 +302,13 @@ class Matcher:
             person_m = track.range_at(at_ms)
             if person_m is None:
                 continue
-            old = tag.standings.get(number) or _Standing()
-            every = _take(old.every, reading, at_ms, person_m, steps)
+            old = tag.scores.get(number) or _TrackScore()
+            every = _update_evidence(old.every, reading, at_ms, person_m, steps)
             sure = old.sure
             if all(abs(person_m - unfollowed_m) > UNFOLLOWED_M for unfollowed_m in clouds):
                 # As long as nobody was ever in doubt, the two are one.
-                sure = every if sure is old.every else _take(sure, reading, at_ms, person_m, steps)
-            tag.standings[number] = old._replace(every=every, sure=sure)
+                sure = every if sure is old.every else _update_evidence(sure, reading, at_ms, person_m, steps)
+            tag.scores[number] = old._replace(every=every, sure=sure)
         self._decide(tag, at_ms)
 
     def _ranges_unfollowed(self, at_ms: int) -> list[float]:
@@ -320,25 +320,27 @@ class Matcher:
         return found
 
     def _decide(self, tag: _Tag, at_ms: int) -> None:
-        tracks = [track for track in self._tracks.values() if track.began_ms <= at_ms and track.number in tag.standings]
-        every = {track.number: tag.standings[track.number].every.ratio() for track in tracks}
-        sure = {track.number: tag.standings[track.number].sure.ratio() for track in tracks}
+        tracks = [track for track in self._tracks.values() if track.began_ms <= at_ms and track.number in tag.scores]
+        every = {track.number: tag.scores[track.number].every.ratio() for track in tracks}
+        sure = {track.number: tag.scores[track.number].sure.ratio() for track in tracks}
         for track in tracks:
-            standing = tag.standings[track.number]
-            if standing.every.compared < READINGS_MIN_COUNT:
+            score = tag.scores[track.number]
+            if score.every.compared < READINGS_MIN_COUNT:
                 continue
             rivals = [o.number for o in tracks if o.number != track.number and o.overlaps(track)]
             odds = _log_odds(every[track.number], [every[number] for number in rivals])
-            bound = standing.bound
+            bound = score.bound
             if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
                 bound = bound and odds >= UNBIND_LOG_ODDS
-                if odds >= BIND_LOG_ODDS and standing.every.speaks and standing.sure.speaks:
+                if odds >= BIND_LOG_ODDS and score.every.speaks and score.sure.speaks:
                     surely = _log_odds(sure[track.number], [sure[number] for number in rivals])
                     bound = bound or surely >= BIND_LOG_ODDS
-            tag.standings[track.number] = standing._replace(odds=odds, bound=bound)
+            tag.scores[track.number] = score._replace(odds=odds, bound=bound)
 
 
-def _take(evidence: _Evidence, reading: Sighting, at_ms: int, person_m: float, steps: dict[int, Step]) -> _Evidence:
+def _update_evidence(
+    evidence: _Evidence, reading: Sighting, at_ms: int, person_m: float, steps: dict[int, Step]
+) -> _Evidence:
     if reading.distance_m is not None and reading.sigma_m is not None:
         evidence = _compare(evidence, at_ms, reading.distance_m, reading.sigma_m, person_m, steps)
     front, back = reading.facing is Facing.FRONT, reading.facing is Facing.BACK
@@ -352,7 +354,7 @@ def _compare(
     step = steps.get(id(spread))
     if step is None:
         step = steps[id(spread)] = FILTERS.step(spread, at_ms, sigma_m)
-    belief = take(evidence.belief, step, distance_m, person_m)
+    belief = update_belief(evidence.belief, step, distance_m, person_m)
     visible, absent = log_evidence(belief)
     return evidence._replace(
         belief=belief,

@@ -40,7 +40,7 @@ _TOUCH = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * TOUCH_HALF_PX + 1, 2 
 class Silhouette:
     """One person-sized blob, by `label` in the label image; camera-frame metres.
 
-    `trouble`: why it is not cut (`merged`, `contact`, `occluded`), or empty. `companion_odds`: log-odds of several
+    `withhold_reason`: why it is not cut (`merged`, `contact`, `occluded`), or empty. `companion_odds`: log-odds of several
     people; `company`: evidence.
     """
 
@@ -50,7 +50,7 @@ class Silhouette:
     z_m: float
     range_m: float
     median_mm: int
-    trouble: str
+    withhold_reason: str
     companion_odds: float = 0.0
     company: MergedEvidence | None = None
 
@@ -190,7 +190,7 @@ def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouet
     z_m = median / 1000 + BODY_OFFSET_M
     company = _judge_company(measure(inside, half[box], left, top, half.shape, focal))
     merged = company.log_odds > shipped_model().suspect
-    trouble = "merged" if merged else _touch(labels, half, mask, number, median)
+    withhold_reason = "merged" if merged else _touch(labels, half, mask, number, median)
     return Silhouette(
         label=number,
         box=(left, top, width, height),
@@ -198,7 +198,7 @@ def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouet
         z_m=z_m,
         range_m=float(np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)),
         median_mm=median,
-        trouble=trouble,
+        withhold_reason=withhold_reason,
         companion_odds=company.log_odds,
         company=company,
     )

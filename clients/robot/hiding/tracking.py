@@ -141,7 +141,7 @@ class Tracker:
             group.note_ended()
         self._together = [group for group in self._together if group.is_open(at_ms)]
         chosen: list[Track | None] = [None] * len(silhouettes)
-        single = [i for i, silhouette in enumerate(silhouettes) if silhouette.trouble != "merged"]
+        single = [i for i, silhouette in enumerate(silhouettes) if silhouette.withhold_reason != "merged"]
         for i, track in self._assign([silhouettes[i] for i in single], at_ms):
             chosen[single[i]] = track
         self._end_doubtful(silhouettes, chosen, at_ms)
@@ -200,7 +200,7 @@ class Tracker:
         lost = [track for track in self.live if track.number not in taken]
         for seen, matched in zip(silhouettes, chosen, strict=True):
             inside = [track for track in lost if _could_be_in(track, seen, at_ms)]
-            if seen.trouble == "merged":
+            if seen.withhold_reason == "merged":
                 for track in inside:
                     track.ended = True
                 self._note_together(seen, tuple(inside), at_ms)

@@ -9,7 +9,8 @@ from collections import deque
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from clients.robot.hiding.hider import Kept, Output, Reason, Withheld
+from clients.robot.hiding.frame_redactor import KeptFrame, Output, WithheldFrame
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.pairing.tag_pairing import WINDOW_DEFAULT_MS, Decision
 
 APART_MAX_MS = 500
@@ -26,7 +27,7 @@ STRANGERS_MAX_COUNT = 1_024
 class _Seen:
     captured_at_ms: int
     owners: tuple[str, ...] | None = None
-    verdicts: dict[str, Kept | Withheld] = field(default_factory=dict)
+    verdicts: dict[str, KeptFrame | WithheldFrame] = field(default_factory=dict)
 
     @property
     def is_settled(self) -> bool:
@@ -34,12 +35,12 @@ class _Seen:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
-    """Who was present; `keeper` may keep it, others get `reason`."""
+class Occupancy:
+    """Who was present; `sole_owner` may keep it, others get `reason`."""
 
     owners: tuple[str, ...]
-    keeper: str = ""
-    reason: Reason = Reason.NOT_ALONE
+    sole_owner: str = ""
+    reason: WithholdReason = WithholdReason.NOT_ALONE
 
 
 class OccupancyMonitor:
@@ -51,7 +52,7 @@ class OccupancyMonitor:
         self._strangers: deque[tuple[int, int]] = deque()
         self._newest_ms: int | None = None
 
-    def see(self, sequence: int, captured_at_ms: int) -> None:
+    def add_frame(self, sequence: int, captured_at_ms: int) -> None:
         self._frames[sequence] = _Seen(captured_at_ms)
         self._newest_ms = max(captured_at_ms, self._newest_ms or captured_at_ms)
         oldest_ms = self._newest_ms - MEMORY_MS
@@ -82,25 +83,25 @@ class OccupancyMonitor:
             self._strangers.clear()
         self._strangers.append((start, end))
 
-    def judge(self, start_ms: int, end_ms: int, *, final: bool = False) -> Judgement | None:
+    def assess(self, start_ms: int, end_ms: int, *, final: bool = False) -> Occupancy | None:
         """Return whether one person was alone in the span; None: not settled."""
         frames = self._settled(start_ms - APART_MAX_MS, end_ms + APART_MAX_MS, final=final)
         if frames is None:
             return None
         owners = tuple(sorted({alias for seen in frames for alias in seen.owners or ()}))
         if len(owners) != 1 or self._has_stranger(start_ms, end_ms):
-            return Judgement(owners)
+            return Occupancy(owners)
         times = sorted(seen.captured_at_ms for seen in frames)
         covered = times[0] <= start_ms and end_ms <= times[-1]
         if not covered or any(after - before > APART_MAX_MS for before, after in pairwise(times)):
-            return Judgement(owners, reason=Reason.NOT_MATCHED)
+            return Occupancy(owners, reason=WithholdReason.NOT_MATCHED)
         verdicts = [seen.verdicts.get(owners[0]) for seen in frames]
-        if not all(isinstance(verdict, Kept) for verdict in verdicts):
-            return Judgement(owners, reason=Reason.NOT_MATCHED)
-        alone = all(isinstance(verdict, Kept) and verdict.alone for verdict in verdicts)
-        return Judgement(owners, keeper=owners[0] if alone else "")
+        if not all(isinstance(verdict, KeptFrame) for verdict in verdicts):
+            return Occupancy(owners, reason=WithholdReason.NOT_MATCHED)
+        alone = all(isinstance(verdict, KeptFrame) and verdict.alone for verdict in verdicts)
+        return Occupancy(owners, sole_owner=owners[0] if alone else "")
 
-    def silhouettes(self, at_ms: int, *, final: bool = False) -> list[Kept | Withheld] | None:
+    def silhouettes(self, at_ms: int, *, final: bool = False) -> list[KeptFrame | WithheldFrame] | None:
         """Return that moment's verdicts; None: not yet."""
         frames = self._settled(at_ms - SKEW_MAX_MS, at_ms + SKEW_MAX_MS, final=final)
         if not frames:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from clients.robot.hiding.hider import Kept
+from clients.robot.hiding.frame_redactor import KeptFrame
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 
 CLIP_DEFAULT_MS = 500
@@ -15,7 +15,7 @@ _CLIP_MAX_BYTES = 4 * 1024 * 1024
 class OpenClip:
     """Frames gathered for one owner since the last clip."""
 
-    frames: list[Kept] = field(default_factory=list)
+    frames: list[KeptFrame] = field(default_factory=list)
     withheld: dict[str, int] = field(default_factory=dict)
     size_bytes: int = 0
     added_at_ms: int = 0
@@ -26,7 +26,7 @@ class ReadyClip:
     """A clip ready for sealing: 1-64 frames of one owner, none for notices."""
 
     alias: str
-    frames: tuple[Kept, ...]
+    frames: tuple[KeptFrame, ...]
     withheld: tuple[tuple[str, int], ...]
 
 
@@ -37,7 +37,7 @@ class Batcher:
         self._clip_ms = clip_ms
         self._open: dict[str, OpenClip] = {}
 
-    def add_kept(self, frame: Kept, now_ms: int) -> list[ReadyClip]:
+    def add_kept(self, frame: KeptFrame, now_ms: int) -> list[ReadyClip]:
         """Add a frame settled at `now_ms`; return the clips it closes."""
         clip = self._open.setdefault(frame.alias, OpenClip())
         ready = []
@@ -45,7 +45,7 @@ class Batcher:
             ready.append(self._close(frame.alias))
             clip = self._open.setdefault(frame.alias, OpenClip())
         clip.frames.append(frame)
-        clip.size_bytes += len(frame.cut.pixels_png)
+        clip.size_bytes += len(frame.cutout.pixels_png)
         clip.added_at_ms = now_ms
         full = len(clip.frames) >= CLIP_FRAMES_MAX_COUNT or clip.size_bytes >= _CLIP_MAX_BYTES
         if full or self._clip_ms == 0:
@@ -57,7 +57,7 @@ class Batcher:
         counts = self._open.setdefault(alias, OpenClip()).withheld
         counts[reason] = counts.get(reason, 0) + count
 
-    def drop(self, alias: str) -> list[Kept]:
+    def drop(self, alias: str) -> list[KeptFrame]:
         """Drop one owner's waiting frames and return them."""
         clip = self._open.pop(alias, None)
         return clip.frames if clip is not None else []

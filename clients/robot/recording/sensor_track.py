@@ -13,11 +13,12 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from clients.robot.consent.consent_view import Consents, Refusal
-from clients.robot.hiding.cut import Cut
-from clients.robot.hiding.hider import Kept, SampleForm, Withheld
+from clients.robot.consent.consent_view import Consents
+from clients.robot.hiding.cutouts import EncodedCutout
+from clients.robot.hiding.frame_redactor import KeptFrame, SampleForm, WithheldFrame
 from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.merged_evidence import MergedEvidence
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.recording.batching import Batcher, ReadyClip
 from clients.robot.recording.sealing import ClipContent, seal_clip
 from clients.robot.recording.spool import SpooledClip
@@ -36,7 +37,7 @@ CONSENT_COMING = "consent-coming"
 
 NO_BACKGROUND = bytes(HASH_SIZE_BYTES)
 NO_PICTURE = SampleForm()
-_NOTHING = Cut(0, 0, 0, 0, b"")
+_NOTHING = EncodedCutout(0, 0, 0, 0, b"")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,31 +83,31 @@ class SensorTrack:
 
     def is_tag_allowed(self, row: RosterRow, read_at_ms: int) -> bool:
         """Return whether a tag read at this camera time is known."""
-        refusal = self._find_refusal(row, read_at_ms + self._offset_ms)
+        refusal = self._find_withhold_reason(row, read_at_ms + self._offset_ms)
         if refusal is not None:
             place = (row.handle, self._visits.purpose, self.sensor)
-            coming = refusal is Refusal.NO_CONSENT and self._consents.is_coming(*place)
+            coming = refusal is WithholdReason.NO_CONSENT and self._consents.is_coming(*place)
             why = CONSENT_COMING if coming else str(refusal)
             refused = self._consents.figures.sightings_refused
             refused[why] = refused.get(why, 0) + 1
         return refusal is None
 
-    def take(self, output: Kept | Withheld) -> list[ReadyClip]:
+    def process(self, output: KeptFrame | WithheldFrame) -> list[ReadyClip]:
         """Add what came out of hiding; return the clips that it closes."""
         row = self._people[output.alias]
-        refusal = self._find_refusal(row, output.captured_at_ms + self._offset_ms)
-        if isinstance(output, Kept) and refusal is None:
+        refusal = self._find_withhold_reason(row, output.captured_at_ms + self._offset_ms)
+        if isinstance(output, KeptFrame) and refusal is None:
             if output.evidence is not None:
                 self._statistics.add_off(output.alias, output.evidence)
             self._kept.setdefault(output.alias, self._find_beginning(row))
             return self.batcher.add_kept(output, self._now_ms())
         # Only who consents is told the reason: for others, that would be a record of them.
-        may_tell = refusal is None or refusal is Refusal.STALE
-        told = str(output.reason if isinstance(output, Withheld) and may_tell else refusal)
-        evidence = output.evidence if isinstance(output, Withheld) and may_tell else None
-        self._note_withheld(output.sequence, output.alias, told, evidence)
+        may_tell = refusal is None or refusal is WithholdReason.STALE
+        reported = str(output.reason if isinstance(output, WithheldFrame) and may_tell else refusal)
+        evidence = output.evidence if isinstance(output, WithheldFrame) and may_tell else None
+        self._note_withheld(output.sequence, output.alias, reported, evidence)
         if may_tell:
-            self.batcher.add_withheld(output.alias, told)
+            self.batcher.add_withheld(output.alias, reported)
         return []
 
     def close(self, *, final: bool = False) -> list[ReadyClip]:
@@ -121,7 +122,7 @@ class SensorTrack:
         now, row = self._now_ms(), self._people[clip.alias]
         chain = self._visits.chain_for(clip.alias, row, now)
         background_id = random.SystemRandom().choice(self._background_ids)
-        frames = clip.frames or (Kept(0, now, clip.alias, _NOTHING),)  # a notice has nothing but its time
+        frames = clip.frames or (KeptFrame(0, now, clip.alias, _NOTHING),)  # a notice has nothing but its time
         content = ClipContent(
             renditions=tuple(_rendition(frame, frame.form or self._form, background_id) for frame in frames),
             withheld=clip.withheld,
@@ -142,17 +143,17 @@ class SensorTrack:
         row = self._people[clip.alias]
         kept, stale_count = [], 0
         for frame in clip.frames:
-            refusal = self._find_refusal(row, frame.captured_at_ms + self._offset_ms)
+            refusal = self._find_withhold_reason(row, frame.captured_at_ms + self._offset_ms)
             if refusal is None:
                 kept.append(frame)
             else:
                 self._note_withheld(frame.sequence, clip.alias, str(refusal))
-                stale_count += refusal is Refusal.STALE
-        withheld = Counter(dict(clip.withheld)) + Counter({str(Refusal.STALE): stale_count})
-        now_refusal = self._find_refusal(row, self._now_ms())
+                stale_count += refusal is WithholdReason.STALE
+        withheld = Counter(dict(clip.withheld)) + Counter({str(WithholdReason.STALE): stale_count})
+        now_refusal = self._find_withhold_reason(row, self._now_ms())
         if kept or (withheld and now_refusal is None):
             return ReadyClip(alias=clip.alias, frames=tuple(kept), withheld=tuple(sorted(withheld.items())))
-        if now_refusal is Refusal.STALE:
+        if now_refusal is WithholdReason.STALE:
             for reason, count in withheld.items():
                 self.batcher.add_withheld(clip.alias, reason, count)
         return None
@@ -160,12 +161,12 @@ class SensorTrack:
     def drop_refused(self) -> None:
         """After each reading, drop samples and end visits without consent."""
         for alias, row in self._people.items():
-            refusal = self._find_refusal(row, self._now_ms())
-            if refusal is Refusal.NO_CONSENT:
+            refusal = self._find_withhold_reason(row, self._now_ms())
+            if refusal is WithholdReason.NO_CONSENT:
                 for frame in self.batcher.drop(alias):
-                    self._note_withheld(frame.sequence, alias, str(Refusal.NO_CONSENT))
+                    self._note_withheld(frame.sequence, alias, str(WithholdReason.NO_CONSENT))
             is_broken = alias in self._kept and self._kept[alias] != self._find_beginning(row)
-            if refusal is not Refusal.STALE and is_broken:
+            if refusal is not WithholdReason.STALE and is_broken:
                 del self._kept[alias]
                 self._visits.forget(alias)
 
@@ -177,8 +178,8 @@ class SensorTrack:
     def _find_beginning(self, row: RosterRow) -> int | None:
         return self._consents.find_beginning(row.handle, self._visits.purpose, self.sensor)
 
-    def _find_refusal(self, row: RosterRow, taken_at_ms: int) -> Refusal | None:
-        return self._consents.find_refusal(row.handle, self._visits.purpose, self.sensor, taken_at_ms)
+    def _find_withhold_reason(self, row: RosterRow, taken_at_ms: int) -> WithholdReason | None:
+        return self._consents.find_withhold_reason(row.handle, self._visits.purpose, self.sensor, taken_at_ms)
 
     def _note_withheld(
         self, sequence: int, alias: str, reason: str, evidence: MatchEvidence | MergedEvidence | None = None
@@ -193,7 +194,7 @@ class SensorTrack:
         self._run.log.write_withheld(self._now_ms(), self.sensor, sequence, alias=alias, reason=reason, **numbers)
 
 
-def _rendition(frame: Kept, form: SampleForm, background_id: bytes) -> Rendition:
+def _rendition(frame: KeptFrame, form: SampleForm, background_id: bytes) -> Rendition:
     has_box = form.encoding not in BOXLESS
     return Rendition(
         version=RENDITION_VERSION,
@@ -201,11 +202,11 @@ def _rendition(frame: Kept, form: SampleForm, background_id: bytes) -> Rendition
         sequence=frame.sequence,
         width=form.width,
         height=form.height,
-        x=frame.cut.x,
-        y=frame.cut.y,
-        box_width=frame.cut.width if has_box else 0,
-        box_height=frame.cut.height if has_box else 0,
+        x=frame.cutout.x,
+        y=frame.cutout.y,
+        box_width=frame.cutout.width if has_box else 0,
+        box_height=frame.cutout.height if has_box else 0,
         background_id=background_id,
         encoding=form.encoding,
-        pixels=frame.cut.pixels_png,
+        pixels=frame.cutout.pixels_png,
     )

@@ -94,8 +94,8 @@ class Spool:
             return decode(content, SpooledClip)
         except (BlockRobotError, ValueError, TypeError):
             # It is as this robot sealed it, so nobody changed it.
-            told = f"The spooled clip {name} is of another version of the robot, which can deliver it."
-            raise BlockRobotError("SPOOL_DAMAGED", told) from None
+            detail = f"The spooled clip {name} is of another version of the robot, which can deliver it."
+            raise BlockRobotError("SPOOL_DAMAGED", detail) from None
 
     def remove(self, name: str) -> None:
         (self._folder / name).unlink(missing_ok=True)

@@ -1,7 +1,7 @@
 """Counts of visits still to be closed, kept across crashes.
 
-Encrypted owner keys and counts. A clip is counted after spooling, saved before delivery; `take_up` counts a missed one.
-Counts change on the event loop; call `save` in a thread.
+Encrypted owner keys and counts. A clip is counted after spooling, saved before delivery;
+`recover_spooled` counts a missed one. Counts change on the event loop; call `save` in a thread.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class OpenVisits:
         """Records per unclosed visit by owner key, oldest first, unspooled ones included."""
         return dict(self._counts)
 
-    def take_up(self, spool: Spool) -> None:
+    def recover_spooled(self, spool: Spool) -> None:
         """Before delivery, count and save clips spooled before a crash. Raises SPOOL_FULL."""
         names = spool.names()
         for name in names:

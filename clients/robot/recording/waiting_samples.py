@@ -19,8 +19,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from clients.robot.hiding.cut import Cut
-from clients.robot.hiding.hider import Kept, Reason, SampleForm, Withheld
+from clients.robot.hiding.cutouts import EncodedCutout
+from clients.robot.hiding.frame_redactor import KeptFrame, SampleForm, WithheldFrame
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.pairing.occupancy import OccupancyMonitor
 from clients.robot.recording.batching import ReadyClip
 from clients.robot.recording.sensor_track import NO_PICTURE, RunContext, SensorTrack
@@ -105,7 +106,7 @@ class WaitingSamples:
         self._waiting = {sensor: _Queue() for sensor in SENSORS.values()}
         self._ready: list[tuple[SensorTrack, ReadyClip]] = []
 
-    async def take(self, sample: SensorSample) -> None:
+    async def process(self, sample: SensorSample) -> None:
         sensor = SENSORS[type(sample)]
         self._statistics[sensor].frame_arrived(sample.sequence, self._run.now_ms())
         own = self._waiting[sensor]
@@ -121,7 +122,7 @@ class WaitingSamples:
         self._statistics[sensor].let_go += 1
         self._waiting[sensor].empty_last()
 
-    def settle(self, *, final: bool = False) -> list[tuple[SensorTrack, ReadyClip]]:
+    def drain(self, *, final: bool = False) -> list[tuple[SensorTrack, ReadyClip]]:
         """Return clips, by track, of everything settled; `final`: end of input."""
         for queue in self._waiting.values():
             while queue and self._conclude_first(queue, final=final):
@@ -148,23 +149,25 @@ class WaitingSamples:
         track = self.tracks[waiting.sensor]
         self._statistics[waiting.sensor].covered += len(verdicts)
         for verdict in verdicts:
-            output: Kept | Withheld = replace(verdict, sequence=waiting.sequence, captured_at_ms=waiting.start_ms)
-            if isinstance(output, Kept) and waiting.is_empty:
-                output = Withheld(output.sequence, output.captured_at_ms, output.alias, Reason.NO_ROOM)
-            elif isinstance(output, Kept):
+            output: KeptFrame | WithheldFrame = replace(
+                verdict, sequence=waiting.sequence, captured_at_ms=waiting.start_ms
+            )
+            if isinstance(output, KeptFrame) and waiting.is_empty:
+                output = WithheldFrame(output.sequence, output.captured_at_ms, output.alias, WithholdReason.NO_ROOM)
+            elif isinstance(output, KeptFrame):
                 output = _cut_out(output, waiting)
-            self._ready += [(track, clip) for clip in track.take(output)]
+            self._ready += [(track, clip) for clip in track.process(output)]
         return True
 
-    def _whole(self, waiting: _Waiting, *, final: bool) -> list[Kept | Withheld] | None:
-        judged = self.alone.judge(waiting.start_ms, waiting.end_ms, final=final)
+    def _whole(self, waiting: _Waiting, *, final: bool) -> list[KeptFrame | WithheldFrame] | None:
+        judged = self.alone.assess(waiting.start_ms, waiting.end_ms, final=final)
         if judged is None:
             return None
-        everything = Cut(0, 0, waiting.form.width, waiting.form.height, waiting.data)
+        everything = EncodedCutout(0, 0, waiting.form.width, waiting.form.height, waiting.data)
         return [
-            Kept(waiting.sequence, waiting.start_ms, alias, everything, alone=True)
-            if alias == judged.keeper
-            else Withheld(waiting.sequence, waiting.start_ms, alias, judged.reason)
+            KeptFrame(waiting.sequence, waiting.start_ms, alias, everything, alone=True)
+            if alias == judged.sole_owner
+            else WithheldFrame(waiting.sequence, waiting.start_ms, alias, judged.reason)
             for alias in judged.owners
         ]
 
@@ -179,10 +182,10 @@ def _pack(sample: SensorSample, camera_offset_ms: int) -> _Waiting:
         return _Waiting(sensor, sample.sequence, at_ms, at_ms, form, data)
     at_ms -= camera_offset_ms
     if isinstance(sample, Label):
-        told: dict[str, Any] = {"label": sample.text}
+        content: dict[str, Any] = {"label": sample.text}
         if sample.confidence is not None:
-            told["confidence"] = round(sample.confidence, 4)
-        data = json.dumps(told, ensure_ascii=False, sort_keys=True).encode()
+            content["confidence"] = round(sample.confidence, 4)
+        data = json.dumps(content, ensure_ascii=False, sort_keys=True).encode()
         return _Waiting(sensor, sample.sequence, at_ms, at_ms, NO_PICTURE, data)
     ends_ms = sample.ends_ms - camera_offset_ms
     return _Waiting(sensor, sample.sequence, at_ms, ends_ms, SampleForm(encoding=ENCODING_WAV), _wav(sample))
@@ -210,19 +213,21 @@ def _encode(pixels: Any, *, exact: bool) -> bytes:
     return bytes(data.tobytes())
 
 
-def cut_colour(colour: npt.NDArray[np.uint8], cut: Cut) -> npt.NDArray[np.uint8]:
+def cut_out_colour(colour: npt.NDArray[np.uint8], cutout: EncodedCutout) -> npt.NDArray[np.uint8]:
     """Return a depth cut's box in BGR colour as BGRA, 0 outside the owner."""
-    depth = np.asarray(cv2.imdecode(np.frombuffer(cut.pixels_png, np.uint8), cv2.IMREAD_UNCHANGED))
-    own = np.zeros((cut.height, cut.width, 4), np.uint8)
+    depth = np.asarray(cv2.imdecode(np.frombuffer(cutout.pixels_png, np.uint8), cv2.IMREAD_UNCHANGED))
+    own = np.zeros((cutout.height, cutout.width, 4), np.uint8)
     mask = depth > 0
-    own[mask, :3] = colour[cut.y : cut.y + cut.height, cut.x : cut.x + cut.width][mask]
+    own[mask, :3] = colour[cutout.y : cutout.y + cutout.height, cutout.x : cutout.x + cutout.width][mask]
     own[mask, 3] = 255
     return own
 
 
-def _cut_out(kept: Kept, waiting: _Waiting) -> Kept:
-    cut = kept.cut
+def _cut_out(kept: KeptFrame, waiting: _Waiting) -> KeptFrame:
+    cutout = kept.cutout
     if waiting.form.encoding == ENCODING_PNG_RGBA:
         colour = np.asarray(cv2.imdecode(np.frombuffer(waiting.data, np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
-        cut = Cut(cut.x, cut.y, cut.width, cut.height, _encode(cut_colour(colour, cut), exact=True))
-    return replace(kept, cut=cut, evidence=None, form=waiting.form)  # the evidence is depth's
+        cutout = EncodedCutout(
+            cutout.x, cutout.y, cutout.width, cutout.height, _encode(cut_out_colour(colour, cutout), exact=True)
+        )
+    return replace(kept, cutout=cutout, evidence=None, form=waiting.form)  # the evidence is depth's

@@ -11,10 +11,10 @@ from contextlib import suppress
 
 import msgspec
 
-from clients.robot.consent.consent_view import Refusal
 from clients.robot.delivery.delivery import Delivered, Delivery
 from clients.robot.hiding.background import EmptyFrame
-from clients.robot.hiding.hider import Hider, Kept, Output
+from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.pairing.rosters import RosterBook, UnknownTags
 from clients.robot.pairing.tag_pairing import REFUSED_AND_COUNTED, Decision
 from clients.robot.recording.batching import ReadyClip
@@ -54,7 +54,7 @@ class Pipeline:
         *,
         run: RunContext,
         empty_frames: tuple[EmptyFrame, ...],
-        hider: Hider,
+        redactor: FrameRedactor,
         roster: RosterBook,
         spool: Spool,
         delivery: Delivery,
@@ -66,14 +66,14 @@ class Pipeline:
         self._log = run.log
         self._now_ms = run.now_ms
         self._clocks = run.clocks
-        self._hider = hider
+        self._redactor = redactor
         self._roster = roster
         self._spool = spool
         self._delivery = delivery
         self._statistics = statistics
         self._people: dict[str, RosterRow] = {}  # written by `_identify` only
         backgrounds = tuple(frame.background_id for frame in empty_frames)
-        form = hider.form
+        form = redactor.form
         self._depth = SensorTrack(run, DEPTH, self._people, statistics, form=form, background_ids=backgrounds)
         self._samples = WaitingSamples(run, self._people, statistics)
         self._throttle = InputThrottle(run.clocks)
@@ -93,7 +93,7 @@ class Pipeline:
 
         `live`: events come when received. Raises permanent failures, even while idle.
         """
-        await asyncio.to_thread(self._open_visits.take_up, self._spool)
+        await asyncio.to_thread(self._open_visits.recover_spooled, self._spool)
         for name in self._spool.names():
             self._delivery.start(name)
         self._live = live
@@ -102,15 +102,15 @@ class Pipeline:
             async for arrived in self._meanwhile(events) if live else events:
                 self._consents.raise_failure()
                 self._came_at_ms = self._find_arrival(arrived)
-                await self._take(arrived)
+                await self._process_arrival(arrived)
         finally:
             closing.cancel()
             # What is being written is whole in the spool before a run ends, whatever ends it.
             await asyncio.gather(closing, *filter(None, [self._storing]), return_exceptions=True)
         self._came_at_ms = self._now_ms()
         self._clocks.flush()
-        self._tell_intake()
-        for clip in self._filter(await asyncio.to_thread(self._hider.flush)):
+        self._log_intake()
+        for clip in self._filter(await asyncio.to_thread(self._redactor.flush)):
             await self._seal(self._depth, clip)
         await self._seal_settled(self._depth.close(final=True), final=True)
         await self._stored()
@@ -126,7 +126,7 @@ class Pipeline:
                 done, _ = await asyncio.wait({coming}, timeout=QUIET_S)
                 if not done:
                     self._consents.raise_failure()
-                    await self._pass_time(at_ms)
+                    await self._advance_when_idle(at_ms)
                 elif (arrived := coming.result()) is None:
                     return
                 else:
@@ -137,27 +137,27 @@ class Pipeline:
             await asyncio.gather(coming, return_exceptions=True)
 
     def summarise_intake(self) -> PipelineIntake:
-        return self._throttle.summarise(self._hider.pairing, self._unknown_tags)
+        return self._throttle.summarise(self._redactor.pairing, self._unknown_tags)
 
     def _find_arrival(self, arrived: Event | SensorSample) -> int:
         now = self._now_ms()
         return min(now, arrived.received_at_ms or now) if self._live else now
 
-    async def _take(self, arrived: Event | SensorSample) -> None:
+    async def _process_arrival(self, arrived: Event | SensorSample) -> None:
         if not isinstance(arrived, Frame | Sighting):
-            await self._samples.take(arrived)
+            await self._samples.process(arrived)
             return
         if isinstance(arrived, Frame):
             self._statistics.frame_arrived(arrived.sequence, self._now_ms())
             self._log.write(self._now_ms(), IMAGE_RETRIEVE, f"frame-{arrived.sequence}")
         for event in self._clocks.admit(arrived):
-            await self._work_on(event)
+            await self._process_event(event)
         if self._throttle.is_time_to_tell():
-            self._tell_intake()
+            self._log_intake()
 
-    async def _pass_time(self, at_ms: int) -> None:
+    async def _advance_when_idle(self, at_ms: int) -> None:
         self._came_at_ms = self._now_ms()
-        outputs = self._hider.advance(at_ms - self._clocks.camera_offset_ms)
+        outputs = self._redactor.advance(at_ms - self._clocks.camera_offset_ms)
         await self._seal_settled([*self._filter(outputs), *self._depth.close()])
         await self._stored()
 
@@ -166,32 +166,32 @@ class Pipeline:
             await asyncio.sleep(CLOSE_EVERY_S)
             await self._delivery.close_over(self._open_visits, lambda o: self._visits.goes_on(o, self._now_ms()))
 
-    async def _work_on(self, event: Event) -> None:
+    async def _process_event(self, event: Event) -> None:
         ready: list[ReadyClip] = []
         if isinstance(event, Frame):
             try:
-                outputs = await asyncio.to_thread(self._hider.push_frame, event)
+                outputs = await asyncio.to_thread(self._redactor.push_frame, event)
             except BlockRobotError as error:
                 if error.code not in REFUSED_AND_COUNTED:
                     raise
                 return
-            self._samples.alone.see(event.sequence, event.captured_at_ms)
+            self._samples.alone.add_frame(event.sequence, event.captured_at_ms)
             ready = self._depth.close()
         else:
             outputs = self._identify(event)
             if not outputs:  # most of a storm of readings ends here
                 return
         await self._seal_settled([*self._filter(outputs), *ready])
-        await self._hold_back()
+        await self._wait_for_spool_room()
 
-    def _tell_intake(self) -> None:
+    def _log_intake(self) -> None:
         now = self._now_ms()
         for name, estimate in self._clocks.estimates().items():
             self._log.write(now, CLOCK_ESTIMATED, f"clock-{name}", **msgspec.to_builtins(estimate.summarise()))
-        for reason, count in self._throttle.newly_turned_away(self._hider.pairing):
+        for reason, count in self._throttle.newly_turned_away(self._redactor.pairing):
             self._log.write(now, MESSAGE_REFUSED, f"{reason}-turned-away", reason=reason, count=count)
 
-    async def _hold_back(self) -> None:
+    async def _wait_for_spool_room(self) -> None:
         while len(self._spool.names()) > WAITING_CLIPS_MAX_COUNT:
             if self._delivery.failure is not None:
                 raise self._delivery.failure
@@ -207,14 +207,14 @@ class Pipeline:
         if not consents:
             self._samples.alone.note_stranger(sighting.first_seen_ms, sighting.last_seen_ms)
         if not consents and (not weighed or self._aliases.is_full):
-            return self._hider.cover("", sighting, known=False)
+            return self._redactor.cover("", sighting, known=False)
         alias = self._aliases.alias(sighting.uid.encode())
         if row is not None and consents:
             self._people[alias] = row
         if not weighed:
-            return self._hider.cover(alias, sighting, known=consents)
+            return self._redactor.cover(alias, sighting, known=consents)
         self._log.write(self._now_ms(), RFID_RETRIEVE, alias, alias=alias)
-        return self._hider.push_sighting(alias, sighting, known=consents)
+        return self._redactor.push_sighting(alias, sighting, known=consents)
 
     def _filter(self, outputs: list[Output]) -> list[ReadyClip]:
         """Note what hiding found; return the clips that are full of what may be kept."""
@@ -230,16 +230,16 @@ class Pipeline:
                 for alias in output.owners:
                     self._log.write(now, IMAGE_PAIRED, case, alias=alias)
             else:
-                if isinstance(output, Kept):
+                if isinstance(output, KeptFrame):
                     self._statistics.frame_decided(output.alias, output.sequence, self._came_at_ms)
-                ready.extend(self._depth.take(output))
+                ready.extend(self._depth.process(output))
         return ready
 
     async def _seal_settled(self, clips: list[ReadyClip], *, final: bool = False) -> None:
         """Seal clips of depth, then those of other sensors on which depth has decided."""
         for clip in clips:
             await self._seal(self._depth, clip)
-        for track, clip in self._samples.settle(final=final):
+        for track, clip in self._samples.drain(final=final):
             await self._seal(track, clip)
 
     async def _seal(self, track: SensorTrack, clip: ReadyClip) -> None:
@@ -278,15 +278,15 @@ def note_delivered(done: Delivered, statistics: RunStatistics, log: EventLog) ->
     for (sequence, _), decided_at_ms in zip(sealed.frames, sealed.decided_at_ms, strict=True):
         case = f"frame-{sequence}"
         log.write(done.submitted_at_ms, DATABASE_PERSISTANCE, case, alias=sealed.alias)
-        told = {} if decided_at_ms is None else {"decided_at_ms": decided_at_ms}
-        log.write(done.final_at_ms, BLOCKCHAIN_TRANSACTION, case, alias=sealed.alias, **told)
+        numbers = {} if decided_at_ms is None else {"decided_at_ms": decided_at_ms}
+        log.write(done.final_at_ms, BLOCKCHAIN_TRANSACTION, case, alias=sealed.alias, **numbers)
 
 
 async def note_dropped(clip: SpooledClip, run: RunContext, statistics: RunStatistics) -> None:
     """Count a clip destroyed for ended consent. Raises SPOOL_FULL."""
     run.consents.figures.clips_dropped += 1
     run.open_visits.lower(clip.owner)
-    reason, now = str(Refusal.NO_CONSENT), run.now_ms()
+    reason, now = str(WithholdReason.NO_CONSENT), run.now_ms()
     for sensor, figures in (*statistics.senses.items(), (DEPTH, statistics)):
         dropped = figures.clip_dropped(clip.upload.record_id, reason)
         for sequence, _ in dropped.frames:

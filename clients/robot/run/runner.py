@@ -18,7 +18,7 @@ from clients.robot.consent.registry_reader import NetworkMajority, RegistryReade
 from clients.robot.delivery.delivery import Delivery
 from clients.robot.delivery.robot_network import COPIES_DEFAULT_COUNT, RobotNetwork
 from clients.robot.hiding.background import empty_bank, learn_background
-from clients.robot.hiding.hider import Hider
+from clients.robot.hiding.frame_redactor import FrameRedactor
 from clients.robot.identity.robot_keys import load_identity
 from clients.robot.pairing.rosters import load_roster
 from clients.robot.recording.sensor_track import RunContext
@@ -33,7 +33,7 @@ from clients.robot.run.run_summary import CameraFigures, RunIntake, RunProgress,
 from clients.robot.run.run_validity import RunValidity
 from clients.robot.sensing.camera_intrinsics import CameraIntrinsics
 from clients.robot.sensing.input_checks import Inputs
-from clients.robot.sensing.sensor_events import Refused, SourceEvent
+from clients.robot.sensing.sensor_events import RefusedMessage, SourceEvent
 from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source, StoppableClock
@@ -96,7 +96,7 @@ async def _events(
     tenure.check()
 
 
-def _note_refused(refused: Refused, count: int, log: EventLog, now_ms: int) -> None:
+def _note_refused(refused: RefusedMessage, count: int, log: EventLog, now_ms: int) -> None:
     case = f"{refused.kind}-refused-{log.counts[MESSAGE_REFUSED]}"
     if count == 1:
         log.write(now_ms, MESSAGE_REFUSED, case, reason=refused.reason)
@@ -167,9 +167,9 @@ class _Run:
         check_empty(empty)
         bank = tuple(empty_bank(published_frames(empty)))
         background = learn_background(empty)
-        hider = Hider(background)
-        lens = CameraIntrinsics(source, hider.use_focal_px, live=isinstance(source, LiveSource))
-        statistics = RunStatistics(window_ms=hider.pairing.window_ms)
+        redactor = FrameRedactor(background)
+        lens = CameraIntrinsics(source, redactor.use_focal_px, live=isinstance(source, LiveSource))
+        statistics = RunStatistics(window_ms=redactor.pairing.window_ms)
         open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
         member = self._identity.identity.public_key
         await publish_frames(self._network, bank, self._folder, member, self._options.approver)
@@ -186,14 +186,14 @@ class _Run:
                 self._spool,
                 self._network,
                 on_delivered=lambda done: note_delivered(done, statistics, log),
-                may_record=self._consents.may_record,
+                decide_recording=self._consents.decide_recording,
                 on_dropped=lambda clip: note_dropped(clip, run, statistics),
                 at_once=self._options.at_once,
             )
             pipeline = Pipeline(
                 run=run,
                 empty_frames=bank,
-                hider=hider,
+                redactor=redactor,
                 roster=self._roster,
                 spool=self._spool,
                 delivery=delivery,
@@ -207,9 +207,9 @@ class _Run:
             )
             events = inputs.usable(lens.learnt(_events(source, self._over, self._options, tenure)))
             beside = [
-                asyncio.create_task(self._tell_regularly(statistics)),
+                asyncio.create_task(self._report_regularly(statistics)),
                 asyncio.create_task(tenure.watch(self._over.set)),
-                asyncio.create_task(self._heed_stop()),
+                asyncio.create_task(self._watch_for_stop()),
             ]
             try:
                 await pipeline.run(events, live=self._options.real_time)
@@ -218,7 +218,7 @@ class _Run:
                     task.cancel()
                 await delivery.stop()
                 inputs.close()
-            self._tell(statistics, last=True)
+            self._report_progress(statistics, last=True)
         return self._summarise(statistics, _summarise_intake(source, pipeline, inputs), lens.summarise())
 
     def _summarise(self, statistics: RunStatistics, intake: RunIntake, camera: CameraFigures) -> RunSummary:
@@ -244,16 +244,16 @@ class _Run:
     def _heartbeat_ms(self) -> int:
         return self._client.light_client.epoch.settings.heartbeat_ms
 
-    async def _heed_stop(self) -> None:
+    async def _watch_for_stop(self) -> None:
         await self._stop.wait()
         self._over.set()
 
-    async def _tell_regularly(self, statistics: RunStatistics) -> None:
+    async def _report_regularly(self, statistics: RunStatistics) -> None:
         while True:
-            self._tell(statistics, last=False)
+            self._report_progress(statistics, last=False)
             await asyncio.sleep(_PROGRESS_EVERY_S)
 
-    def _tell(self, statistics: RunStatistics, *, last: bool) -> None:
+    def _report_progress(self, statistics: RunStatistics, *, last: bool) -> None:
         figures = RunProgress(
             frames_read=statistics.published,
             frames_recorded=statistics.kept_final,

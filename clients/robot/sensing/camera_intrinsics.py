@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 
-from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX
 from clients.robot.run.run_summary import CameraFigures
 from clients.robot.sensing.sensor_events import Frame, SourceEvent
 from clients.robot.sources.source import Source
@@ -16,7 +16,7 @@ _ASK_EVERY_S = 0.05
 
 
 class CameraIntrinsics:
-    """`source`'s focal length; `use` receives it, until then the Hider's default."""
+    """`source`'s focal length; `use` receives it, until then the FrameRedactor's default."""
 
     def __init__(self, source: Source, use: Callable[[float], None], *, live: bool) -> None:
         self._source = source

@@ -15,7 +15,7 @@ from clients.robot.sensing.sensor_events import (
     Event,
     Frame,
     Label,
-    Refused,
+    RefusedMessage,
     SensorSample,
     Sighting,
     SourceEvent,
@@ -35,7 +35,7 @@ class Inputs:
     """Input checks; `shape`: required (height, width); live sources fail by frames only."""
 
     def __init__(
-        self, shape: tuple[int, int], note: Callable[[Refused, int], None] | None = None, *, live: bool = False
+        self, shape: tuple[int, int], note: Callable[[RefusedMessage, int], None] | None = None, *, live: bool = False
     ) -> None:
         self.refused: dict[str, dict[str, int]] = {}
         self.first_detail: dict[str, str] = {}
@@ -43,7 +43,7 @@ class Inputs:
         self._shape = shape
         self._note = note or (lambda _refused, _count: None)
         self._live = live
-        self._unnoted: dict[tuple[str, str], tuple[Refused, int]] = {}
+        self._unnoted: dict[tuple[str, str], tuple[RefusedMessage, int]] = {}
         self._in_a_row: dict[str, int] = {}
 
     async def usable(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[Event | SensorSample]:
@@ -54,7 +54,7 @@ class Inputs:
                     self._refuse(refused)
                 else:
                     self._in_a_row[_KINDS[type(event)]] = 0
-                if not isinstance(event, Refused) and refused is None:
+                if not isinstance(event, RefusedMessage) and refused is None:
                     yield event
                 if self.fault is not None:
                     return
@@ -75,14 +75,14 @@ class Inputs:
     def summarise_fault(self) -> RunFault | None:
         return None if self.fault is None else RunFault(code=self.fault.code, detail=self.fault.detail)
 
-    def _check(self, event: SourceEvent) -> Refused | None:
+    def _check(self, event: SourceEvent) -> RefusedMessage | None:
         if isinstance(event, Frame) and event.depth.shape != self._shape:
-            return Refused(event.captured_at_ms, "frame", "size")
+            return RefusedMessage(event.captured_at_ms, "frame", "size")
         if isinstance(event, ColourFrame) and event.registered and event.pixels.shape[:2] != self._shape:
-            return Refused(event.at_ms, "rgb", "size")
-        return event if isinstance(event, Refused) else None
+            return RefusedMessage(event.at_ms, "rgb", "size")
+        return event if isinstance(event, RefusedMessage) else None
 
-    def _refuse(self, refused: Refused) -> None:
+    def _refuse(self, refused: RefusedMessage) -> None:
         counts = self.refused.setdefault(refused.kind, {})
         counts[refused.reason] = counts.get(refused.reason, 0) + 1
         if refused.detail:
@@ -96,7 +96,7 @@ class Inputs:
         detail = f"{in_a_row} messages in a row were no usable {KIND_WORDS[refused.kind]}, the last: {why}."
         self.fault = BlockRobotError("FRAMES_UNUSABLE", detail)
 
-    def _note_it(self, refused: Refused, number: int) -> None:
+    def _note_it(self, refused: RefusedMessage, number: int) -> None:
         if number <= NOTED_EACH_COUNT:
             self._note(refused, 1)
             return

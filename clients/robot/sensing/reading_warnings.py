@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX
 from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.tracking import Track
 from clients.robot.sensing.sensor_events import Facing, Sighting
@@ -57,8 +57,8 @@ def warn_of_lens(focal_px: float | None) -> Iterator[str]:
 
 
 def _sigma_m(made: TagMap) -> float:
-    told = made.distance_sigma
-    return told * LENGTH_UNITS_M[made.distance_unit] if isinstance(told, float) else ASSUMED_SIGMA_M
+    given = made.distance_sigma
+    return given * LENGTH_UNITS_M[made.distance_unit] if isinstance(given, float) else ASSUMED_SIGMA_M
 
 
 @lru_cache(maxsize=128)

@@ -28,7 +28,7 @@ _PPM = 1e-6
 _Kind = TypeVar("_Kind", bound=Event)
 
 
-class Standing(StrEnum):
+class TimestampStatus(StrEnum):
     """A stamp's relation to the line so far."""
 
     FITS = "fits"
@@ -86,19 +86,19 @@ class ClockEstimator:
         self._late_since: int | None = None
         self.started_anew_count = 0
 
-    def observe(self, stamp_ms: int, received_ms: int) -> Standing:
+    def observe(self, stamp_ms: int, received_ms: int) -> TimestampStatus:
         if not self._bins:
             self._start(stamp_ms, received_ms)
-            return Standing.FITS
+            return TimestampStatus.FITS
         at = received_ms - self._origin[0]
         if abs(at // BIN_MS - self._newest_bin) >= HORIZON_MS // BIN_MS:
             self._start_anew(stamp_ms, received_ms)
-            return Standing.FITS
+            return TimestampStatus.FITS
         above = received_ms - stamp_ms - self._origin[1] - self._line(at)
         if above > DELAY_MAX_MS and self._is_catching_up(above, stamp_ms, received_ms):
             self._newest_stamp = stamp_ms
             self._doubts.clear()
-            return Standing.FITS
+            return TimestampStatus.FITS
         if abs(above) > DELAY_MAX_MS:
             return self._doubt(stamp_ms, received_ms)
         if above < -_tolerance(self._uncertainty(at)):
@@ -107,7 +107,7 @@ class ClockEstimator:
         self._late_since = None
         self._newest_stamp = max(stamp_ms, self._newest_stamp)
         self._take(at, received_ms - stamp_ms - self._origin[1])
-        return Standing.FITS
+        return TimestampStatus.FITS
 
     def offset_at(self, received_ms: int) -> float | None:
         """Return host minus device time (ms), None before the first stamp."""
@@ -145,19 +145,19 @@ class ClockEstimator:
         self.started_anew_count += 1
         self._start(stamp_ms, received_ms)
 
-    def _doubt(self, stamp_ms: int, received_ms: int) -> Standing:
+    def _doubt(self, stamp_ms: int, received_ms: int) -> TimestampStatus:
         delay = received_ms - stamp_ms
         if any(abs(delay - (other[1] - other[0])) > DELAY_MAX_MS for other in self._doubts):
             self._doubts.clear()
         self._doubts.append((stamp_ms, received_ms))
         if len(self._doubts) < CONFIRM_COUNT:
-            return Standing.DOUBTFUL
+            return TimestampStatus.DOUBTFUL
         agreed = list(self._doubts)
         self._start_anew(*agreed[0])
         for stamp, received in agreed[1:]:
             self._newest_stamp = max(stamp, self._newest_stamp)
             self._take(received - self._origin[0], received - stamp - self._origin[1])
-        return Standing.CLOCK_SET
+        return TimestampStatus.CLOCK_SET
 
     def _take(self, at: float, low: float) -> None:
         number = int(at // BIN_MS)
@@ -301,8 +301,8 @@ class RunClocks:
     def _admit_frame(self, frame: Frame) -> list[Frame]:
         if frame.received_at_ms is None:
             return [frame]
-        standing = self.camera.observe(frame.captured_at_ms, frame.received_at_ms)
-        return self._sort(frame, standing, self._held_frames, "frame-time")
+        status = self.camera.observe(frame.captured_at_ms, frame.received_at_ms)
+        return self._sort(frame, status, self._held_frames, "frame-time")
 
     def _admit_sighting(self, sighting: Sighting) -> list[Sighting]:
         lasting_ms = sighting.last_seen_ms - sighting.first_seen_ms
@@ -315,8 +315,8 @@ class RunClocks:
         if sighting.received_at_ms is None:
             return [sighting]
         reader = self._reader_of(sighting.origin)
-        standing = reader.clock.observe(sighting.last_seen_ms, sighting.received_at_ms)
-        return [self._move(one, reader.clock) for one in self._sort(sighting, standing, reader.held, "sighting-time")]
+        status = reader.clock.observe(sighting.last_seen_ms, sighting.received_at_ms)
+        return [self._move(one, reader.clock) for one in self._sort(sighting, status, reader.held, "sighting-time")]
 
     def _reader_of(self, origin: str) -> _Reader:
         """Return an origin's reader, evicting the longest silent one."""
@@ -330,8 +330,8 @@ class RunClocks:
         self.refused["sighting-time"] += len(reader.held)
         reader.held.clear()
 
-    def _sort(self, event: _Kind, standing: Standing, held: list[_Kind], name: str) -> list[_Kind]:
-        if standing is Standing.DOUBTFUL:
+    def _sort(self, event: _Kind, status: TimestampStatus, held: list[_Kind], name: str) -> list[_Kind]:
+        if status is TimestampStatus.DOUBTFUL:
             held.append(event)
             if len(held) >= CONFIRM_COUNT:  # doubts that do not agree with one another
                 held.pop(0)
@@ -339,7 +339,7 @@ class RunClocks:
             return []
         waited = list(held)
         held.clear()
-        if standing is Standing.CLOCK_SET:
+        if status is TimestampStatus.CLOCK_SET:
             return [*waited, event]
         self.refused[name] += len(waited)
         return [event]

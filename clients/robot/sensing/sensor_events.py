@@ -112,7 +112,7 @@ class AudioClip:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RefusedMessage:
     """An unusable message's kind and reason; `detail` never quotes its content."""
 
     at_ms: int
@@ -122,7 +122,7 @@ class Refused:
 
 
 SensorSample = ColourFrame | Label | AudioClip
-SourceEvent = Event | SensorSample | Refused
+SourceEvent = Event | SensorSample | RefusedMessage
 
 
 def check_depth(depth: npt.NDArray[np.generic], *, shape: tuple[int, int] | None = None) -> Depth:

@@ -1,6 +1,6 @@
 """Event source interface and real-time playing.
 
-A source yields frames, sightings, other senses, and `Refused` per unusable message, without ending.
+A source yields frames, sightings, other senses, and `RefusedMessage` per unusable message, without ending.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ RSSI_AT_1M_DBM = -48.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth:
+class GroundTruth:
     """A frame with `labels` (0 = nobody) and `props` (pixels of an aid)."""
 
     depth: Depth
@@ -47,7 +47,7 @@ class Renderer:
         truth = self.truth(index)
         return truth.depth, truth.labels
 
-    def truth(self, index: int) -> Truth:
+    def truth(self, index: int) -> GroundTruth:
         at_s = index / self.scenario.frame_rate
         depth = self._corridor(at_s)
         labels = np.zeros(self.camera.shape, dtype=np.uint8)
@@ -63,7 +63,7 @@ class Renderer:
         image, moved = self._noise.apply(depth, labels, index)
         assert moved is not None
         own = moved & np.uint8(AID_BIT - 1)
-        return Truth(image, own, np.where(moved >= AID_BIT, own, np.uint8(0)))
+        return GroundTruth(image, own, np.where(moved >= AID_BIT, own, np.uint8(0)))
 
     def empty_frame(self, index: int) -> Depth:
         """Return an unpeopled frame from the robot's first position."""

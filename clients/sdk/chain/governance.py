@@ -110,8 +110,8 @@ def _epoch_of(row: producers.EpochRow) -> Epoch:
 
 
 def _proposal(proposal_id: bytes, row: GovernanceProposalRow, keys_numbers: Mapping[str, int | None]) -> ProposalRow:
-    said = row.keys_numbers
-    good = [name for name in row.approvals if name in keys_numbers and said[name] == keys_numbers[name]]
+    numbers = row.keys_numbers
+    good = [name for name in row.approvals if name in keys_numbers and numbers[name] == keys_numbers[name]]
     return ProposalRow(**msgspec.structs.asdict(row) | {"approvals": good}, id=proposal_id)
 
 
@@ -177,7 +177,7 @@ def settings_in_force(view: ProducersView) -> dict[str, int | str]:
     return {**values, "max_producers": view.max_producers, **quotas}
 
 
-def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
+def resolve_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
     """Find by id prefix (six or more hex digits). Raises GOVERNANCE_PROPOSAL_CLOSED if none or several."""
     wanted = text.strip().lower()
     found = [row for row in proposals if len(wanted) >= ID_PREFIX_MIN_CHARS and row.id.hex().startswith(wanted)]

@@ -43,10 +43,10 @@ def _check_wav(data: bytes) -> bytes:
 
 def _check_label(data: bytes) -> bytes:
     try:
-        told = read_json_text(data[:LABEL_MAX_BYTES].decode("utf-8"))
-        if not isinstance(told, dict) or not isinstance(told.get("label"), str) or len(data) > LABEL_MAX_BYTES:
+        content = read_json_text(data[:LABEL_MAX_BYTES].decode("utf-8"))
+        if not isinstance(content, dict) or not isinstance(content.get("label"), str) or len(data) > LABEL_MAX_BYTES:
             raise ValueError
-        return json.dumps(told, ensure_ascii=False, indent=2, sort_keys=True).encode() + b"\n"
+        return json.dumps(content, ensure_ascii=False, indent=2, sort_keys=True).encode() + b"\n"
     except ValueError as error:
         raise BlockRobotError("RENDITION_CORRUPTED", "The label is damaged.") from error
 

@@ -57,8 +57,8 @@ def is_utf8(stream: TextIO, environment: Mapping[str, str] | None = None) -> boo
     if not utf8 or not stream.isatty():
         return utf8
     environment = os.environ if environment is None else environment
-    said = next((environment[name] for name in ("LC_ALL", "LC_CTYPE", "LANG") if environment.get(name)), "")
-    return not said or "utf8" in said.lower().replace("-", "")
+    locale_name = next((environment[name] for name in ("LC_ALL", "LC_CTYPE", "LANG") if environment.get(name)), "")
+    return not locale_name or "utf8" in locale_name.lower().replace("-", "")
 
 
 def prepare_output() -> None:

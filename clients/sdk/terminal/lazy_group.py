@@ -66,18 +66,18 @@ class LazyGroup(click.Group):
             return super().resolve_command(ctx, args)
         except click.NoSuchCommand as unknown:
             raise click.NoSuchCommand(
-                unknown.command_name, self._say_unknown(unknown.command_name, ctx), ctx=ctx
+                unknown.command_name, self._unknown_command_text(unknown.command_name, ctx), ctx=ctx
             ) from None
 
-    def _say_unknown(self, name: str, ctx: click.Context) -> str:
+    def _unknown_command_text(self, name: str, ctx: click.Context) -> str:
         alike = sorted(self.commands_meant(ctx), key=lambda meant: -_likeness(name, meant))
         near = [meant for meant in alike if _likeness(name, meant) >= _LIKE_MIN][:_ALIKE_MAX_COUNT]
-        said = _("No such command {name!r}.").format(name=name)
+        message = _("No such command {name!r}.").format(name=name)
         if not near:
-            return said
+            return message
         guesses = ", ".join(map(repr, near))
         hint = ngettext("Did you mean {possibility}?", "(Did you mean one of: {possibilities}?)", len(near))
-        return f"{said} {hint.format(possibility=guesses, possibilities=guesses)}"
+        return f"{message} {hint.format(possibility=guesses, possibilities=guesses)}"
 
     def commands_meant(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - a root group looks further
         return list(self.places)

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 
-def counted(count: int, one: str, many: str = "") -> str:
+def pluralize(count: int, one: str, many: str = "") -> str:
     """Return count and noun, e.g. `2 records`."""
     return f"{count} {one if count == 1 else many or one + 's'}"

@@ -157,10 +157,10 @@ def ask(question: str, *, err: bool = False) -> None:
 
 def _is_yes(question: str, answers: Answers, *, err: bool) -> bool:
     while True:
-        said = click.prompt(f"{question} {answers.hint}", default="", show_default=False, err=err).strip().casefold()
-        if said in answers.yes:
+        reply = click.prompt(f"{question} {answers.hint}", default="", show_default=False, err=err).strip().casefold()
+        if reply in answers.yes:
             return True
-        if not said or said in answers.no:
+        if not reply or reply in answers.no:
             return False
         click.echo(answers.again, err=err)
 

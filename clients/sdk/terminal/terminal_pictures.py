@@ -26,7 +26,7 @@ _SIXEL_COLOURS = 64
 _LETTERS = " .:-=+*#%@"
 
 
-class Way(Enum):
+class PictureProtocol(Enum):
     """How a terminal shows a picture."""
 
     KITTY = "kitty"
@@ -41,39 +41,39 @@ _KITTY_TERMS = frozenset({"xterm-kitty", "xterm-ghostty"})
 _SIXEL_TERMS = frozenset({"foot", "foot-extra", "mlterm", "contour", "contour-latest"})
 
 
-def find_way(console: Console, environment: Mapping[str, str] | None = None) -> Way:
+def find_picture_protocol(console: Console, environment: Mapping[str, str] | None = None) -> PictureProtocol:
     """Return the method: protocols only if TERM names them, blocks in tmux or screen, letters without colour."""
     environment = os.environ if environment is None else environment
     term = environment.get("TERM", "")
     if not console.is_terminal or console.width < COLUMNS_MIN or term in {"", "dumb", "unknown"}:
-        return Way.NONE
+        return PictureProtocol.NONE
     if console.no_color or console.color_system is None or environment.get("NO_COLOR"):
-        return Way.LETTERS
+        return PictureProtocol.LETTERS
     program = environment.get("TERM_PROGRAM", "")
     if not environment.get("TMUX") and not environment.get("STY"):
         if term in _KITTY_TERMS:
-            return Way.KITTY
+            return PictureProtocol.KITTY
         if term in _SIXEL_TERMS:
-            return Way.SIXEL
+            return PictureProtocol.SIXEL
         if term.startswith("xterm") and program in {"iTerm.app", "WezTerm"}:
-            return Way.ITERM
-    return Way.BLOCKS if is_utf8(sys.stdout, environment) else Way.LETTERS
+            return PictureProtocol.ITERM
+    return PictureProtocol.BLOCKS if is_utf8(sys.stdout, environment) else PictureProtocol.LETTERS
 
 
-def show_picture(console: Console, picture: Image.Image, way: Way | None = None) -> None:
+def show_picture(console: Console, picture: Image.Image, way: PictureProtocol | None = None) -> None:
     """Show an RGB picture at most as wide as the terminal."""
-    way = find_way(console) if way is None else way
+    way = find_picture_protocol(console) if way is None else way
     columns = min(console.width - 1, 120)
-    if way is Way.NONE:
+    if way is PictureProtocol.NONE:
         return
-    if way in {Way.BLOCKS, Way.LETTERS}:
-        rows = half_blocks(picture, columns) if way is Way.BLOCKS else letters(picture, columns)
+    if way in {PictureProtocol.BLOCKS, PictureProtocol.LETTERS}:
+        rows = half_blocks(picture, columns) if way is PictureProtocol.BLOCKS else letters(picture, columns)
         for row in rows:
             console.print(row, soft_wrap=False, no_wrap=True, overflow="crop")
         return
     width = min(picture.width, columns * CELL_PIXELS)
     fitted = picture.convert("RGB").resize((width, max(1, picture.height * width // picture.width)))
-    sequence = {Way.KITTY: kitty, Way.ITERM: iterm, Way.SIXEL: sixel}[way](fitted)
+    sequence = {PictureProtocol.KITTY: kitty, PictureProtocol.ITERM: iterm, PictureProtocol.SIXEL: sixel}[way](fitted)
     console.file.write(sequence + "\n")
     console.file.flush()
 
@@ -131,8 +131,8 @@ def kitty(picture: Image.Image) -> str:
 def iterm(picture: Image.Image) -> str:
     """Return iTerm2's inline image protocol."""
     data = _png(picture)
-    told = f"inline=1;size={len(data)};width={picture.width}px;height={picture.height}px;preserveAspectRatio=1"
-    return f"\x1b]1337;File={told}:{base64.standard_b64encode(data).decode('ascii')}\x07"
+    header = f"inline=1;size={len(data)};width={picture.width}px;height={picture.height}px;preserveAspectRatio=1"
+    return f"\x1b]1337;File={header}:{base64.standard_b64encode(data).decode('ascii')}\x07"
 
 
 def sixel(picture: Image.Image) -> str:

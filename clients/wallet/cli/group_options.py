@@ -11,7 +11,7 @@ import click
 from clients.sdk.terminal.terminal import FILE, FOLDER, Answers, home_folder, set_confirm_words, set_error_formatter
 from clients.wallet.cli.invocation import DEFAULT_PROFILE, genesis_place
 from clients.wallet.cli.shell_completion import complete_profiles
-from clients.wallet.present.translations import LANGUAGES, WrongUsage, choose_language, say_error, text
+from clients.wallet.presentation.translations import LANGUAGES, WrongUsage, choose_language, error_text, text
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -20,7 +20,7 @@ KEYRING_KEY = "blockrobot.keyring"
 
 def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:
     choose_language(ctx, language)
-    set_error_formatter(ctx, say_error)
+    set_error_formatter(ctx, error_text)
     words = [text(f"ask.{key}", language=language) for key in ("yes", "no", "hint", "again", "declined")]
     set_confirm_words(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), *words[2:]))
 

@@ -43,22 +43,22 @@ def called(command: str = WALLET_COMMAND) -> str:
     if context is None:
         return command
     profile = context.params["profile"]
-    told = [command] if profile == DEFAULT_PROFILE else [f"{command} --profile {profile}"]
+    words = [command] if profile == DEFAULT_PROFILE else [f"{command} --profile {profile}"]
     for option, name in _PLACES.items():
         place = context.params.get(name)
         if place is not None:
-            told.append(f"{option} {shlex.quote(str(place.absolute()))}")
-    return " ".join(told)
+            words.append(f"{option} {shlex.quote(str(place.absolute()))}")
+    return " ".join(words)
 
 
-def with_command_prefix(told: str, *, has_fields: bool = False) -> str:
+def with_command_prefix(words: str, *, has_fields: bool = False) -> str:
     """Expand wallet commands in a catalogue text; idempotent. Not for texts with filled-in names. `has_fields`:
     `str.format` follows.
     """
-    if WALLET_COMMAND not in told:
-        return told
+    if WALLET_COMMAND not in words:
+        return words
     command = called()
     if has_fields:
         command = command.replace("{", "{{").replace("}", "}}")
     # What is called so already is stepped over whole: the paths in it may have the command's words too.
-    return re.sub(f"{re.escape(command)}|{_CALL}", lambda _: command, told)
+    return re.sub(f"{re.escape(command)}|{_CALL}", lambda _: command, words)

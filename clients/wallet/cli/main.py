@@ -14,7 +14,7 @@ from clients.wallet.cli.translated_help import TranslatedGroup
 
 _COMMANDS = {
     "audit": LazyCommand(
-        "clients.wallet.commands.audit_command:audit", "Show everything that happened to your records, in order."
+        "clients.wallet.commands.audit_commands:audit", "Show everything that happened to your records, in order."
     ),
     "confirm-deleted": LazyCommand(
         "clients.wallet.commands.inbox_commands:confirm_deleted",
@@ -29,15 +29,15 @@ _COMMANDS = {
         "Say what is wrong with a visit or records. It stands beside them on the chain; nothing is changed.",
     ),
     "erase": LazyCommand(
-        "clients.wallet.commands.erase_command:erase",
+        "clients.wallet.commands.erase_commands:erase",
         "Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone.",
     ),
     "erasures": LazyCommand(
-        "clients.wallet.records.erasure_status:erasures",
+        "clients.wallet.commands.erase_commands:erasures",
         "Show what you asked to erase, which custodians have confirmed it, and which are overdue.",
     ),
     "export": LazyCommand(
-        "clients.wallet.commands.export_command:export",
+        "clients.wallet.commands.export_commands:export",
         "Take along what the network holds of you: a ZIP of pictures, JSON and proofs that anybody can check offline.",
     ),
     "guardians": LazyCommand(
@@ -53,7 +53,7 @@ _COMMANDS = {
         "Show what was shared with you and what became of it since, and what is wrong with your own visits.",
     ),
     "keyring": LazyCommand(
-        "clients.wallet.commands.account.keyring_command:keyring",
+        "clients.wallet.commands.account.keyring_commands:keyring",
         "Keep this wallet's passphrase in the system's keyring, or take it out again.",
     ),
     "leave": LazyCommand(
@@ -85,16 +85,16 @@ _COMMANDS = {
         "Object to a purpose: nothing more is recorded of you for it, and nothing that was is released for it.",
     ),
     "probe": LazyCommand(
-        "clients.wallet.commands.audit_command:probe",
+        "clients.wallet.commands.audit_commands:probe",
         "Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations).",
         hidden=True,
     ),
     "receipts": LazyCommand(
-        "clients.wallet.commands.receipts_command:receipts",
+        "clients.wallet.commands.receipts_commands:receipts",
         "Show the receipts whose proofs this wallet keeps, each checked here. No node is asked: it works without a network.",
     ),
     "records": LazyCommand(
-        "clients.wallet.commands.records_command:records",
+        "clients.wallet.commands.records_commands:records",
         "List what was recorded of you, proven against the chain: all, or what fits.",
     ),
     "register": LazyCommand(
@@ -118,7 +118,7 @@ _COMMANDS = {
         "Get new words after a theft: whoever has the old ones sees, decides and erases nothing any more.",
     ),
     "serve": LazyCommand(
-        "clients.wallet.commands.serve_command:serve",
+        "clients.wallet.commands.serve_commands:serve",
         "Open your wallet as a page in your browser, for you alone: it is served on this machine, and keys stay here.",
     ),
     "share": LazyCommand(

@@ -1,4 +1,4 @@
-"""How times are written on a command line: a date, a date with a time, or a duration from now (`pages.moments`)."""
+"""How times are written on a command line: a date, a date with a time, or a duration from now (`pages.time_format`)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Any
 
 import click
 
-from clients.wallet.present.translations import WrongUsage
-from pages.moments import read_moment
+from clients.wallet.presentation.translations import WrongUsage
+from pages.time_format import parse_time
 
 
 def read_time(written: str | None, now_ms: int) -> int:
@@ -15,7 +15,7 @@ def read_time(written: str | None, now_ms: int) -> int:
     if written is None:
         return 0
     try:
-        moment_ms = read_moment(written, now_ms)
+        moment_ms = parse_time(written, now_ms)
     except ValueError:
         raise WrongUsage("no_time", given=written) from None
     if moment_ms <= 0:
@@ -23,7 +23,7 @@ def read_time(written: str | None, now_ms: int) -> int:
     return moment_ms
 
 
-class MomentType(click.ParamType[int]):
+class TimeParamType(click.ParamType[int]):
     """A date, or a date and a time, as ms since 1970."""
 
     name = "time"
@@ -32,9 +32,9 @@ class MomentType(click.ParamType[int]):
         if isinstance(value, int):
             return value
         try:
-            return read_moment(value)
+            return parse_time(value)
         except ValueError:
             self.fail('Give a date, or a date and a time, as "2027-01-31 18:00".', param, ctx)
 
 
-MOMENT = MomentType()
+MOMENT = TimeParamType()

@@ -17,7 +17,7 @@ import click
 
 from clients.sdk.terminal.lazy_group import LazyGroup
 from clients.sdk.terminal.terminal import EXIT_FAILED, wants_json
-from clients.wallet.present.translations import DEFAULT_LANGUAGE, FOLDER, LANGUAGES, language_in_use, load
+from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, FOLDER, LANGUAGES, language_in_use, load
 
 C = TypeVar("C", bound=click.Command)
 
@@ -35,22 +35,22 @@ def placeholders(usage: str) -> list[str]:
     return _PLACEHOLDER.findall(usage)
 
 
-def _said(english: str, language: str) -> str:
-    said = load(language).get(f"help.{english}", english)
-    assert isinstance(said, str)
-    return said
+def _translate(english: str, language: str) -> str:
+    translated = load(language).get(f"help.{english}", english)
+    assert isinstance(translated, str)
+    return translated
 
 
 def _with_placeholders(usage: str, language: str) -> str:
-    return _PLACEHOLDER.sub(lambda found: _said(found.group(), language), usage)
+    return _PLACEHOLDER.sub(lambda found: _translate(found.group(), language), usage)
 
 
-def _told(english: str | None, language: str) -> str:
+def _translate_paragraphs(english: str | None, language: str) -> str:
     """Return a help text in the language; in an example only placeholders are translated."""
     return "\n\n".join(
-        _said(EXAMPLE, language) + _with_placeholders(part.removeprefix(EXAMPLE), language)
+        _translate(EXAMPLE, language) + _with_placeholders(part.removeprefix(EXAMPLE), language)
         if part.startswith(EXAMPLE)
-        else _said(part, language)
+        else _translate(part, language)
         for part in paragraphs(english or "")
     )
 
@@ -80,27 +80,33 @@ def click_speaks(language: str) -> Iterator[None]:
         gettext.translation = translation
 
 
-def _told_copy(command: C, ctx: click.Context, language: str) -> C:
+def _translated_copy(command: C, ctx: click.Context, language: str) -> C:
     """Return a copy of a command, and of those below it, with all texts in the language."""
-    told = copy.copy(command)
-    told._help_option = None
+    translated = copy.copy(command)
+    translated._help_option = None
     with click_speaks(language):
-        told.get_help_option(ctx)  # click makes it once, in the language of that moment
-    told.help, told.short_help = _told(command.help, language), _told(command.short_help, language)
-    told.options_metavar = command.options_metavar and _with_placeholders(command.options_metavar, language)
-    told.params = [copy.copy(param) for param in command.params]
-    for param in told.params:
+        translated.get_help_option(ctx)  # click makes it once, in the language of that moment
+    translated.help, translated.short_help = (
+        _translate_paragraphs(command.help, language),
+        _translate_paragraphs(command.short_help, language),
+    )
+    translated.options_metavar = command.options_metavar and _with_placeholders(command.options_metavar, language)
+    translated.params = [copy.copy(param) for param in command.params]
+    for param in translated.params:
         param.metavar = _with_placeholders(param.make_metavar(ctx), language)
         if isinstance(param, click.Option):
-            param.help = _told(param.help, language)
-    if isinstance(told, click.Group):
-        told.subcommand_metavar = _with_placeholders(told.subcommand_metavar, language)
-        told.commands = {name: _told_copy(each, ctx, language) for name, each in told.commands.items()}
-    if isinstance(told, LazyGroup):
-        told.places = {
-            name: place._replace(summary=_told(place.summary, language)) for name, place in told.places.items()
+            param.help = _translate_paragraphs(param.help, language)
+    if isinstance(translated, click.Group):
+        translated.subcommand_metavar = _with_placeholders(translated.subcommand_metavar, language)
+        translated.commands = {
+            name: _translated_copy(each, ctx, language) for name, each in translated.commands.items()
         }
-    return told
+    if isinstance(translated, LazyGroup):
+        translated.places = {
+            name: place._replace(summary=_translate_paragraphs(place.summary, language))
+            for name, place in translated.places.items()
+        }
+    return translated
 
 
 class TranslatedGroup(LazyGroup):
@@ -112,7 +118,7 @@ class TranslatedGroup(LazyGroup):
         command = super().get_command(ctx, cmd_name)
         if command is None or self.language == DEFAULT_LANGUAGE:
             return command
-        return _told_copy(command, ctx, self.language)
+        return _translated_copy(command, ctx, self.language)
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
@@ -120,7 +126,7 @@ class TranslatedGroup(LazyGroup):
         language = self._language_of(args)
         group = self
         if language != DEFAULT_LANGUAGE:
-            group = _told_copy(self, click.Context(self, parent=parent), language)
+            group = _translated_copy(self, click.Context(self, parent=parent), language)
             group.language = language
         with click_speaks(language):
             return super(TranslatedGroup, group).make_context(info_name, args, parent, **extra)

@@ -19,8 +19,8 @@ from clients.sdk.terminal.terminal import (
 )
 from clients.wallet.cli.group_options import KEYRING_KEY
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.former_text import member_gone_line
-from clients.wallet.present.translations import WrongUsage, refusal, text
+from clients.wallet.presentation.former_text import member_gone_line
+from clients.wallet.presentation.translations import WrongUsage, refusal, text
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.passphrase_sources import read_from_keyring
 from clients.wallet.store.passphrase_strength import PASSPHRASE_MIN_LETTERS, count_letters, judge_passphrase
@@ -143,19 +143,19 @@ def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable
             try:
                 return await action(opened)
             finally:
-                tell_member_gone(opened)
-                tell_liars(opened.network.troubles)
+                print_member_gone(opened)
+                print_failed_nodes(opened.network.troubles)
 
     return asyncio.run(main())
 
 
-def tell_liars(troubles: Mapping[str, BlockRobotError]) -> None:
+def print_failed_nodes(troubles: Mapping[str, BlockRobotError]) -> None:
     """Name nodes with false proofs on standard error."""
     for name, error in sorted(troubles.items()):
         if error.code in _LIES:
             click.echo(text("ask.lied", name=name, code=error.code), err=True)
 
 
-def tell_member_gone(opened: Wallet) -> None:
+def print_member_gone(opened: Wallet) -> None:
     for line in member_gone_line(opened):
         error_console.print(text("former.warning", line=line), style="bold red", markup=False)

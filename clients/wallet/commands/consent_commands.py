@@ -18,34 +18,40 @@ from clients.sdk.terminal.terminal import FILE, command_output, console, print_a
 from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import read_only_wallet, require_new, run_with_wallet
-from clients.wallet.commands.notice_commands import require_said, tell_first
-from clients.wallet.consent.consent_by_mandate import Represented, find_represented, for_option, handle_of, spoken_for
+from clients.wallet.commands.notice_commands import confirm_with_notice, require_said
+from clients.wallet.consent.consent_by_mandate import (
+    RepresentedPerson,
+    for_option,
+    handle_of,
+    resolve_represented,
+    spoken_for,
+)
 from clients.wallet.consent.consent_choices import (
     DEPTH,
     Choice,
     Choices,
+    ConsentClient,
     ConsentDecision,
-    Consenting,
     choice_answer,
     round_period,
 )
 from clients.wallet.consent.notice_reading import Notices
-from clients.wallet.consent.receipt_fetching import ConsentReceipts, Receipted, Receipts, take_receipt
+from clients.wallet.consent.receipt_fetching import ConsentReceipts, ReceiptOutcome, Receipts, try_fetch_receipt
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.consent_answers import (
+from clients.wallet.presentation.consent_answers import (
     ConsentGiveAnswer,
     ConsentListAnswer,
     ConsentReceiptsAnswer,
     ConsentWordAnswer,
     ReceiptNotHad,
 )
-from clients.wallet.present.translations import WrongUsage, code_text, describe_error, purposes_text, text
+from clients.wallet.presentation.translations import WrongUsage, code_text, describe_error, purposes_text, text
 from consensus.bounded_text import read_json_text
 from consensus.members.handles import encode_short
 from consensus.rights.consents import GIVEN
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.sensors import SENSORS
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 _SAID_COLUMNS = 4
 """By this sensor a robot tells people apart: without a yes to it, it keeps nothing of any other."""
@@ -74,7 +80,7 @@ async def _tell(
     line: str,
     next_step: str,
     *,
-    person: Represented | None,
+    person: RepresentedPerson | None,
     as_json: bool,
     answer: ConsentWordAnswer,
 ) -> None:
@@ -83,7 +89,7 @@ async def _tell(
         if person is not None:
             console.print(text("mandates.said_for", name=encode_short(person.handle)))
         console.print(f"{line}\n  {text('consent.holds_from', height=word.from_height)} {next_step}")
-    receipted = Receipted(None, None) if person is not None else await take_receipt(opened, word.txid)
+    receipted = ReceiptOutcome(None, None) if person is not None else await try_fetch_receipt(opened, word.txid)
     if as_json:
         receipt, error_code = receipted.fetched, receipted.error_code
         print_answer(msgspec.structs.replace(answer, receipt=receipt, receipt_error=error_code))
@@ -94,7 +100,11 @@ async def _tell(
 
 
 def _word_answer(
-    word: ConsentDecision, status: str, purposes: Collection[str], sensors: Collection[str], person: Represented | None
+    word: ConsentDecision,
+    status: str,
+    purposes: Collection[str],
+    sensors: Collection[str],
+    person: RepresentedPerson | None,
 ) -> ConsentWordAnswer:
     """Return an answer without the receipt, which is fetched last."""
     return extend(
@@ -156,22 +166,22 @@ def give(
         raise WrongUsage("until_over")
 
     async def action(opened: Wallet) -> None:
-        notices, person = Notices(opened), await find_represented(opened, whom)
-        told = await (notices.current() if person is None else notices.of_organisation(person.organisation))
-        notice = told.answer() if person is not None or notices.is_new(told) else None
-        told.require_named(purposes, chosen)
+        notices, person = Notices(opened), await resolve_represented(opened, whom)
+        notice_view = await (notices.current() if person is None else notices.of_organisation(person.organisation))
+        notice = notice_view.answer() if person is not None or notices.is_new(notice_view) else None
+        notice_view.require_named(purposes, chosen)
         if notice is not None:
             require_said(yes=yes)
             question = text("consent.ask", purposes=", ".join(purposes), sensors=", ".join(chosen))
-            tell_first(notices if person is None else None, told, question, yes=yes, as_json=as_json)
+            confirm_with_notice(notices if person is None else None, notice_view, question, yes=yes, as_json=as_json)
         last_ms = until_ms if person is None else until_ms or person.until_ms
-        word = await Consenting(opened, handle_of(person)).give(
+        word = await ConsentClient(opened, handle_of(person)).give(
             list(purposes),
             list(chosen),
             from_ms=from_ms,
             until_ms=last_ms,
             height=height,
-            seen_height=told.height,
+            seen_height=notice_view.height,
         )
         answer = extend(
             ConsentGiveAnswer,
@@ -184,14 +194,14 @@ def give(
         next_step = text("consent.take_back") if person is None else ""
         await _tell(opened, word, line, next_step, person=person, as_json=as_json, answer=answer)
         if person is None:
-            notices.note_consented(told)
+            notices.note_consented(notice_view)
 
     run_with_wallet(ctx, action)
 
 
 def _given(purposes: tuple[str, ...], sensors: tuple[str, ...], from_ms: int, until_ms: int) -> str:
-    period = " " + text("consent.from", moment=show_moment(from_ms)) if from_ms else ""
-    period += " " + text("consent.until", moment=show_moment(until_ms)) if until_ms else text("consent.open_end")
+    period = " " + text("consent.from", moment=format_time(from_ms)) if from_ms else ""
+    period += " " + text("consent.until", moment=format_time(until_ms)) if until_ms else text("consent.open_end")
     named = {
         "purposes": _named(purposes, "purpose", PURPOSES, ""),
         "sensors": _named(sensors, "sensor", SENSORS, ""),
@@ -204,7 +214,7 @@ def _given(purposes: tuple[str, ...], sensors: tuple[str, ...], from_ms: int, un
 
 def _say_no(
     ctx: click.Context,
-    act: Callable[[Consenting], Callable[[list[str], list[str]], Any]],
+    act: Callable[[ConsentClient], Callable[[list[str], list[str]], Any]],
     status: str,
     key: str,
     purposes: tuple[str, ...],
@@ -218,8 +228,8 @@ def _say_no(
     what = text(key, purposes=named, sensors=_named(sensors, "sensor", SENSORS, text("consent.every_sensor")))
 
     async def action(opened: Wallet) -> None:
-        person = await find_represented(opened, whom)
-        word: ConsentDecision = await act(Consenting(opened, handle_of(person)))(list(purposes), list(sensors))
+        person = await resolve_represented(opened, whom)
+        word: ConsentDecision = await act(ConsentClient(opened, handle_of(person)))(list(purposes), list(sensors))
         line = what if word.count else text("consent.nothing_given")
         next_step = text("consent.after_no") if person is None else ""
         answer = _word_answer(word, status, purposes, sensors, person)
@@ -276,8 +286,8 @@ def list_choices(
     """
 
     async def action(opened: Wallet) -> Choices:
-        person = await find_represented(opened, whom)
-        consenting = Consenting(opened, handle_of(person))
+        person = await resolve_represented(opened, whom)
+        consenting = ConsentClient(opened, handle_of(person))
         consenting.require_known(list(purposes), list(sensors))
         return await consenting.choices()
 
@@ -310,17 +320,17 @@ def _without_depth(found: Choices, purposes: Collection[str]) -> list[str]:
 
 def _line(row: Choice, height: int) -> str:
     last = row.last
-    said = f"{text('consent.yes' if row.holds else 'consent.no'):<{_SAID_COLUMNS}}"
-    mark = f"[green]{said}[/green]" if row.holds else said
-    since = show_moment(last.since_ms)
+    answer_word = f"{text('consent.yes' if row.holds else 'consent.no'):<{_SAID_COLUMNS}}"
+    mark = f"[green]{answer_word}[/green]" if row.holds else answer_word
+    since = format_time(last.since_ms)
     purpose, sensor = code_text("purpose", row.purpose), code_text("sensor", row.sensor)
     line = text("consent.row", purpose=purpose, sensor=sensor, status=code_text("said", last.status), moment=since)
     if last.height > height:
         line += ", " + text("consent.from_block", height=last.height)
     if last.from_ms:
-        line += ", " + text("consent.from", moment=show_moment(last.from_ms))
+        line += ", " + text("consent.from", moment=format_time(last.from_ms))
     if last.until_ms:
-        line += ", " + text("consent.until", moment=show_moment(last.until_ms))
+        line += ", " + text("consent.until", moment=format_time(last.until_ms))
     if last.mandate:
         line += ", " + text("mandates.by", name=last.mandate.hex()[:12])
     return f"{mark} {line}"
@@ -373,7 +383,7 @@ def _receipt_line(receipt: CheckedReceipt) -> str:
     published = receipt.published
     return text(
         "receipts.line",
-        moment=show_moment(word.time_ms),
+        moment=format_time(word.time_ms),
         status=code_text("said", word.status),
         purposes=purposes_text(word.purposes) or text("receipts.everything"),
         sensors=", ".join(code_text("sensor", code) for code in word.sensors) or text("receipts.every_sensor"),

@@ -11,26 +11,26 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer, status_line
-from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
-from clients.wallet.commands.view_commands import list_missing_rooms, tell_missing_rooms
+from clients.wallet.commands.view_commands import list_missing_rooms, print_missing_rooms
 from clients.wallet.ledger.visit_audit import AuditEntry, Finding
-from clients.wallet.ledger.visit_scan import find_record
+from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import VisitReport, Wallet
-from clients.wallet.present.former_text import unreadable_words
-from clients.wallet.present.record_answers import FetchedRecord, FrameStatus
-from clients.wallet.present.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
-from clients.wallet.present.sharing_answers import (
+from clients.wallet.presentation.former_text import unreadable_words
+from clients.wallet.presentation.record_answers import FetchedRecord, FrameStatus
+from clients.wallet.presentation.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
+from clients.wallet.presentation.sharing_answers import (
     ConfirmDeletedAnswer,
     InboxAnswer,
     LookAnswer,
     LookAtOwn,
 )
-from clients.wallet.present.translations import code_text, refusal, text
-from clients.wallet.records.leftover_files import find_earlier_of, tell_earlier
+from clients.wallet.presentation.translations import code_text, refusal, text
+from clients.wallet.records.leftover_files import find_earlier_of, print_earlier_files
 from clients.wallet.records.picture_files import delete_frames, write_frames
 from clients.wallet.records.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, name_places
-from clients.wallet.sharing.chain_grants import find_by_prefix
+from clients.wallet.sharing.chain_grants import resolve_grant
 from clients.wallet.sharing.inbox import Inbox, copies_left, read_inbox
 from clients.wallet.sharing.incoming_shares import (
     KIND_ERASED,
@@ -41,7 +41,7 @@ from clients.wallet.sharing.incoming_shares import (
     SharedView,
 )
 from consensus.errors import BlockRobotError
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 LOOKS_SHOWN = 20
 _GONE = frozenset({KIND_ERASED, KIND_FRAMES_ERASED})
@@ -101,7 +101,7 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
 
 def _changed_line(entry: AuditEntry, finding: Finding) -> str:
     record_id, _, frames = finding
-    name, moment = record_id.hex(), show_moment(entry.time_ms)
+    name, moment = record_id.hex(), format_time(entry.time_ms)
     if not frames:
         return text("inbox.failed", name=name, moment=moment)
     return text("inbox.changed", name=name, count=len(frames), frames=name_places(frames), moment=moment)
@@ -123,16 +123,16 @@ def _print_looks(looks: Sequence[AuditEntry]) -> None:
         console.print(text("inbox.more_looks", count=len(looks) - LOOKS_SHOWN))
     for entry in looks[-LOOKS_SHOWN:]:
         purpose = code_text("purpose", entry.data["purpose"])
-        told = {"moment": show_moment(entry.time_ms), "count": entry.data["records"], "purpose": purpose}
+        explanation = {"moment": format_time(entry.time_ms), "count": entry.data["records"], "purpose": purpose}
         names = {"name": entry.owner.hex()[:12], "grant": entry.data["grant"].hex()[:12]}
-        console.print(text("inbox.look", **told, **names))
+        console.print(text("inbox.look", **explanation, **names))
 
 
 async def _find(opened: Wallet, start: str) -> tuple[IncomingShares, Receipt]:
     receiving = IncomingShares(opened)
     found = await receiving.inbox()
     unread = {each.received.grant_id: each.error for each in receiving.unread}
-    grant_id = find_by_prefix([*(each.grant.grant_id for each in found), *unread], start)
+    grant_id = resolve_grant([*(each.grant.grant_id for each in found), *unread], start)
     if grant_id in unread:
         raise unread[grant_id]
     (receipt,) = [each for each in found if each.grant.grant_id == grant_id]
@@ -141,7 +141,7 @@ async def _find(opened: Wallet, start: str) -> tuple[IncomingShares, Receipt]:
 
 def _choose(receipt: Receipt, record_ids: Sequence[str], otherwise: Sequence[bytes]) -> list[bytes]:
     known = [record_id.hex() for record_id in receipt.grant.row.records]
-    return [bytes.fromhex(find_record(known, start)) for start in record_ids] or list(otherwise)
+    return [bytes.fromhex(resolve_record(known, start)) for start in record_ids] or list(otherwise)
 
 
 def _require_shown(receipt: Receipt, wanted: Sequence[bytes]) -> None:
@@ -222,8 +222,8 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     for record_id in left_out:
         console.print(text("look.left_out", name=record_id.hex()))
     console.print(text("look.written", out=out))
-    tell_missing_rooms(missing)
-    tell_earlier(earlier)
+    print_missing_rooms(missing)
+    print_earlier_files(earlier)
 
 
 def _fetched_record(view: SharedView) -> FetchedRecord:
@@ -237,10 +237,10 @@ def _fetched_record(view: SharedView) -> FetchedRecord:
 def _ask_whether_deleted(places: Sequence[Path], records_count: int, *, yes: bool) -> None:
     records = text("count.records", count=records_count)
     if places:
-        told = text("confirm_deleted.delete", folders=text("count.folders", count=len(places)), records=records)
+        explanation = text("confirm_deleted.delete", folders=text("count.folders", count=len(places)), records=records)
     else:
-        told = text("confirm_deleted.say", records=records)
-    ask_or_say(text("confirm_deleted.ask"), yes=yes, told=told)
+        explanation = text("confirm_deleted.say", records=records)
+    confirm_or_print(text("confirm_deleted.ask"), yes=yes, explanation=explanation)
 
 
 @click.command("confirm-deleted")

@@ -6,15 +6,15 @@ import click
 
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import command_output, console, print_answer
-from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import ACTIVE, APPROVED, OPEN, Mandate, Mandates
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.mandate_answers import MandateAct, OwnMandate, OwnMandatesAnswer, mandate_answer
-from clients.wallet.present.translations import code_text, purposes_text, text
+from clients.wallet.presentation.mandate_answers import MandateAct, OwnMandate, OwnMandatesAnswer, mandate_answer
+from clients.wallet.presentation.translations import code_text, purposes_text, text
 from consensus.members.handles import encode_short
 from consensus.state.mandates import ActRow
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 
 @click.group()
@@ -47,23 +47,23 @@ def _print_mandate(opened: Wallet, mandate: Mandate, trail: list[ActRow]) -> Non
     is_representative = state.representative == opened.store.content.handle
     other = encode_short(state.handle if is_representative else state.representative)
     key = "mandates.you_act" if is_representative else "mandates.acts_for_you"
-    status, until = code_text("mandate", mandate.status), show_moment(state.until_ms)
+    status, until = code_text("mandate", mandate.status), format_time(state.until_ms)
     console.print(text(key, name=name, status=status, other=other, until=until, organisation=state.org))
     if is_representative and mandate.status == APPROVED:
-        console.print("  " + text("mandates.to_accept", name=name, until=show_moment(state.ends_ms)))
+        console.print("  " + text("mandates.to_accept", name=name, until=format_time(state.ends_ms)))
     if is_representative and mandate.status == ACTIVE:
         console.print("  " + text("mandates.to_act", other=other))
     if not is_representative and mandate.status in OPEN:
         console.print("  " + text("mandates.to_end", name=name))
     for act in trail:
-        said, purposes = code_text("said", act.kind), purposes_text(act.data["purposes"])
+        status_word, purposes = code_text("said", act.kind), purposes_text(act.data["purposes"])
         sensors = ", ".join(code_text("sensor", code) for code in act.data["sensors"])
         console.print(
             "  "
             + text(
                 "mandates.act",
-                moment=show_moment(act.time),
-                status=said,
+                moment=format_time(act.time),
+                status=status_word,
                 purposes=purposes or text("receipts.everything"),
                 sensors=sensors or text("receipts.every_sensor"),
                 height=act.height,
@@ -113,8 +113,8 @@ def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
     async def action(opened: Wallet) -> Mandate:
         handling = Mandates(opened)
         before = await handling.find(mandate, own=True)
-        other, until = encode_short(before.state.handle), show_moment(before.state.until_ms)
-        ask_or_say(text("mandates.ask_accept", other=other, until=until), yes=yes, as_json=as_json)
+        other, until = encode_short(before.state.handle), format_time(before.state.until_ms)
+        confirm_or_print(text("mandates.ask_accept", other=other, until=until), yes=yes, as_json=as_json)
         await handling.accept(before)
         return await handling.find(before.mandate_id.hex(), own=True)
 
@@ -122,7 +122,7 @@ def accept(ctx: click.Context, mandate: str, yes: bool, as_json: bool) -> None:
     if as_json:
         print_answer(mandate_answer(after))
         return
-    console.print(text("mandates.accepted", until=show_moment(after.state.until_ms)))
+    console.print(text("mandates.accepted", until=format_time(after.state.until_ms)))
     console.print("  " + text("mandates.to_act", other=encode_short(after.state.handle)))
 
 

@@ -10,17 +10,17 @@ from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer
 from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.consent.notice_reading import Notices, NoticeView
-from clients.wallet.consent.receipt_fetching import Receipted, take_receipt
+from clients.wallet.consent.receipt_fetching import ReceiptOutcome, try_fetch_receipt
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.consent_answers import RegisterAnswer
-from clients.wallet.present.translations import WrongUsage, text
+from clients.wallet.presentation.consent_answers import RegisterAnswer
+from clients.wallet.presentation.translations import WrongUsage, text
 from consensus.rights.consent_receipts import FIRST_SENSORS
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 
-def show_notice(told: NoticeView, *, err: bool = False) -> None:
+def show_notice(notice_view: NoticeView, *, err: bool = False) -> None:
     """Print a notice verbatim, without control characters or colours from the chain."""
-    for line in told.lines():
+    for line in notice_view.lines():
         if err:
             click.echo(line, err=True)
         else:
@@ -33,17 +33,19 @@ def require_said(*, yes: bool) -> None:
         raise WrongUsage("no_terminal_read")
 
 
-def tell_first(notices: Notices | None, told: NoticeView, question: str, *, yes: bool, as_json: bool) -> None:
+def confirm_with_notice(
+    notices: Notices | None, notice_view: NoticeView, question: str, *, yes: bool, as_json: bool
+) -> None:
     """Show a notice before signing, and ask unless `yes`. `notices` None: another person's, not remembered. With `yes`
     it is marked as shown once printed.
     """
     if as_json and (yes or not can_ask()):
         return
-    show_notice(told, err=as_json)
+    show_notice(notice_view, err=as_json)
     if not yes and can_ask():
         ask(question, err=as_json)
     if notices is not None:
-        notices.note_shown(told)
+        notices.note_shown(notice_view)
 
 
 @click.command()
@@ -57,23 +59,25 @@ def notice(ctx: click.Context, as_json: bool) -> None:
 
     async def action(opened: Wallet) -> None:
         notices = Notices(opened)
-        told = await notices.current()
+        notice_view = await notices.current()
         if as_json:
-            print_answer(told.answer())
+            print_answer(notice_view.answer())
         else:
-            _show_with_changes(told)
-        notices.note_shown(told)
+            _show_with_changes(notice_view)
+        notices.note_shown(notice_view)
 
     run_with_wallet(ctx, action)
 
 
-def _show_with_changes(told: NoticeView) -> None:
-    show_notice(told)
-    if told.before is None or told.published is None:
+def _show_with_changes(notice_view: NoticeView) -> None:
+    show_notice(notice_view)
+    if notice_view.before is None or notice_view.published is None:
         return
-    came = show_moment(told.published.row.time_ms)
-    console.print("\n" + text("notice.changed", before=told.before.version, version=told.version, moment=came))
-    for line in told.changes:
+    came = format_time(notice_view.published.row.time_ms)
+    console.print(
+        "\n" + text("notice.changed", before=notice_view.before.version, version=notice_view.version, moment=came)
+    )
+    for line in notice_view.changes:
         console.print(escape(line))
     console.print(text("notice.holds"))
 
@@ -108,18 +112,18 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
 
     async def action(opened: Wallet) -> None:
         notices = Notices(opened)
-        told, shown = await notices.for_card(code), -1
-        while told.version > shown:  # a newer one may come while they read
-            told.require_named(purposes, FIRST_SENSORS)
-            tell_first(notices, told, _ask_of(purposes), yes=yes, as_json=as_json)
-            shown, told = told.version, await notices.for_card(code)
+        notice_view, shown = await notices.for_card(code), -1
+        while notice_view.version > shown:  # a newer one may come while they read
+            notice_view.require_named(purposes, FIRST_SENSORS)
+            confirm_with_notice(notices, notice_view, _ask_of(purposes), yes=yes, as_json=as_json)
+            shown, notice_view = notice_view.version, await notices.for_card(code)
         done = await opened.register(code, list(purposes))
         if not as_json:
             console.print(_registered_line(purposes))
-        receipted = await take_receipt(opened, done.txid) if purposes and done.txid else None
+        receipted = await try_fetch_receipt(opened, done.txid) if purposes and done.txid else None
         if as_json:
             answer = RegisterAnswer(
-                notice=told.answer(),
+                notice=notice_view.answer(),
                 receipt=UNSET if receipted is None else receipted.fetched,
                 receipt_error=UNSET if receipted is None else receipted.error_code,
                 txid=done.txid.hex(),
@@ -128,11 +132,11 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
             )
             print_answer(answer)
         elif receipted is not None:
-            console.print(f"  {escape(receipted.line())}{_unseen(receipted, told)}")
+            console.print(f"  {escape(receipted.line())}{_unseen(receipted, notice_view)}")
         if receipted is None:
-            notices.note_shown(told)
+            notices.note_shown(notice_view)
         else:
-            notices.note_consented(told)
+            notices.note_consented(notice_view)
 
     run_with_wallet(ctx, action)
 
@@ -143,9 +147,9 @@ def _registered_line(purposes: tuple[str, ...]) -> str:
     return text("register.done_nothing")
 
 
-def _unseen(receipted: Receipted, told: NoticeView) -> str:
+def _unseen(receipted: ReceiptOutcome, notice_view: NoticeView) -> str:
     """Describe a notice version published during registration, to which the chain binds."""
     published = None if receipted.receipt is None else receipted.receipt.published
-    if published is None or published.row.version <= told.version:
+    if published is None or published.row.version <= notice_view.version:
         return ""
     return " " + text("register.unseen")

@@ -11,12 +11,18 @@ import click
 from clients.sdk.new_files import new_file
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import EXISTING_FILE, FILE, can_ask, command_output, console, print_answer
-from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.wallet_context import require_new, run_with_wallet
-from clients.wallet.consent.consent_by_mandate import Represented, find_represented, for_option, handle_of, spoken_for
+from clients.wallet.consent.consent_by_mandate import (
+    RepresentedPerson,
+    for_option,
+    handle_of,
+    resolve_represented,
+    spoken_for,
+)
 from clients.wallet.consent.rights_requests import RecordChoice, Rights, RightsStatement, choose, write_correction
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.rights_answers import (
+from clients.wallet.presentation.rights_answers import (
     CorrectAnswer,
     LiftAnswer,
     ObjectAnswer,
@@ -25,12 +31,12 @@ from clients.wallet.present.rights_answers import (
     VisitWord,
     WrongPersonAnswer,
 )
-from clients.wallet.present.translations import WrongUsage, purposes_text, text
+from clients.wallet.presentation.translations import WrongUsage, purposes_text, text
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import CORRECTIONS, GROUNDS, KEEPING_GROUNDS, Correction
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 Spoken = tuple[list[RightsStatement], BlockRobotError | None]
 
@@ -57,19 +63,19 @@ async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str
     return choose(await opened.records(), record_ids, visits)
 
 
-def _visit_word(said: RightsStatement) -> VisitWord:
+def _visit_word(statement: RightsStatement) -> VisitWord:
     return VisitWord(
-        visit=said.visit.owner.hex(),
-        records=[record_id.hex() for record_id in said.record_ids],
-        txid=said.txid.hex(),
-        height=said.height,
-        time_ms=said.time_ms,
+        visit=statement.visit.owner.hex(),
+        records=[record_id.hex() for record_id in statement.record_ids],
+        txid=statement.txid.hex(),
+        height=statement.height,
+        time_ms=statement.time_ms,
     )
 
 
-def _name(said: RightsStatement) -> str:
-    name = said.visit.owner.hex()[:12]
-    return text("rights.some" if said.record_ids else "rights.whole", count=len(said.record_ids), name=name)
+def _name(statement: RightsStatement) -> str:
+    name = statement.visit.owner.hex()[:12]
+    return text("rights.some" if statement.record_ids else "rights.whole", count=len(statement.record_ids), name=name)
 
 
 def _all_of(spoken: Spoken) -> list[RightsStatement]:
@@ -77,8 +83,8 @@ def _all_of(spoken: Spoken) -> list[RightsStatement]:
     words, refusal = spoken
     if refusal is None:
         return words
-    for said in words:
-        click.echo(text("rights.before_refusal", what=_name(said)), err=True)
+    for statement in words:
+        click.echo(text("rights.before_refusal", what=_name(statement)), err=True)
     raise refusal
 
 
@@ -103,19 +109,22 @@ def restrict(
 
     async def action(opened: Wallet) -> Spoken:
         rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
-        return await rights.say_each(chosen, lambda one: rights.restrict(one, ground), at_once=now, tell=_tell_progress)
+        return await rights.say_each(
+            chosen, lambda one: rights.restrict(one, ground), at_once=now, tell=_print_progress
+        )
 
     words = _all_of(run_with_wallet(ctx, action))
     if as_json:
         rows = [
-            extend(RestrictedVisit, _visit_word(said), kept_until_ms=said.data["until_ms"] or None) for said in words
+            extend(RestrictedVisit, _visit_word(statement), kept_until_ms=statement.data["until_ms"] or None)
+            for statement in words
         ]
         print_answer(RestrictAnswer(ground=ground, restricted=rows))
         return
-    for said in words:
-        line = text("rights.restricted", what=_name(said))
+    for statement in words:
+        line = text("rights.restricted", what=_name(statement))
         if ground in KEEPING_GROUNDS:
-            line += " " + text("rights.kept", moment=show_moment(said.data["until_ms"]))
+            line += " " + text("rights.kept", moment=format_time(statement.data["until_ms"]))
         console.print(line)
     console.print("  " + text("rights.to_lift"))
 
@@ -134,16 +143,16 @@ def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...
 
     async def action(opened: Wallet) -> Spoken:
         rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
-        return await rights.say_each(chosen, rights.lift, at_once=now, tell=_tell_progress)
+        return await rights.say_each(chosen, rights.lift, at_once=now, tell=_print_progress)
 
     words = _all_of(run_with_wallet(ctx, action))
     if as_json:
-        print_answer(LiftAnswer(lifted=[_visit_word(said) for said in words]))
-    for said in () if as_json else words:
-        console.print(text("rights.lifted", what=_name(said)))
+        print_answer(LiftAnswer(lifted=[_visit_word(statement) for statement in words]))
+    for statement in () if as_json else words:
+        console.print(text("rights.lifted", what=_name(statement)))
 
 
-def _tell_progress(number: int, count: int) -> None:
+def _print_progress(number: int, count: int) -> None:
     click.echo(text("rights.progress", number=number + 1, count=count), err=True)
 
 
@@ -170,16 +179,16 @@ def object_to(
     if now and not as_json:
         click.echo(text("rights.linked"), err=True)
 
-    async def action(opened: Wallet) -> tuple[int, list[RightsStatement], Represented | None]:
-        rights, person = Rights(opened), await find_represented(opened, whom)
+    async def action(opened: Wallet) -> tuple[int, list[RightsStatement], RepresentedPerson | None]:
+        rights, person = Rights(opened), await resolve_represented(opened, whom)
         height = await rights.object_to_recording(list(purposes), handle_of(person))
         if recording_only or person is not None:
             return height, [], person
-        return height, await rights.object_to_release(list(purposes), at_once=now, tell=_tell_progress), None
+        return height, await rights.object_to_release(list(purposes), at_once=now, tell=_print_progress), None
 
     height, words, person = run_with_wallet(ctx, action)
     if as_json:
-        visits = [_visit_word(said) for said in words]
+        visits = [_visit_word(statement) for statement in words]
         answer = extend(ObjectAnswer, spoken_for(person), purposes=list(purposes), from_height=height, visits=visits)
         print_answer(answer)
         return
@@ -231,14 +240,16 @@ def correct(
         return await Rights(opened).correct(chosen[0], kind, right)
 
     with nullcontext() if out is None else new_file(out) as file:
-        said, correction = run_with_wallet(ctx, action)
+        statement, correction = run_with_wallet(ctx, action)
         if file is not None:
             file.write(write_correction(correction))
     if as_json:
         place = None if out is None else str(out)
-        print_answer(extend(CorrectAnswer, _visit_word(said), kind=kind, number=said.data["number"], out=place))
+        print_answer(
+            extend(CorrectAnswer, _visit_word(statement), kind=kind, number=statement.data["number"], out=place)
+        )
         return
-    console.print(text("rights.corrected", number=said.data["number"] + 1, what=_name(said)))
+    console.print(text("rights.corrected", number=statement.data["number"] + 1, what=_name(statement)))
     console.print("  " + (text("rights.hand_over", path=out) if out else text("rights.not_handed")))
 
 
@@ -256,22 +267,22 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
     Example: blockrobot wallet wrong-person 02ab34cd
     """
     question = text("rights.ask_wrong_person", no_officer=text("rights.no_officer"))
-    ask_or_say(question, yes=yes, as_json=as_json)
+    confirm_or_print(question, yes=yes, as_json=as_json)
 
     async def action(opened: Wallet) -> RightsStatement:
         (chosen,) = choose(await opened.records(), (), (visit,))
         return await Rights(opened).deny(chosen.visit)
 
-    said = run_with_wallet(ctx, action)
-    breach_id, due_ms = said.data["breach_id"].hex(), said.data["due_ms"]
+    statement = run_with_wallet(ctx, action)
+    breach_id, due_ms = statement.data["breach_id"].hex(), statement.data["due_ms"]
     if as_json:
-        organisation = said.data["org"]
+        organisation = statement.data["org"]
         answer = extend(
-            WrongPersonAnswer, _visit_word(said), breach_id=breach_id, organisation=organisation, due_ms=due_ms
+            WrongPersonAnswer, _visit_word(statement), breach_id=breach_id, organisation=organisation, due_ms=due_ms
         )
         print_answer(answer)
         return
-    console.print(text("rights.wrong_person", organisation=said.data["org"], moment=show_moment(due_ms)))
+    console.print(text("rights.wrong_person", organisation=statement.data["org"], moment=format_time(due_ms)))
     console.print("  " + text("rights.no_officer"))
     console.print("  " + text("rights.breach", name=breach_id[:12]))
 

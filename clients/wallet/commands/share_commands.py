@@ -10,28 +10,28 @@ import click
 
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.terminal import command_output, console, print_answer, status_line
-from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.share_text import explain, made_share, name_grantee, own_share, say_role, share_lines
-from clients.wallet.present.sharing_answers import (
+from clients.wallet.presentation.share_text import explain, made_share, name_grantee, own_share, role_text, share_lines
+from clients.wallet.presentation.sharing_answers import (
     HandleAnswer,
     RevokeAnswer,
     ShareAnswer,
     SharesAnswer,
 )
-from clients.wallet.present.translations import DEFAULT_LANGUAGE, WrongUsage, language_in_use, text
-from clients.wallet.sharing.chain_grants import find_by_prefix
+from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, WrongUsage, language_in_use, text
+from clients.wallet.sharing.chain_grants import resolve_grant
 from clients.wallet.sharing.outgoing_shares import (
     STEP_KEYS,
     STEP_PARTS,
     STEP_SIGNING,
+    FinalGrant,
     Grantee,
     Share,
-    Shared,
-    Sharing,
+    SharingClient,
     Tell,
     place_end,
     require_purpose_to_share,
@@ -40,7 +40,7 @@ from clients.wallet.sharing.outgoing_shares import (
 )
 from consensus.members.handles import encode_short
 from consensus.records.sharing import GRANTEE_ROLES
-from pages.moments import parse_duration, show_moment
+from pages.time_format import format_time, parse_duration
 
 _STEPS = {STEP_KEYS: "share.keys", STEP_SIGNING: "share.signing"}
 
@@ -59,23 +59,23 @@ def read_end(span: str | None, until: str | None, now_ms: int) -> int:
         raise WrongUsage("span") from None
 
 
-def say_step(step: str) -> str:
+def step_text(step: str) -> str:
     if step.startswith(STEP_PARTS):
         return text("share.parts", name=step.removeprefix(STEP_PARTS))
     return text(_STEPS[step])
 
 
 def _show_step(show: Tell, step: str) -> None:
-    show(say_step(step))
+    show(step_text(step))
 
 
-def _print_shared(shared: Shared, grantee: Grantee) -> None:
+def _print_shared(shared: FinalGrant, grantee: Grantee) -> None:
     console.print(
         text(
             "share.done",
             grantee=name_grantee(grantee),
             records=text("count.records", count=len(shared.records)),
-            until=show_moment(shared.until_ms),
+            until=format_time(shared.until_ms),
             grant=shared.grant_id.hex()[:12],
         )
     )
@@ -123,18 +123,18 @@ def share(
         raise WrongUsage("name_records")
     until_ms = read_end(span, until, time.time_ns() // 1_000_000)
 
-    async def action(opened: Wallet) -> tuple[Grantee, list[Shared]]:
+    async def action(opened: Wallet) -> tuple[Grantee, list[FinalGrant]]:
         require_purpose_to_share(purpose, opened.genesis.purposes)
-        sharing = Sharing(opened)
-        grantee = await sharing.find_grantee(read_given(wanted), label)
+        sharing = SharingClient(opened)
+        grantee = await sharing.resolve_grantee(read_given(wanted), label)
         reports = await opened.records()
         entries = select_shareable(reports, choose(reports, record_ids, visits), purpose)
-        told = explain(entries, grantee, purpose, until_ms)
-        ask_or_say(text("share.ask"), yes=yes, told=told)
+        explanation = explain(entries, grantee, purpose, until_ms)
+        confirm_or_print(text("share.ask"), yes=yes, explanation=explanation)
         with status_line(text("share.doing"), as_json=as_json) as show:
-            told = DEFAULT_LANGUAGE if as_json else language_in_use()
+            language = DEFAULT_LANGUAGE if as_json else language_in_use()
             tell = functools.partial(_show_step, show)
-            return grantee, await share_each(sharing, entries, grantee, purpose, until_ms, tell, language=told)
+            return grantee, await share_each(sharing, entries, grantee, purpose, until_ms, tell, language=language)
 
     grantee, done = run_with_wallet(ctx, action)
     if as_json:
@@ -156,7 +156,7 @@ def shares(ctx: click.Context, as_json: bool) -> None:
     """
 
     async def action(opened: Wallet) -> list[Share]:
-        return await Sharing(opened).shares()
+        return await SharingClient(opened).shares()
 
     found, now_ms = run_with_wallet(ctx, action), time.time_ns() // 1_000_000
     if as_json:
@@ -171,17 +171,17 @@ def shares(ctx: click.Context, as_json: bool) -> None:
             console.print("  " + text("shares.to_end", grant=each.grant.grant_id.hex()[:12]))
 
 
-def tell_recipients(found: Sequence[Share]) -> None:
+def print_recipients(found: Sequence[Share]) -> None:
     """Print recipients of records to be erased (Art. 19)."""
     for each in found:
-        moments = ", ".join(show_moment(each_look.time_ms) for each_look in each.looks)
+        moments = ", ".join(format_time(each_look.time_ms) for each_look in each.looks)
         if moments:
             console.print(text("shares.told_who_looked", name=each.name, moments=moments))
         else:
             console.print(text("shares.told_who_did_not", name=each.name))
 
 
-def tell_copies(found: Sequence[Share]) -> None:
+def print_copies(found: Sequence[Share]) -> None:
     if found:
         console.print("  " + text("shares.copies"))
 
@@ -197,9 +197,9 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
     """
 
     async def action(opened: Wallet) -> tuple[Share, bytes | None]:
-        sharing = Sharing(opened)
+        sharing = SharingClient(opened)
         found = await sharing.shares()
-        chosen = find_by_prefix([each.grant.grant_id for each in found], grant)
+        chosen = resolve_grant([each.grant.grant_id for each in found], grant)
         (one,) = [each for each in found if each.grant.grant_id == chosen]
         return one, None if one.grant.row.status == "revoked" else await sharing.revoke(one)
 
@@ -243,7 +243,7 @@ def handle(ctx: click.Context, as_json: bool) -> None:
     console.print(encode_short(own))
     console.print("  " + " ".join(digits[start : start + 8] for start in range(0, len(digits), 8)))
     if role not in GRANTEE_ROLES:
-        console.print("  " + text("handle.not_for", role=say_role(role)))
+        console.print("  " + text("handle.not_for", role=role_text(role)))
     else:
         console.print("  " + text("handle.tell"))
 

@@ -12,14 +12,21 @@ from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer, status_line
 from clients.wallet.cli.shell_completion import complete_records
 from clients.wallet.cli.wallet_context import on_abort, read_only_wallet, run_with_wallet
-from clients.wallet.ledger.record_choice import choose_records, tell_visits_linked
+from clients.wallet.ledger.record_choice import choose_records, warn_of_linked_visits
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.present.record_answers import FrameStatus, MissingRoom, VerifyAnswer, ViewAnswer, ViewedRecord
-from clients.wallet.present.translations import describe_error, text, withheld_text
+from clients.wallet.presentation.record_answers import FrameStatus, MissingRoom, VerifyAnswer, ViewAnswer, ViewedRecord
+from clients.wallet.presentation.translations import describe_error, text, withheld_text
 from clients.wallet.records.album import Album
-from clients.wallet.records.leftover_files import find_earlier, find_earlier_of, tell_earlier
+from clients.wallet.records.leftover_files import find_earlier, find_earlier_of, print_earlier_files
 from clients.wallet.records.picture_files import write_pictures
-from clients.wallet.records.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, Viewing, name_places
+from clients.wallet.records.viewing import (
+    STATUS_ERASED,
+    STATUS_NOTICE,
+    STATUS_OK,
+    RecordView,
+    RecordViewer,
+    name_places,
+)
 from consensus.errors import BlockRobotError
 
 
@@ -32,7 +39,7 @@ async def _view_all(
     album: Album | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> list[RecordView]:
-    viewing = Viewing(opened)
+    viewing = RecordViewer(opened)
     views: list[RecordView] = []
     tell(text("view.doing", number=1, count=len(entries)))
     async with aclosing(viewing.view_each(entries, purpose, verdict=verdict)) as each:
@@ -60,7 +67,7 @@ def list_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> list[Missing
     return [MissingRoom(sha256=digest.hex(), code=error.code) for digest, error in missing.items()]
 
 
-def tell_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> None:
+def print_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> None:
     """Print why empty frames are missing, each reason once."""
     for reason in dict.fromkeys(describe_error(error)[0] for error in missing.values()):
         console.print(escape(text("view.no_room", reason=reason)))
@@ -126,7 +133,7 @@ def view(
     album, sheets = Album(out), list[Path]()
 
     async def action(opened: Wallet) -> list[RecordView]:
-        entries = tell_visits_linked(await choose_records(opened, record_ids), as_json=as_json)
+        entries = warn_of_linked_visits(await choose_records(opened, record_ids), as_json=as_json)
         with status_line(text("view.asking"), as_json=as_json) as tell:
             views = await _view_all(opened, entries, purpose, verdict=False, album=album, tell=tell)
             if sheet:
@@ -151,10 +158,10 @@ def view(
     _print_views(views)
     if any(frame.status == STATUS_OK for view in views for frame in view.frames):
         console.print(text("view.written", out=out))
-    tell_missing_rooms(album.missing_rooms)
+    print_missing_rooms(album.missing_rooms)
     for path in [path for path in sheets if path.parent == out] or sheets[:2]:
         console.print(f"  {path}")
-    tell_earlier(earlier)
+    print_earlier_files(earlier)
     if show:
         album.show(console)
 
@@ -172,7 +179,7 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
     """
 
     async def action(opened: Wallet) -> list[RecordView]:
-        entries = tell_visits_linked(await choose_records(opened, record_ids), as_json=as_json)
+        entries = warn_of_linked_visits(await choose_records(opened, record_ids), as_json=as_json)
         with status_line(text("view.asking"), as_json=as_json) as tell:
             return await _view_all(opened, entries, purpose, verdict=True, tell=tell)
 

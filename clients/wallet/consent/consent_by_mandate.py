@@ -9,11 +9,11 @@ import click
 
 from clients.wallet.ledger.mandates import Mandate, Mandates
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.mandate_answers import SpokenFor
+from clients.wallet.presentation.mandate_answers import SpokenFor
 
 
 @dataclass(frozen=True, slots=True)
-class Represented:
+class RepresentedPerson:
     """A represented person: handle, mandate, registering organisation."""
 
     handle: bytes
@@ -26,7 +26,7 @@ class Represented:
         return int(self.mandate.state.until_ms)
 
 
-def spoken_for(person: Represented | None) -> SpokenFor:
+def spoken_for(person: RepresentedPerson | None) -> SpokenFor:
     if person is None:
         return SpokenFor(for_=None, mandate_id=None)
     return SpokenFor(for_=person.handle.hex(), mandate_id=person.mandate.mandate_id.hex())
@@ -38,7 +38,7 @@ def for_option(command: Any) -> Any:
     return option(command)
 
 
-async def find_represented(opened: Wallet, wanted: str | None) -> Represented | None:
+async def resolve_represented(opened: Wallet, wanted: str | None) -> RepresentedPerson | None:
     """Return the represented person, None for oneself. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND, MANDATE_MISSING."""
     if wanted is None:
         return None
@@ -47,8 +47,8 @@ async def find_represented(opened: Wallet, wanted: str | None) -> Represented | 
     if handle == opened.store.content.handle:
         return None
     mandate = await mandates.acting_for(handle)
-    return Represented(handle, mandate, await mandates.organisation_of(handle))
+    return RepresentedPerson(handle, mandate, await mandates.organisation_of(handle))
 
 
-def handle_of(person: Represented | None) -> bytes | None:
+def handle_of(person: RepresentedPerson | None) -> bytes | None:
     return None if person is None else person.handle

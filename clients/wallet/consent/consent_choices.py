@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.consent_answers import ConsentChoice
+from clients.wallet.presentation.consent_answers import ConsentChoice
 from clients.wallet.store.kept_proofs import keep_receipt
 from consensus.limits import TIME_BUCKET_MS
 from consensus.rights.consents import GIVEN, Step, find_consent, read_choices
@@ -67,7 +67,7 @@ def round_period(from_ms: int, until_ms: int) -> tuple[int, int]:
     return -(-from_ms // TIME_BUCKET_MS) * TIME_BUCKET_MS, until_ms - until_ms % TIME_BUCKET_MS
 
 
-class Consenting:
+class ConsentClient:
     """Consents of the wallet's owner, or of `represented` (a handle) by mandate."""
 
     def __init__(self, wallet: Wallet, represented: bytes | None = None) -> None:

@@ -9,19 +9,19 @@ from clients.sdk.chain.notices import organisation_of_card, public_values
 from clients.sdk.chain.proved_rows import proved_row
 from clients.sdk.proof_checks import ProvedState
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.consent_answers import NoticeAnswer
-from clients.wallet.present.translations import language_in_use, refusal, section, text
+from clients.wallet.presentation.consent_answers import NoticeAnswer
+from clients.wallet.presentation.translations import language_in_use, refusal, section, text
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import decode_card_code
 from consensus.rights.notices import (
     NoticeRow,
     PublishedNotice,
     askable_pairs,
+    change_lines,
+    notice_lines,
     read_published,
     read_row,
-    require_told,
-    tell_changes,
-    tell_notice,
+    require_consent_asked,
 )
 from consensus.rights.sensors import SENSORS
 from consensus.state.consent import NOTICE, NOTICE_TEXT
@@ -58,10 +58,10 @@ class NoticeView:
 
     def require_named(self, purposes: Sequence[str], sensors: Sequence[str]) -> None:
         """Raise unless the notice asks consent for these purposes and sensors; passes without a notice. Raises as
-        `require_told`.
+        `require_consent_asked`.
         """
         if self.published is not None:
-            require_told(self.published, purposes, sensors)
+            require_consent_asked(self.published, purposes, sensors)
 
     def lines(self) -> list[str]:
         if self.published is None:
@@ -75,7 +75,7 @@ class NoticeView:
             return []
         labels = {key: str(label) for key, label in section("notice.line", language).items()}
         whose = text("notice.own_words", language=language, organisation=self.organisation)
-        return [*tell_notice(self.published.notice, labels), whose]
+        return [*notice_lines(self.published.notice, labels), whose]
 
     def answer(self) -> NoticeAnswer:
         row = None if self.published is None else self.published.row
@@ -86,7 +86,7 @@ class NoticeView:
             published_at_ms=None if row is None else row.time_ms,
             consented_version=None if self.before is None else self.before.version,
             changes=list(self.changes),
-            lines=[] if self.published is None else tell_notice(self.published.notice),
+            lines=[] if self.published is None else notice_lines(self.published.notice),
         )
 
 
@@ -106,13 +106,13 @@ class Notices:
         PROOF_*.
         """
         organisation = await self._organisation()
-        told = await self._read(organisation, registered=True)
+        notice_view = await self._read(organisation, registered=True)
         consented = self._wallet.store.content.notice_consented_version
-        if not 0 < consented < told.version or told.published is None:
-            return told
+        if not 0 < consented < notice_view.version or notice_view.published is None:
+            return notice_view
         before = await self._version(organisation, consented, registered=True)
-        changes = tell_changes(before.notice, told.published.notice)
-        return NoticeView(organisation, told.published, told.height, before.row, tuple(changes))
+        changes = change_lines(before.notice, notice_view.published.notice)
+        return NoticeView(organisation, notice_view.published, notice_view.height, before.row, tuple(changes))
 
     async def of_organisation(self, organisation: str) -> NoticeView:
         """Return an organisation's current notice. Raises NOTICE_INVALID, PROOF_*."""
@@ -128,22 +128,22 @@ class Notices:
 
     async def due(self) -> NoticeView | None:
         """Return the notice never shown by this wallet, or None."""
-        told = await self.current()
-        return told if self.is_new(told) else None
+        notice_view = await self.current()
+        return notice_view if self.is_new(notice_view) else None
 
-    def is_new(self, told: NoticeView) -> bool:
-        return told.version > self._wallet.store.content.notice_shown_version
+    def is_new(self, notice_view: NoticeView) -> bool:
+        return notice_view.version > self._wallet.store.content.notice_shown_version
 
-    def note_shown(self, told: NoticeView) -> None:
+    def note_shown(self, notice_view: NoticeView) -> None:
         content = self._wallet.store.content
-        content.notice_shown_version = max(content.notice_shown_version, told.version)
+        content.notice_shown_version = max(content.notice_shown_version, notice_view.version)
         self._wallet.store.save()
 
-    def note_consented(self, told: NoticeView) -> None:
+    def note_consented(self, notice_view: NoticeView) -> None:
         """Record the notice as shown and consented to."""
         content = self._wallet.store.content
-        content.notice_consented_version = max(content.notice_consented_version, told.version)
-        self.note_shown(told)
+        content.notice_consented_version = max(content.notice_consented_version, notice_view.version)
+        self.note_shown(notice_view)
 
     async def _organisation(self) -> str:
         await self._wallet.require_registered()

@@ -17,8 +17,8 @@ from clients.sdk.connections import NodeAddress
 from clients.sdk.node_answers import read_answer, read_hex
 from clients.wallet.export.proof_collection import StateCollector
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.consent_answers import FetchedReceipt
-from clients.wallet.present.translations import describe_error, refusal, text
+from clients.wallet.presentation.consent_answers import FetchedReceipt
+from clients.wallet.presentation.translations import describe_error, refusal, text
 from clients.wallet.store.kept_proofs import receipt_proof
 from consensus.api_documents import ConsentReceiptAnswer, ConsentReceiptRequest
 from consensus.bounded_text import TextInvalidError, read_json_as
@@ -26,7 +26,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.rights.consent_receipts import sign_as_person
 from consensus.rights.consents import GIVEN
-from consensus.rights.notices import require_told
+from consensus.rights.notices import require_consent_asked
 from consensus.state.consent import CONSENT
 from consensus.state.identity import MEMBER
 
@@ -56,7 +56,7 @@ class ConsentReceipts:
         """Fetch, check, countersign and keep a receipt; pending until done.
 
         `said_elsewhere`: by another wallet copy. Raises CONSENT_RECEIPT_INVALID, CONSENT_RECEIPT_ELSEWHERE, as
-        `require_told`.
+        `require_consent_asked`.
         """
         content = self._wallet.store.content
         if txid not in content.receipts_due:
@@ -66,7 +66,7 @@ class ConsentReceipts:
         checked = self._check(entry, signed=False)
         await self._require_own(checked, txid)
         if checked.word.status == GIVEN and checked.published is not None:
-            require_told(checked.published, checked.word.purposes, checked.word.sensors)
+            require_consent_asked(checked.published, checked.word.purposes, checked.word.sensors)
         document, signature = entry.document.encode(), bytes.fromhex(entry.controller_signature)
         own = sign_as_person(self._wallet.keys.identity, document, signature)
         entry = msgspec.structs.replace(entry, person_signature=own.hex())
@@ -206,7 +206,7 @@ class ConsentReceipts:
 
 
 @dataclass(frozen=True, slots=True)
-class Receipted:
+class ReceiptOutcome:
     """A statement's receipt, or why it is missing."""
 
     receipt: CheckedReceipt | None
@@ -234,12 +234,12 @@ class Receipted:
         return text("register.receipt", organisation=organisation, version=published.row.version)
 
 
-async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
+async def try_fetch_receipt(opened: Wallet, txid: bytes) -> ReceiptOutcome:
     """Fetch a final statement's receipt; failures are not raised."""
     try:
-        return Receipted(await ConsentReceipts(opened).obtain(txid), None)
+        return ReceiptOutcome(await ConsentReceipts(opened).obtain(txid), None)
     except BlockRobotError as error:
-        return Receipted(None, error)
+        return ReceiptOutcome(None, error)
     except OSError as error:
         why = error.strerror or type(error).__name__
-        return Receipted(None, refusal("FILE_UNUSABLE", "wallet_unwritten", why=why))
+        return ReceiptOutcome(None, refusal("FILE_UNUSABLE", "wallet_unwritten", why=why))

@@ -12,10 +12,10 @@ from typing import Any
 
 import msgspec
 
-from clients.wallet.ledger.id_prefix import VISIT, find_named
-from clients.wallet.ledger.visit_scan import find_record
+from clients.wallet.ledger.id_prefix import VISIT, resolve_id_prefix
+from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.present.translations import DEFAULT_LANGUAGE, code_text, load, purposes_text, refusal, text
+from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, code_text, load, purposes_text, refusal, text
 from clients.wallet.store.keystore import KnownVisit
 from consensus.bounded_text import read_json_as
 from consensus.errors import BlockRobotError
@@ -67,7 +67,7 @@ def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Se
     chosen = [RecordChoice(_find_visit(reports, start).visit) for start in visits]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
     by_visit: dict[bytes, list[RecordEntry]] = {}
-    for record_id in dict.fromkeys(find_record(list(entries), start) for start in record_ids):
+    for record_id in dict.fromkeys(resolve_record(list(entries), start) for start in record_ids):
         by_visit.setdefault(entries[record_id].visit.owner, []).append(entries[record_id])
     whole = {one.visit.owner for one in chosen}
     chosen += [RecordChoice(part[0].visit, tuple(part)) for owner, part in by_visit.items() if owner not in whole]
@@ -75,7 +75,7 @@ def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Se
 
 
 def _find_visit(reports: Sequence[VisitReport], start: str) -> VisitReport:
-    return reports[find_named(VISIT, [report.visit.owner.hex() for report in reports], start)]
+    return reports[resolve_id_prefix(VISIT, [report.visit.owner.hex() for report in reports], start)]
 
 
 class Rights:
@@ -152,13 +152,13 @@ class Rights:
         self._check(purposes)
         visits = [visit for visit in await self._wallet.scan() if await self._is_to_be_told(visit, purposes)]
         secrets.SystemRandom().shuffle(visits)
-        said = []
+        statements = []
         for number, visit in enumerate(visits):
             tell(number, len(visits))
             if not at_once:
                 await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
-            said.append(await self._say(RecordChoice(visit), "object_to_release", [purposes], "objected"))
-        return said
+            statements.append(await self._say(RecordChoice(visit), "object_to_release", [purposes], "objected"))
+        return statements
 
     async def say_each(
         self,
@@ -171,17 +171,17 @@ class Rights:
         """Apply `say` to each visit, paced as `object_to_release`, until a refusal. Returns results and that refusal."""
         order = list(chosen)
         secrets.SystemRandom().shuffle(order)
-        said: list[RightsStatement] = []
+        statements: list[RightsStatement] = []
         for number, one in enumerate(order):
             if len(order) > 1:
                 tell(number, len(order))
                 if not at_once:
                     await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
             try:
-                said.append(await say(one))
+                statements.append(await say(one))
             except BlockRobotError as error:
-                return said, error
-        return said, None
+                return statements, error
+        return statements, None
 
     async def _is_to_be_told(self, visit: KnownVisit, purposes: list[str]) -> bool:
         keys = [OBJECTION.key(visit.owner), QUARANTINE.key(visit.owner)]

@@ -17,8 +17,8 @@ from clients.bundle.writing import Contents
 from clients.wallet.consent.receipt_collection import collect_receipts
 from clients.wallet.export.proof_collection import PersonProofs, VisitProofs, collect_person, collect_visit
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.present.translations import refusal
-from clients.wallet.records.viewing import STATUS_CORRUPTED, RecordView, Viewing
+from clients.wallet.presentation.translations import refusal
+from clients.wallet.records.viewing import STATUS_CORRUPTED, RecordView, RecordViewer
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS, VISIT_MAX_MS
@@ -35,7 +35,7 @@ HELD_MAX_BYTES = 1 << 30
 
 Sleep = Callable[[float], Awaitable[None]]
 
-__all__ = ["ExportChoice", "Exporting", "Plan"]
+__all__ = ["ExportChoice", "Exporter", "Plan"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ class _Held:
         return content
 
 
-class Exporting:
+class Exporter:
     """One export of one wallet."""
 
     def __init__(
@@ -111,7 +111,7 @@ class Exporting:
         wallet: Wallet,
         heard: Heard = never_heard,
         *,
-        viewing: Viewing | None = None,
+        viewing: RecordViewer | None = None,
         sleep: Sleep = asyncio.sleep,
         at_once: bool = False,
     ) -> None:
@@ -120,7 +120,7 @@ class Exporting:
         self._sleep = sleep
         self._at_once = at_once
         self._heard = heard
-        self._viewing = viewing or Viewing(wallet)
+        self._viewing = viewing or RecordViewer(wallet)
         self._held = _Held()
         self._views: dict[bytes, RecordView] = {}
         self._problems: list[doc.Problem] = []
@@ -287,12 +287,21 @@ class Exporting:
         return doc.RecordOpening(entry.record_id.hex(), encode(entry.metadata).hex(), box_key.hex(), leaves, salts)
 
     def _open_corrections(self, owner: bytes, values: dict[bytes, Any]) -> list[doc.CorrectionOpening]:
-        said = {commit_correction(each): each for each in self._wallet.store.content.corrections}
+        known = {commit_correction(each): each for each in self._wallet.store.content.corrections}
         rows = []
         for number in range(CORRECTION_COUNT.among(values, owner) or 0):
-            told = said.get(CORRECTION.convert(values[CORRECTION.key(owner, number)]).commitment)
-            if told is not None:
-                rows.append(doc.CorrectionOpening(told.visit, number, told.kind, told.record_ids, told.text, told.salt))
+            correction = known.get(CORRECTION.convert(values[CORRECTION.key(owner, number)]).commitment)
+            if correction is not None:
+                rows.append(
+                    doc.CorrectionOpening(
+                        correction.visit,
+                        number,
+                        correction.kind,
+                        correction.record_ids,
+                        correction.text,
+                        correction.salt,
+                    )
+                )
         return rows
 
     def _open_frames(self, entry: RecordEntry, erased: list[int]) -> tuple[list[str], list[str]]:

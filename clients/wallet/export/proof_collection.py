@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from clients.bundle import document_building
 from clients.bundle import documents as doc
-from clients.bundle import telling
 from clients.bundle.checks import visit_check
 from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.checks.consent_receipts import CheckedReceipt
@@ -206,7 +206,7 @@ async def _collect_words(
             for event in page.events:
                 own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
                 own = own and not event.data.get("mandate")  # said for another person
-                if own and event.name in telling.WORDS:
+                if own and event.name in document_building.WORDS:
                     words[event.txid] = event.place.height
             if not page.events:
                 break

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 
 
 @dataclass(frozen=True, slots=True)
-class Thing:
+class IdKind:
     """Kind of thing: catalogue word, not-found code, minimum prefix length."""
 
     one: str
@@ -17,15 +17,15 @@ class Thing:
     min_chars: int = 8
 
 
-RECORD = Thing("record", "RECORD_NOT_FOUND", 1)
-VISIT = Thing("visit", "VISIT_NOT_FOUND")
-GRANT = Thing("share", "GRANT_NOT_FOUND")
-BREACH = Thing("breach", "BREACH_NOT_FOUND")
-PROPOSAL = Thing("proposal", "PROPOSAL_NOT_FOUND")
-MANDATE = Thing("mandate", "MANDATE_NOT_FOUND")
+RECORD = IdKind("record", "RECORD_NOT_FOUND", 1)
+VISIT = IdKind("visit", "VISIT_NOT_FOUND")
+GRANT = IdKind("share", "GRANT_NOT_FOUND")
+BREACH = IdKind("breach", "BREACH_NOT_FOUND")
+PROPOSAL = IdKind("proposal", "PROPOSAL_NOT_FOUND")
+MANDATE = IdKind("mandate", "MANDATE_NOT_FOUND")
 
 
-def find_named(thing: Thing, ids: Sequence[str], start: str) -> int:
+def resolve_id_prefix(thing: IdKind, ids: Sequence[str], start: str) -> int:
     """Return the index of the id (hex) with this prefix. Raises NAME_TOO_SHORT, NAME_AMBIGUOUS, or the thing's own
     code.
     """

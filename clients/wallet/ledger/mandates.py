@@ -11,9 +11,9 @@ from typing import Any
 
 from clients.sdk.chain.proved_rows import proved_list, proved_row, proved_rows, put_query
 from clients.sdk.chain.receipts import FinalReceipt
-from clients.wallet.ledger.id_prefix import MANDATE, find_named
+from clients.wallet.ledger.id_prefix import MANDATE, resolve_id_prefix
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 from consensus.errors import BlockRobotError
 from consensus.members.handles import decode_short, encode_short, is_short
 from consensus.state import mandates as schema
@@ -90,7 +90,7 @@ class Mandates:
     async def find(self, start: str, *, own: bool = False) -> Mandate:
         """Find by id prefix (hex). Raises MANDATE_NOT_FOUND, NAME_TOO_SHORT etc."""
         known = await (self._own_ids() if own else self._all_ids())
-        (found,) = await self._mandates([known[find_named(MANDATE, [one.hex() for one in known], start)]])
+        (found,) = await self._mandates([known[resolve_id_prefix(MANDATE, [one.hex() for one in known], start)]])
         return found
 
     async def trail(self, mandate: Mandate) -> list[ActRow]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from clients.wallet.ledger.visit_scan import find_record
+from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.present.linking_notice import tell_linked
+from clients.wallet.presentation.linking_notice import print_linking_notice
 
 
 async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
@@ -14,11 +14,11 @@ async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[Re
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
     if not record_ids:
         return list(entries.values())
-    return [entries[find_record(list(entries), record_id)] for record_id in record_ids]
+    return [entries[resolve_record(list(entries), record_id)] for record_id in record_ids]
 
 
-def tell_visits_linked(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
+def warn_of_linked_visits(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
     """Warn that acting on several visits links them; return the records."""
     if not as_json:
-        tell_linked(len({entry.visit.owner for entry in entries}))
+        print_linking_notice(len({entry.visit.owner for entry in entries}))
     return entries

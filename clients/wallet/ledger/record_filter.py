@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport
-from clients.wallet.present.translations import WrongUsage
+from clients.wallet.presentation.translations import WrongUsage
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.rights.sensors import require_sensor
-from pages.moments import local_time
+from pages.time_format import local_time
 
 PARTS_OF_DAY = {"night": (0, 6), "morning": (6, 12), "afternoon": (12, 18), "evening": (18, 24)}
 """Hours of this machine's time zone: from the first on, up to the second."""

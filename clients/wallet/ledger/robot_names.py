@@ -25,7 +25,7 @@ async def read_robot_names(wallet: Wallet, visits: Iterable[KnownVisit]) -> dict
     return found
 
 
-def tell_robot(robot: bytes, names: RobotNames) -> str:
+def robot_label(robot: bytes, names: RobotNames) -> str:
     """Return name, place and key prefix, or only the prefix."""
     key, named = robot.hex()[:KEY_SHOWN_CHARS], names.get(robot)
     if named is None:

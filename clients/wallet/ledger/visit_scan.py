@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from clients.sdk.chain.announcements import Announcement
-from clients.wallet.ledger.id_prefix import RECORD, find_named
+from clients.wallet.ledger.id_prefix import RECORD, resolve_id_prefix
 from clients.wallet.store.keystore import KnownVisit
 from clients.wallet.store.member_keys import WalletKeys
 from consensus.primitives.keys import PrivateKey
@@ -67,6 +67,6 @@ def owner_key(visit: KnownVisit, keys: WalletKeys, chain_id: bytes) -> PrivateKe
     return derive_owner_key(keys.spend, keys.view, visit.ephemeral, chain_id=chain_id, robot=visit.robot)
 
 
-def find_record(known: list[str], wanted: str) -> str:
+def resolve_record(known: list[str], wanted: str) -> str:
     """Return a record by prefix. Raises RECORD_NOT_FOUND, NAME_AMBIGUOUS, NAME_TOO_SHORT."""
-    return known[find_named(RECORD, known, wanted)]
+    return known[resolve_id_prefix(RECORD, known, wanted)]

@@ -13,8 +13,8 @@ from clients.sdk.pictures.rendition_files import own_depth, own_pixels, sense_fi
 from clients.sdk.pictures.rendition_picture import colourise, compose_on, decode_depth_png
 from clients.sdk.terminal.json_answers import Answer, Hex
 from clients.wallet.page.record_days import kind_of
-from clients.wallet.page.record_seals import Seal, ToldSeal, tell_seal
-from clients.wallet.present.translations import describe_error
+from clients.wallet.page.record_seals import PageSeal, Seal, page_seal
+from clients.wallet.presentation.translations import describe_error
 from clients.wallet.records.viewing import FrameView, RecordView
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16, ENCODING_WAV, Rendition
@@ -26,14 +26,14 @@ RECORDS_MAX_COUNT = 80
 _TYPES = {"rgb.png": "image/png", "rgb.jpg": "image/jpeg", "wav": "audio/wav", "label.json": "application/json"}
 
 
-class ToldReason(Answer, frozen=True, kw_only=True):
+class PageReason(Answer, frozen=True, kw_only=True):
     """Why empty frames are missing, for the page."""
 
     code: str
     sentence: str
 
 
-class ToldFrame(Answer, frozen=True, kw_only=True):
+class PageFrame(Answer, frozen=True, kw_only=True):
     """A frame of a clip, for the page; `own` is where its own picture lies."""
 
     number: int
@@ -49,15 +49,15 @@ class ToldFrame(Answer, frozen=True, kw_only=True):
     own: list[int] | None
 
 
-class ToldClip(Answer, frozen=True, kw_only=True):
+class PageClip(Answer, frozen=True, kw_only=True):
     """A clip, for the page."""
 
     clip: str
     visit: Hex
     records: list[Hex]
-    seals: list[ToldSeal]
-    missing_rooms: list[ToldReason]
-    frames: list[ToldFrame]
+    seals: list[PageSeal]
+    missing_rooms: list[PageReason]
+    frames: list[PageFrame]
 
 
 @dataclass
@@ -119,26 +119,26 @@ class OpenClip:
     def own_png(self, number: int) -> bytes:
         return own_pixels(self.rendition(number))
 
-    def told(self, language: str | None = None) -> ToldClip:
-        return ToldClip(
+    def page_clip(self, language: str | None = None) -> PageClip:
+        return PageClip(
             clip=self.name,
             visit=self.views[0].entry.visit.owner.hex(),
             records=[view.entry.record_id.hex() for view in self.views],
-            seals=[tell_seal(seal, language) for seal in self.seals],
+            seals=[page_seal(seal, language) for seal in self.seals],
             missing_rooms=_reasons(self.missing_rooms, language),
-            frames=[_tell_frame(number, view, frame) for number, (view, frame) in enumerate(self.frames)],
+            frames=[_page_frame(number, view, frame) for number, (view, frame) in enumerate(self.frames)],
         )
 
 
-def _reasons(missing: Mapping[bytes, BlockRobotError], language: str | None) -> list[ToldReason]:
-    told = {error.code: describe_error(error, language)[0] for error in missing.values()}
-    return [ToldReason(code=code, sentence=sentence) for code, sentence in told.items()]
+def _reasons(missing: Mapping[bytes, BlockRobotError], language: str | None) -> list[PageReason]:
+    reasons = {error.code: describe_error(error, language)[0] for error in missing.values()}
+    return [PageReason(code=code, sentence=sentence) for code, sentence in reasons.items()]
 
 
-def _tell_frame(number: int, view: RecordView, frame: FrameView) -> ToldFrame:
+def _page_frame(number: int, view: RecordView, frame: FrameView) -> PageFrame:
     rendition, meta = frame.rendition, view.entry.metadata
     is_shown = rendition is not None and bool(rendition.pixels)
-    return ToldFrame(
+    return PageFrame(
         number=number,
         record_id=view.entry.record_id.hex(),
         index=frame.index,

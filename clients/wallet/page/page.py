@@ -17,7 +17,7 @@ from clients.wallet.page.routes import (
     sharing_routes,
 )
 from clients.wallet.page.session import PageSession
-from clients.wallet.present.translations import describe_error, language_in_use, text
+from clients.wallet.presentation.translations import describe_error, language_in_use, text
 from pages.local_page import LocalPage
 from pages.serving import Assets
 

@@ -12,7 +12,7 @@ from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.record_seals import verified_block
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import PageSession
-from clients.wallet.present.translations import LANGUAGES, describe_error, language_in_use
+from clients.wallet.presentation.translations import LANGUAGES, describe_error, language_in_use
 from consensus.errors import BlockRobotError
 from pages.local_page import PROBLEM_TYPE, Handler, LocalRoute, read_object
 
@@ -40,7 +40,7 @@ class ProblemDocument(msgspec.Struct, frozen=True, kw_only=True):
     retryable: bool
 
 
-def tell_problem(error: BlockRobotError, language: str) -> ProblemDocument:
+def page_problem(error: BlockRobotError, language: str) -> ProblemDocument:
     """Return a localised problem document (RFC 9457)."""
     detail, next_step = describe_error(error, language)
     return ProblemDocument(
@@ -73,7 +73,7 @@ def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
         try:
             response = await answer(session, request)
         except BlockRobotError as error:
-            body = msgspec.json.encode(tell_problem(error, language_of(request)))
+            body = msgspec.json.encode(page_problem(error, language_of(request)))
             return web.Response(status=error.entry.status, body=body, content_type=PROBLEM_TYPE)
         if not response.prepared:
             block = verified_block(session.wallet)
@@ -101,7 +101,7 @@ def query_of(request: web.Request) -> RequestFields:
     return RequestFields(request.query)
 
 
-class ToldJob(msgspec.Struct, frozen=True, kw_only=True):
+class PageJob(msgspec.Struct, frozen=True, kw_only=True):
     """How far a job is."""
 
     job: str
@@ -117,8 +117,8 @@ class ToldJob(msgspec.Struct, frozen=True, kw_only=True):
     receipts: Sequence[msgspec.Struct] | msgspec.UnsetType
 
 
-def tell_job(job: Job, language: str) -> ToldJob:
-    return ToldJob(
+def page_job(job: Job, language: str) -> PageJob:
+    return PageJob(
         job=job.name,
         kind=job.kind,
         revision=job.revision,
@@ -128,6 +128,6 @@ def tell_job(job: Job, language: str) -> ToldJob:
         of=job.of,
         stoppable=job.is_stoppable and not job.is_over,
         result=job.result,
-        error=None if job.error is None else tell_problem(job.error, language),
+        error=None if job.error is None else page_problem(job.error, language),
         receipts=msgspec.UNSET if job.receipts is None else job.receipts,
     )

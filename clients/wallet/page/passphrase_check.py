@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 
@@ -53,7 +53,7 @@ class PassphraseGate:
             if not self._open_count:
                 self._none_open.set()
 
-    async def settle(self) -> bool:
+    async def finish_checks(self) -> bool:
         """Wait briefly for open checks, then reject all; return whether all passed."""
         refused_before = self._refused_count
         try:

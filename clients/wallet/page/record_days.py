@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from clients.sdk.terminal.json_answers import Answer, Hex
 from clients.wallet.ledger.record_filter import Filter
-from clients.wallet.ledger.robot_names import RobotNames, tell_robot
+from clients.wallet.ledger.robot_names import RobotNames, robot_label
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.wallet_snapshot import Snapshot, VisitPart
-from clients.wallet.present.record_answers import VisitStanding
-from clients.wallet.present.visit_status_text import standing_answer, standing_lines
+from clients.wallet.presentation.record_answers import VisitStanding
+from clients.wallet.presentation.visit_status_text import standing_answer, standing_lines
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
 
@@ -89,7 +89,7 @@ def show_record(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNa
         record_id=entry.record_id.hex(),
         visit=entry.visit.owner.hex(),
         robot=entry.visit.robot.hex(),
-        robot_called=tell_robot(entry.visit.robot, names),
+        robot_called=robot_label(entry.visit.robot, names),
         status=state.status,
         sensor=meta.sensor,
         kind=kind_of(entry),
@@ -170,7 +170,7 @@ def show_days(snapshot: Snapshot, wanted: Filter, zone_name: str, language: str 
         zone=zone_name,
         days=[_show_day(day, found) for day, found in sorted(days.items(), reverse=True)],
         robots=[
-            RobotShown(robot=robot.hex(), called=tell_robot(robot, snapshot.robot_names))
+            RobotShown(robot=robot.hex(), called=robot_label(robot, snapshot.robot_names))
             for robot in sorted(snapshot.robots_asked)
         ],
         sensors=sorted({entry.metadata.sensor for entry in recordings(everything)}),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from clients.sdk.terminal.json_answers import Answer, Hex
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.translations import describe_error, text
+from clients.wallet.presentation.translations import describe_error, text
 from clients.wallet.records.viewing import CHECKS, STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, name_places
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
@@ -32,7 +32,7 @@ class Seal:
     verdict_height: int | None = None
 
 
-class ToldCheck(Answer, frozen=True, kw_only=True):
+class PageCheck(Answer, frozen=True, kw_only=True):
     """A check of a record."""
 
     code: str
@@ -40,7 +40,7 @@ class ToldCheck(Answer, frozen=True, kw_only=True):
     sentence: str
 
 
-class ToldRefusal(Answer, frozen=True, kw_only=True):
+class PageRefusal(Answer, frozen=True, kw_only=True):
     """A custodian that refused."""
 
     name: str
@@ -48,13 +48,13 @@ class ToldRefusal(Answer, frozen=True, kw_only=True):
     sentence: str
 
 
-class ToldSeal(Answer, frozen=True, kw_only=True):
+class PageSeal(Answer, frozen=True, kw_only=True):
     """A seal, for the page."""
 
     record_id: Hex
     state: str
     sentence: str
-    checks: list[ToldCheck]
+    checks: list[PageCheck]
     frames_ok: int
     frames_shown: int
     frames_counted: int
@@ -63,7 +63,7 @@ class ToldSeal(Answer, frozen=True, kw_only=True):
     damaged: list[int]
     erased: list[int]
     custodians: list[str]
-    refused: list[ToldRefusal]
+    refused: list[PageRefusal]
     record_height: int
     record_txid: Hex
     proved_height: int
@@ -78,12 +78,12 @@ def verified_block(wallet: Wallet) -> VerifiedBlock:
     return VerifiedBlock(client.header.height, client.header.timestamp_ms, sha256(client.pinned_header_bytes))
 
 
-def tell_seal(seal: Seal, language: str | None = None) -> ToldSeal:
+def page_seal(seal: Seal, language: str | None = None) -> PageSeal:
     view = seal.view
     state = view.entry.state
     shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
     good = sum(frame.status == STATUS_OK for frame in shown)
-    return ToldSeal(
+    return PageSeal(
         record_id=view.entry.record_id.hex(),
         state="good" if view.verdict == "verified" else "bad",
         sentence=_sentence(view, good, len(shown), language),
@@ -97,7 +97,7 @@ def tell_seal(seal: Seal, language: str | None = None) -> ToldSeal:
         erased=[frame.index for frame in view.frames if frame.status == STATUS_ERASED],
         custodians=list(view.custodians),
         refused=[
-            ToldRefusal(name=name, code=code, sentence=describe_error(BlockRobotError(code), language)[0])
+            PageRefusal(name=name, code=code, sentence=describe_error(BlockRobotError(code), language)[0])
             for name, code in view.refused
         ],
         record_height=state.height,
@@ -111,15 +111,15 @@ def tell_seal(seal: Seal, language: str | None = None) -> ToldSeal:
 
 
 def _sentence(view: RecordView, good: int, shown: int, language: str | None) -> str:
-    told = [text("seal.whole", language=language, whole=good, count=shown)]
+    lines = [text("seal.whole", language=language, whole=good, count=shown)]
     if view.corrupted:
-        told.append(text("seal.changed", language=language, places=name_places(view.corrupted)))
+        lines.append(text("seal.changed", language=language, places=name_places(view.corrupted)))
     if view.miscounted:
-        told.append(text("seal.wrong.complete", language=language, **_counts(view)) + ".")
-    return " ".join(told)
+        lines.append(text("seal.wrong.complete", language=language, **_counts(view)) + ".")
+    return " ".join(lines)
 
 
-def _checks(view: RecordView, language: str | None) -> list[ToldCheck]:
+def _checks(view: RecordView, language: str | None) -> list[PageCheck]:
     """Return check results; frame checks only if one failed there or all passed."""
     rows = [("header_votes", ""), ("record_on_chain", "")]
     is_known = True
@@ -133,7 +133,7 @@ def _checks(view: RecordView, language: str | None) -> list[ToldCheck]:
     ]
     found.append(("complete", not view.miscounted, _counts(view)))
     return [
-        ToldCheck(
+        PageCheck(
             code=code, ok=ok, sentence=text(f"seal.{'check' if ok else 'wrong'}.{code}", language=language, **values)
         )
         for code, ok, values in found

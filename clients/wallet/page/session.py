@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.page.access_requests import AccessRequests
 from clients.wallet.page.jobs import Jobs
-from clients.wallet.page.meeting_looks import Looks
 from clients.wallet.page.open_clips import Clips
 from clients.wallet.page.passphrase_check import PassphraseGate
 from clients.wallet.page.wallet_snapshot import Snapshot, read_snapshot
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 from consensus.errors import BlockRobotError
 
 READ_EVERY_S = 2.0
@@ -81,7 +81,7 @@ class PageSession:
         self.was_not_begun = False
         """Whether something was asked for when the page ended that did not begin: its passphrase was not taken in time."""
         self.clips = Clips()
-        self.looks = Looks()
+        self.looks = AccessRequests()
         self.exports: dict[str, KeptFile] = {}
         self.lost_export_count = 0
         """How many files to take along were there when the page ended, and nobody had fetched them."""

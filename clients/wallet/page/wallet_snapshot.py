@@ -9,10 +9,10 @@ from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.ledger.robot_names import RobotNames, read_robot_names
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit, findings_of
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 from clients.wallet.records.erasure import ErasureReport
 from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, describe_erasure, read_erasures
-from clients.wallet.sharing.outgoing_shares import Share, Sharing
+from clients.wallet.sharing.outgoing_shares import Share, SharingClient
 
 NOTICE_EVERY_MS = 30_000
 
@@ -110,7 +110,7 @@ async def read_snapshot(wallet: Wallet, before: Snapshot, now_ms: int, *, fresh:
             trail = tuple(await audit_visit(wallet, visit, wallet.trail_count_of(mark)))
             report = await wallet.visit_report(visit, None if part is None else part.report)
             kinds = {entry.kind for entry in trail}
-            shares = await Sharing(wallet).shares_of(visit) if "granted" in kinds else []
+            shares = await SharingClient(wallet).shares_of(visit) if "granted" in kinds else []
             erasures = await read_erasures(wallet, visit) if "erasure_requested" in kinds else []
             part = VisitPart(mark, report, trail, tuple(shares), tuple(erasures), find_verdicts(trail))
         parts.append(part)

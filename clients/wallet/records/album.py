@@ -10,13 +10,13 @@ from PIL import Image
 from rich.console import Console
 
 from clients.sdk.new_files import write_private
-from clients.sdk.terminal.terminal_pictures import Way, find_way, show_picture
+from clients.sdk.terminal.terminal_pictures import PictureProtocol, find_picture_protocol, show_picture
 from clients.wallet.ledger.wallet import RecordEntry
-from clients.wallet.present.translations import text
+from clients.wallet.presentation.translations import text
 from clients.wallet.records.contact_sheet import (
     FRAMES_MAX_COUNT,
     TILES_MAX_COUNT,
-    Collection,
+    PictureSampler,
     Tile,
     draw_animation,
     draw_sheet,
@@ -24,7 +24,7 @@ from clients.wallet.records.contact_sheet import (
 )
 from clients.wallet.records.picture_files import Seen
 from consensus.errors import BlockRobotError
-from pages.moments import show_clock, show_moment
+from pages.time_format import format_clock, format_time
 
 SHEET_NAME = "contact-sheet.png"
 ANIMATION_NAME = "animation.gif"
@@ -39,7 +39,7 @@ def visit_prefix(owner: bytes) -> str:
 
 
 def _caption(tile: Tile) -> str:
-    return f"{tile.label}  {show_clock(tile.captured_at_ms)}"
+    return f"{tile.label}  {format_clock(tile.captured_at_ms)}"
 
 
 @dataclass
@@ -47,8 +47,8 @@ class Album:
     """Collects pictures written below `out`."""
 
     out: Path
-    records: dict[bytes, Collection] = field(default_factory=dict)
-    visits: dict[bytes, Collection] = field(default_factory=dict)
+    records: dict[bytes, PictureSampler] = field(default_factory=dict)
+    visits: dict[bytes, PictureSampler] = field(default_factory=dict)
     visit_records: dict[bytes, int] = field(default_factory=dict)
     missing_rooms: dict[bytes, BlockRobotError] = field(default_factory=dict)
     """Empty frames that nobody had, by their hash, and why."""
@@ -56,8 +56,8 @@ class Album:
     """All files of this look: its sheets and animations, and the pictures that its user says here."""
 
     def seen_by(self, entry: RecordEntry) -> Seen:
-        own = self.records.setdefault(entry.record_id, Collection())
-        whole = self.visits.setdefault(entry.visit.owner, Collection())
+        own = self.records.setdefault(entry.record_id, PictureSampler())
+        whole = self.visits.setdefault(entry.visit.owner, PictureSampler())
         self.visit_records[entry.visit.owner] = self.visit_records.get(entry.visit.owner, 0) + 1
 
         def seen(number: int, captured_at_ms: int, make: Callable[[], Image.Image], is_depth: bool) -> None:
@@ -69,7 +69,7 @@ class Album:
     def write_record(self, entry: RecordEntry) -> list[Path]:
         """Write contact sheet, and animation for several pictures."""
         name = entry.record_id.hex()
-        title = text("view.sheet_record", name=name[:_NAME_CHARS], moment=show_moment(entry.metadata.started_at_ms))
+        title = text("view.sheet_record", name=name[:_NAME_CHARS], moment=format_time(entry.metadata.started_at_ms))
         files = _write(self.out / name, "", self.records[entry.record_id], title)
         self.written.update(files)
         return files
@@ -81,14 +81,14 @@ class Album:
             if self.visit_records[owner] > 1 and collection.count:
                 name = owner.hex()[:_NAME_CHARS]
                 first = collection.some(1)[0].captured_at_ms
-                title = text("view.sheet_visit", name=name, moment=show_moment(first))
+                title = text("view.sheet_visit", name=name, moment=format_time(first))
                 written += _write(self.out, visit_prefix(owner), collection, title)
         self.written.update(written)
         return written
 
     def show(self, console: Console) -> None:
-        way = find_way(console)
-        if way is Way.NONE:
+        way = find_picture_protocol(console)
+        if way is PictureProtocol.NONE:
             return
         wide = max(1, min(_STRIP_TILES_MAX, console.width // _STRIP_COLUMNS))
         shown = [(name, kept) for name, kept in self.records.items() if kept.count]
@@ -98,7 +98,7 @@ class Album:
             show_picture(console, draw_strip(tiles), way)
 
 
-def _write(folder: Path, prefix: str, collection: Collection, title: str) -> list[Path]:
+def _write(folder: Path, prefix: str, collection: PictureSampler, title: str) -> list[Path]:
     tiles: list[Tile] = collection.some(TILES_MAX_COUNT)
     if not tiles:
         return []

@@ -37,7 +37,7 @@ class Tile:
     is_depth: bool = False
 
 
-class Collection:
+class PictureSampler:
     """Sample pictures one by one at equal distances, in bounded memory."""
 
     def __init__(self, wanted: int = FRAMES_MAX_COUNT) -> None:

@@ -6,11 +6,11 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from clients.sdk.terminal.plurals import counted
+from clients.sdk.terminal.plurals import pluralize
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.present.translations import refusal
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.presentation.translations import refusal
+from clients.wallet.records.viewing import RecordViewer
 from clients.wallet.store.kept_proofs import keep_erasure
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
@@ -49,19 +49,19 @@ def split_erased(entry: RecordEntry, frames: Sequence[int], trail: Sequence[Audi
     return [index for index in frames if index not in gone], [index for index in frames if index in gone]
 
 
-class Erasing:
+class ErasureClient:
     """Erasure of one person's records."""
 
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
 
     async def count_pictures(self, entry: RecordEntry, frames: Sequence[int]) -> int:
-        """Return the picture count; an index beyond the robot's count makes a logged access. Raises as `Viewing.view`."""
+        """Return the picture count; an index beyond the robot's count makes a logged access. Raises as `view`."""
         if entry.metadata.sensor == NOTICE_SENSOR:
             return 0
         count = entry.metadata.frame_count
         if frames and count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
-            viewing = Viewing(self._wallet)
+            viewing = RecordViewer(self._wallet)
             view = await viewing.view(entry, await viewing.request_access([entry], _LOOK_PURPOSE))
             count = len(view.frames)
         return count
@@ -119,6 +119,6 @@ class Erasing:
                 return reports
             if loop.time() > deadline:
                 waiting = sum(len(report.state.custodians) - len(report.state.receipts) for report in reports)
-                missing = counted(waiting, "receipt of a custodian is", "receipts of custodians are")
+                missing = pluralize(waiting, "receipt of a custodian is", "receipts of custodians are")
                 raise BlockRobotError("ERASURE_NOT_CONFIRMED", f"{missing} still missing.")
             await asyncio.sleep(_POLL_S)

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import functools
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import click
-
-from clients.sdk.terminal.terminal import command_output, console, print_answer
-from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.record_answers import CustodianWord, ErasureRow, ErasuresAnswer
-from clients.wallet.present.translations import DEFAULT_LANGUAGE, language_in_use, text
-from clients.wallet.records.erasure import Erasing, ErasureReport
+from clients.wallet.presentation.record_answers import CustodianWord, ErasureRow
+from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, text
+from clients.wallet.records.erasure import ErasureClient, ErasureReport
 from clients.wallet.store.keystore import KnownVisit
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 REMAINS_NOTHING = "nothing"
 _REMAINS = {"commitment-leaves": "erasures.leaves"}
@@ -67,7 +62,7 @@ def custodian_names(wallet: Wallet, language: str = DEFAULT_LANGUAGE) -> dict[by
 
 
 async def read_erasures(wallet: Wallet, visit: KnownVisit) -> list[tuple[ErasureReport, AuditEntry]]:
-    erasing = Erasing(wallet)
+    erasing = ErasureClient(wallet)
     return [
         (await erasing.report(visit, entry.data["erasure_id"]), entry)
         for entry in await audit_visit(wallet, visit)
@@ -79,16 +74,16 @@ def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes
     is_late = now_ms - asked.time_ms > ERASURE_OVERDUE_AFTER_MS
     words = []
     for key in report.state.custodians:
-        told = report.state.receipts.get(key)
+        receipt = report.state.receipts.get(key)
         words.append(
             CustodianStatus(
                 key=key,
                 name=names.get(key) or text("custodian.unnamed", language=DEFAULT_LANGUAGE, key=key.hex()[:12]),
-                confirmed_at_ms=None if told is None else told.time,
-                destroyed_frames=0 if told is None else told.destroyed_frames,
-                remains="" if told is None else told.remains,
-                remains_until_ms=0 if told is None else told.remains_until_ms,
-                overdue=told is None and is_late,
+                confirmed_at_ms=None if receipt is None else receipt.time,
+                destroyed_frames=0 if receipt is None else receipt.destroyed_frames,
+                remains="" if receipt is None else receipt.remains,
+                remains_until_ms=0 if receipt is None else receipt.remains_until_ms,
+                overdue=receipt is None and is_late,
             )
         )
     records = asked.data.get("records", 0)
@@ -125,43 +120,18 @@ def erasure_lines(
     if erasure.frames:
         what = say("erasures.pictures", count=len(erasure.frames))
     state = say("erasures.complete" if erasure.report.complete else "erasures.waiting")
-    lines = [say("erasures.line", moment=show_moment(erasure.asked_at_ms), what=what, state=state)]
+    lines = [say("erasures.line", moment=format_time(erasure.asked_at_ms), what=what, state=state)]
     for word in erasure.custodians:
         name = word.name if names is None else names.get(word.key) or say("custodian.unnamed", key=word.key.hex()[:12])
         if word.confirmed_at_ms is not None:
-            moment = show_moment(word.confirmed_at_ms)
+            moment = format_time(word.confirmed_at_ms)
             confirmed = functools.partial(say, name=name, moment=moment, count=word.destroyed_frames)
             if word.remains and word.remains != REMAINS_NOTHING:
                 remains = say(_REMAINS[word.remains]) if word.remains in _REMAINS else word.remains
-                line = confirmed("erasures.confirmed_but", remains=remains, until=show_moment(word.remains_until_ms))
+                line = confirmed("erasures.confirmed_but", remains=remains, until=format_time(word.remains_until_ms))
             else:
                 line = confirmed("erasures.confirmed")
         else:
             line = say("erasures.overdue" if word.overdue else "erasures.not_yet", name=name)
         lines.append(f"  {line}")
     return lines
-
-
-@click.command()
-@click.pass_context
-@command_output
-@read_only_wallet
-def erasures(ctx: click.Context, as_json: bool) -> None:
-    """Show what you asked to erase, which custodians have confirmed it, and which are overdue.
-
-    Example: blockrobot wallet erasures
-    """
-
-    async def action(opened: Wallet) -> tuple[list[ErasureProgress], dict[bytes, str]]:
-        found = await find_erasures(opened, time.time_ns() // 1_000_000)
-        return found, custodian_names(opened, language_in_use())
-
-    found, names = run_with_wallet(ctx, action)
-    if as_json:
-        print_answer(ErasuresAnswer(erasures=[erasure_row(each) for each in found]))
-        return
-    if not found:
-        console.print(text("erasures.none"))
-    for each in found:
-        for line in erasure_lines(each, names):
-            console.print(line)

@@ -10,7 +10,7 @@ from pathlib import Path
 from clients.sdk.pictures.picture_names import is_picture_name
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console
-from clients.wallet.present.translations import text
+from clients.wallet.presentation.translations import text
 from clients.wallet.records.album import ANIMATION_NAME, SHEET_NAME, visit_prefix
 
 FOLDERS_NAMED_MAX_COUNT = 5
@@ -43,13 +43,13 @@ def _of_record(folder: Path) -> list[Path]:
     return [path for path in sorted(folder.iterdir()) if is_picture_name(path.name) or path.name in _SHEETS]
 
 
-def tell_earlier(files: Collection[Path]) -> None:
+def print_earlier_files(files: Collection[Path]) -> None:
     if not files:
         return
     folders = [(folder, [path.name for path in group]) for folder, group in groupby(files, lambda path: path.parent)]
     for folder, names in folders[:FOLDERS_NAMED_MAX_COUNT]:
-        told = ", ".join(names[:FILES_NAMED_MAX_COUNT]) + (", ..." if len(names) > FILES_NAMED_MAX_COUNT else "")
-        console.print(escape(text("earlier.files", count=len(names), folder=folder, names=told)))
+        listed = ", ".join(names[:FILES_NAMED_MAX_COUNT]) + (", ..." if len(names) > FILES_NAMED_MAX_COUNT else "")
+        console.print(escape(text("earlier.files", count=len(names), folder=folder, names=listed)))
     others = folders[FOLDERS_NAMED_MAX_COUNT:]
     if others:
         folders_told = text("count.folders", count=len(others))

@@ -15,7 +15,7 @@ from clients.sdk.pictures.depth_colours import Depth, colour_pixels
 from clients.sdk.pictures.picture_names import is_picture_name, name_picture
 from clients.sdk.pictures.rendition_files import own_depth, own_pixels, sense_file
 from clients.sdk.pictures.rendition_picture import colourise, compose
-from clients.wallet.records.viewing import FrameView, RecordView, Viewing
+from clients.wallet.records.viewing import FrameView, RecordView, RecordViewer
 from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG16, ENCODING_PNG_RGBA, Rendition
 
 _PRIVATE_FILE, _PRIVATE_FOLDER = 0o600, 0o700
@@ -23,7 +23,7 @@ FindBackground = Callable[[Rendition], Awaitable[bytes | None]]
 Seen = Callable[[int, int, Callable[[], Image.Image], bool], None]
 
 
-async def write_pictures(viewing: Viewing, view: RecordView, out: Path, seen: Seen | None = None) -> list[Path]:
+async def write_pictures(viewing: RecordViewer, view: RecordView, out: Path, seen: Seen | None = None) -> list[Path]:
     """Write whole frames as `picture-0005.frame-00000009.png` (place from 1, robot's frame count) into `out`/<record
     id>/; return all paths.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from clients.sdk.connections import NodeAddress
 from clients.wallet.ledger.visit_audit import Finding
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
@@ -134,7 +134,7 @@ def name_places(indexes: Sequence[int]) -> str:
     return ", ".join(str(index + 1) for index in indexes)
 
 
-class Viewing:
+class RecordViewer:
     """Access to one visit's records under one access transaction."""
 
     def __init__(self, wallet: Wallet, *, follow_max_ms: int = FOLLOW_MAX_MS) -> None:
@@ -261,8 +261,8 @@ class Viewing:
     async def put_verdicts(self, visit: KnownVisit, findings: Sequence[Finding]) -> None:
         """Submit findings signed by the owner key, 64 records per transaction."""
         for start in range(0, len(findings), RECORDS_A_REQUEST_MAX_COUNT):
-            said = [list(finding) for finding in findings[start : start + RECORDS_A_REQUEST_MAX_COUNT]]
-            await self._wallet.sign_and_wait(visit, "access", "verdict", [said])
+            batch = [list(finding) for finding in findings[start : start + RECORDS_A_REQUEST_MAX_COUNT]]
+            await self._wallet.sign_and_wait(visit, "access", "verdict", [batch])
 
     async def background(self, rendition: Rendition, entry: RecordEntry) -> bytes | None:
         key = self._wallet.owner_key(entry.visit)

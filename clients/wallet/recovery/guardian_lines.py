@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from typing import NamedTuple
 
-from clients.wallet.present.translations import text
+from clients.wallet.presentation.translations import text
 from clients.wallet.recovery.slip39_shares import show_identifier
 from clients.wallet.store.guardian_set import GuardianSet
 from clients.wallet.store.keystore import WalletContent
@@ -20,19 +20,19 @@ class GuardianLine(NamedTuple):
 
 def guardian_lines(content: WalletContent, language: str | None = None) -> list[GuardianLine]:
     say = functools.partial(text, language=language)
-    era, told = len(content.former), []
+    era, lines = len(content.former), []
     if not any(one.era == era for one in content.guardian_sets):
-        told += [GuardianLine(line) for line in say("guardians.none").split("\n")]
+        lines += [GuardianLine(line) for line in say("guardians.none").split("\n")]
     for one in content.guardian_sets:
-        told.append(_line(one, language))
+        lines.append(_line(one, language))
         if not one.is_whole:
             count = len(one.guardians)
-            told.append(GuardianLine(say("guardians.cut_short", handed=one.handed_count, count=count)))
+            lines.append(GuardianLine(say("guardians.cut_short", handed=one.handed_count, count=count)))
         if one.era != era:
-            told.append(GuardianLine(say("guardians.former")))
+            lines.append(GuardianLine(say("guardians.former")))
     if content.guardian_sets:
-        told.append(GuardianLine(say("guardians.stay")))
-    return told
+        lines.append(GuardianLine(say("guardians.stay")))
+    return lines
 
 
 def _line(one: GuardianSet, language: str | None) -> GuardianLine:

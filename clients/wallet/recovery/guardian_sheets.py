@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from clients.wallet.cli.invocation import WALLET_COMMAND
-from clients.wallet.present.translations import language_in_use, refusal, text
+from clients.wallet.presentation.translations import language_in_use, refusal, text
 from clients.wallet.recovery.slip39_shares import show_identifier
 from clients.wallet.store.guardian_set import GuardianSet
-from pages.moments import show_day
 from pages.serving import PAGES_ASSETS
+from pages.time_format import format_date
 
 SHEET_MAX_BYTES = 256 * 1024
 _WORDS_ID = "words"
@@ -31,7 +31,7 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
     style = (PAGES_ASSETS / "design.css").read_text(encoding="utf-8") + _STYLE_FILE.read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     policy = f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
-    made = show_day(one.made_at_ms)
+    made = format_date(one.made_at_ms)
     values: dict[str, Any] = {"count": len(one.guardians), "threshold": one.threshold, "name": one.guardians[place]}
     # A guardian is told no profile and no folder: these are the owner's.
     values |= {
@@ -41,24 +41,24 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
         "made": made,
     }
 
-    def told(key: str) -> str:
+    def say(key: str) -> str:
         return html.escape(text(f"sheet.{key}", **values))
 
     def listed(keys: Sequence[str]) -> str:
-        return "<ul>" + "".join(f"<li>{told(key)}</li>" for key in keys) + "</ul>"
+        return "<ul>" + "".join(f"<li>{say(key)}</li>" for key in keys) + "</ul>"
 
     words = "".join(f"<li>{html.escape(word)}</li>" for word in share.split())
     return (
         f'<!doctype html>\n<html lang="{language_in_use()}"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1"><meta name="robots" content="noindex">'
-        f"<title>{told('title')}</title><style>{style}</style></head>"
-        f'<body><main class="page sheet"><h1>{told("title")}</h1>'
-        f'<div class="seal"><div><p>{told("lead")}</p><p><strong>{told("alone")}</strong></p></div></div>'
-        f'<section class="card" aria-label="{told("words")}"><ol id="{_WORDS_ID}" translate="no" lang="en">{words}</ol>'
-        f"</section><p>{told('which')}</p>"
-        f"<h2>{told('to_do')}</h2>{listed(_TO_DO)}<h2>{told('never')}</h2>{listed(_NEVER)}"
-        f'<h2>{told("whose")}</h2><p class="quiet">{told("by_hand")}</p><div class="by-hand"></div></main></body></html>\n'
+        f"<title>{say('title')}</title><style>{style}</style></head>"
+        f'<body><main class="page sheet"><h1>{say("title")}</h1>'
+        f'<div class="seal"><div><p>{say("lead")}</p><p><strong>{say("alone")}</strong></p></div></div>'
+        f'<section class="card" aria-label="{say("words")}"><ol id="{_WORDS_ID}" translate="no" lang="en">{words}</ol>'
+        f"</section><p>{say('which')}</p>"
+        f"<h2>{say('to_do')}</h2>{listed(_TO_DO)}<h2>{say('never')}</h2>{listed(_NEVER)}"
+        f'<h2>{say("whose")}</h2><p class="quiet">{say("by_hand")}</p><div class="by-hand"></div></main></body></html>\n'
     )
 
 
@@ -130,10 +130,10 @@ def read_written(path: Path) -> str:
         data = file.read(SHEET_MAX_BYTES + 1)
     if len(data) > SHEET_MAX_BYTES:
         raise refusal("SHARE_INVALID", "guardian_large", name=path.name)
-    return take_written(data.decode("utf-8-sig"))
+    return extract_share_text(data.decode("utf-8-sig"))
 
 
-def take_written(written: str) -> str:
+def extract_share_text(written: str) -> str:
     if not written.lstrip().lower().startswith("<!doctype html"):
         return written
     parser = _Words()

@@ -8,8 +8,8 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.translations import refusal
-from clients.wallet.sharing.outgoing_shares import Sharing
+from clients.wallet.presentation.translations import refusal
+from clients.wallet.sharing.outgoing_shares import SharingClient
 from clients.wallet.store.kept_proofs import keep_receipt
 from clients.wallet.store.keystore import KnownVisit
 from clients.wallet.store.member_keys import WalletKeys, derive_keys, draw_words
@@ -35,7 +35,7 @@ class Transferred:
     ended: tuple[bytes, ...] = ()
 
 
-class Rotating:
+class KeyRotation:
     """Replacement of one wallet's mnemonic."""
 
     def __init__(self, wallet: Wallet, *, sleep: Sleep = asyncio.sleep) -> None:
@@ -193,7 +193,7 @@ class Rotating:
         ended: list[bytes] = []
         for moved in self._moved:
             if moved.owner == visit.owner:
-                ended += [] if keep_shares else await Sharing(self._wallet).end_unknown(moved)
+                ended += [] if keep_shares else await SharingClient(self._wallet).end_unknown(moved)
                 moved.shares_due = False
                 store.save()
         return ended

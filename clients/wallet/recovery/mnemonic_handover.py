@@ -11,7 +11,7 @@ from pathlib import Path
 
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask_for, ask_for_enter, clear_screen, console
-from clients.wallet.present.translations import WrongUsage, text
+from clients.wallet.presentation.translations import WrongUsage, text
 from consensus.errors import BlockRobotError
 
 CHECKED_COUNT = 3
@@ -35,12 +35,12 @@ def write_words(path: Path, words: str) -> None:
 
 def word_lines(words: str, width: int) -> list[str]:
     columns = 4 if width >= 4 * _COLUMN_CHARACTERS else 2 if width >= 2 * _COLUMN_CHARACTERS else 1
-    told = [f"{number:>2} {word:<9}" for number, word in enumerate(words.split(), 1)]
-    return ["  ".join(told[start : start + columns]).rstrip() for start in range(0, len(told), columns)]
+    instructions = [f"{number:>2} {word:<9}" for number, word in enumerate(words.split(), 1)]
+    return ["  ".join(instructions[start : start + columns]).rstrip() for start in range(0, len(instructions), columns)]
 
 
-def print_words(told: str, words: str) -> None:
-    console.print(escape(told) + "\n")
+def print_words(instructions: str, words: str) -> None:
+    console.print(escape(instructions) + "\n")
     for line in word_lines(words, console.width):
         console.print(line, style="bold")
 
@@ -53,28 +53,28 @@ def _wiped_afterwards() -> Iterator[None]:
         clear_screen()
 
 
-def show_and_wipe(told: str, words: str) -> None:
+def show_and_wipe(instructions: str, words: str) -> None:
     """Show a mnemonic on an empty screen, then wipe it. Raises Abort on Ctrl-C."""
     clear_screen()
     with _wiped_afterwards():
-        print_words(told, words)
+        print_words(instructions, words)
         ask_for_enter(text("new.written"))
 
 
-def confirm_words(words: str, count: int, *, said: str, show_again: Callable[[], None]) -> None:
-    """Ask for randomly chosen words until all are right; then wipe the input. `said` is the catalogue key.
+def confirm_words(words: str, count: int, *, texts_of: str, show_again: Callable[[], None]) -> None:
+    """Ask for randomly chosen words until all are right; then wipe the input. `texts_of` is the catalogue key.
 
     Raises WORDS_NOT_CHECKED after `count` wrong ones, Abort on Ctrl-C.
     """
     with _wiped_afterwards():
-        is_right = _ask_back(words, count, said, show_again)
+        is_right = _ask_back(words, count, texts_of, show_again)
     if not is_right:
-        console.print(text(f"{said}.check_failed"))
+        console.print(text(f"{texts_of}.check_failed"))
         raise BlockRobotError("WORDS_NOT_CHECKED")
 
 
-def _ask_back(words: str, count: int, said: str, show_again: Callable[[], None]) -> bool:
-    console.print("\n" + text(f"{said}.check"))
+def _ask_back(words: str, count: int, texts_of: str, show_again: Callable[[], None]) -> bool:
+    console.print("\n" + text(f"{texts_of}.check"))
     wanted = sorted(secrets.SystemRandom().sample(range(len(words.split())), count))
     left = CHECK_TRIES_MAX_COUNT
     for place in wanted:
@@ -90,7 +90,7 @@ def _ask_back(words: str, count: int, said: str, show_again: Callable[[], None])
     return True
 
 
-def show_and_check(told: str, words: str, count: int = CHECKED_COUNT, *, said: str = "new") -> None:
-    show = partial(show_and_wipe, told, words)
+def show_and_check(instructions: str, words: str, count: int = CHECKED_COUNT, *, texts_of: str = "new") -> None:
+    show = partial(show_and_wipe, instructions, words)
     show()
-    confirm_words(words, count, said=said, show_again=show)
+    confirm_words(words, count, texts_of=texts_of, show_again=show)

@@ -15,7 +15,7 @@ from shamir_mnemonic import MnemonicError, Share, generate_mnemonics
 from shamir_mnemonic.recovery import RecoveryState
 from shamir_mnemonic.wordlist import WORD_INDEX_MAP, WORDLIST
 
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 from consensus.errors import BlockRobotError
 
 SHARE_WORDS_COUNT = 33
@@ -51,7 +51,7 @@ def split_words(words: str, threshold: int, count: int) -> list[str]:
         1, [(threshold, count)], entropy, _NO_PASSPHRASE, extendable=True, iteration_exponent=ITERATION_EXPONENT
     )
     for start in range(0, count, threshold):
-        joined = Gathering()
+        joined = ShareCollector()
         for place in range(threshold):
             joined.add(read_share(shares[(start + place) % count]))
         if joined.join() != words:
@@ -63,7 +63,7 @@ def show_identifier(identifier: int) -> str:
     return f"{identifier:0{IDENTIFIER_DIGITS_COUNT}d}"
 
 
-def take_words(written: str) -> list[str]:
+def split_into_words(written: str) -> list[str]:
     return [word for word in _BETWEEN_WORDS.split(written.lower()) if word]
 
 
@@ -81,7 +81,7 @@ def near_words(word: str) -> list[str]:
 
 def read_share(written: str) -> Share:
     """Parse a share. Raises SHARE_WORD_UNKNOWN (gives position, not word), SHARE_INVALID."""
-    words = take_words(written)
+    words = split_into_words(written)
     unknown = find_unknown(words)
     if unknown is not None:
         raise refusal("SHARE_WORD_UNKNOWN", "guardian_word", number=unknown + 1)
@@ -101,7 +101,7 @@ def require_of_wallet(share: Share) -> None:
         raise refusal("SHARE_INVALID", "guardian_alone")
 
 
-class Gathering:
+class ShareCollector:
     """Shares collected until some restore one secret; contradicting ones are kept, as only the digest decides.
 
     `joined` are those that led to the mnemonic, empty before.

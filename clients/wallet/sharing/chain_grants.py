@@ -9,7 +9,7 @@ from clients.sdk.chain.proved_rows import proved_rows, put_query
 from clients.sdk.connections import NodeAddress
 from clients.sdk.sessions import GrantKey
 from clients.wallet.ledger import id_prefix
-from clients.wallet.ledger.id_prefix import find_named
+from clients.wallet.ledger.id_prefix import resolve_id_prefix
 from clients.wallet.ledger.visit_audit import AuditEntry
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.member_keys import WalletKeys
@@ -111,9 +111,9 @@ def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:
     )
 
 
-def find_by_prefix(ids: Sequence[bytes], start: str) -> bytes:
+def resolve_grant(ids: Sequence[bytes], start: str) -> bytes:
     """Return the grant id with this hex prefix. Raises GRANT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
-    return ids[find_named(id_prefix.GRANT, [grant_id.hex() for grant_id in ids], start)]
+    return ids[resolve_id_prefix(id_prefix.GRANT, [grant_id.hex() for grant_id in ids], start)]
 
 
 def cut_since(grant: Grant, trail: Sequence[AuditEntry]) -> set[bytes]:

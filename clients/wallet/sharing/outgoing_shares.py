@@ -20,8 +20,8 @@ from clients.sdk.quorum import require_quorum
 from clients.wallet.consent.rights_requests import RecordChoice
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.present.translations import DEFAULT_LANGUAGE, refusal, text
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, refusal, text
+from clients.wallet.records.viewing import RecordViewer
 from clients.wallet.sharing.chain_grants import Grant, cut_since, read_custodians, read_grants
 from clients.wallet.store.keystore import KnownVisit
 from clients.wallet.store.sharing_memory import GivenGrant
@@ -75,7 +75,7 @@ class Grantee:
 
 
 @dataclass(frozen=True, slots=True)
-class Shared:
+class FinalGrant:
     """A final grant; `pictures_count` can be opened, `custodians` hold parts."""
 
     grant_id: bytes
@@ -89,7 +89,7 @@ class Shared:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class GranteeRequest:
     """One grantee request: when, records requested and custodians ready."""
 
     time_ms: int
@@ -107,7 +107,7 @@ class Share:
     grant: Grant
     visit: KnownVisit
     given: GivenGrant | None
-    looks: tuple[Look, ...]
+    looks: tuple[GranteeRequest, ...]
     confirmed: frozenset[bytes]
     cut: frozenset[bytes]
     erased: frozenset[bytes] = frozenset()
@@ -176,23 +176,23 @@ def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[RecordChoi
     return entries
 
 
-class Sharing:
+class SharingClient:
     """Sharing of one owner's records."""
 
     def __init__(
         self,
         wallet: Wallet,
         *,
-        viewing: Viewing | None = None,
+        viewing: RecordViewer | None = None,
         draw: Callable[[int], bytes] = secrets.token_bytes,
         sleep: Sleep = asyncio.sleep,
     ) -> None:
         self._wallet = wallet
-        self._viewing = viewing or Viewing(wallet)
+        self._viewing = viewing or RecordViewer(wallet)
         self._draw = draw
         self._sleep = sleep
 
-    async def find_grantee(self, wanted: str, label: str = "") -> Grantee:
+    async def resolve_grantee(self, wanted: str, label: str = "") -> Grantee:
         """Return the member with this handle (short, or 64 hex digits) or label, by quorum in the member session.
 
         Raises SHARE_WITH_NON_MEMBER (no active staff or officer), SHARE_NOT_POSSIBLE (bad, ambiguous or taken),
@@ -254,7 +254,7 @@ class Sharing:
 
     async def share(
         self, entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int, tell: Tell
-    ) -> Shared:
+    ) -> FinalGrant:
         """Share up to 64 records of one visit and wait for finality; `until_ms` is a full five minutes.
 
         Records without an openable picture are omitted. Raises SHARE_CUSTODIANS_MISSING, NOTHING_TO_SHARE,
@@ -263,7 +263,7 @@ class Sharing:
         if not 1 <= len(entries) <= GRANT_RECORDS_MAX_COUNT:
             raise refusal("SHARE_NOT_POSSIBLE", "share_records", most=GRANT_RECORDS_MAX_COUNT)
         visit = entries[0].visit
-        custodians = await self._find_custodians()
+        custodians = await self._get_custodians()
         tell(STEP_KEYS)
         data_keys = await self._open_keys(entries)
         records = [entry.record_id for entry in entries if data_keys[entry.record_id]]
@@ -300,7 +300,7 @@ class Sharing:
             raise
         left_out = tuple(entry.record_id for entry in entries if entry.record_id not in records)
         pictures = sum(len(data_keys[record_id]) for record_id in records)
-        return Shared(transaction.txid, visit, tuple(records), until_ms, pictures, left_out, held, absent)
+        return FinalGrant(transaction.txid, visit, tuple(records), until_ms, pictures, left_out, held, absent)
 
     async def _open_keys(self, entries: Sequence[RecordEntry]) -> dict[bytes, dict[int, bytes]]:
         access_id = await self._viewing.request_access(list(entries), OWN_ACCESS)
@@ -310,7 +310,7 @@ class Sharing:
             found[entry.record_id] = {frame.index: frame.data_key for frame in view.frames if frame.data_key}
         return found
 
-    async def _find_custodians(self) -> dict[bytes, NodeAddress | None]:
+    async def _get_custodians(self) -> dict[bytes, NodeAddress | None]:
         """Raises QUORUM_UNHEARD and SHARE_CUSTODIANS_MISSING."""
         await require_quorum(self._wallet.network, self._wallet.keys.identity)
         custodians = await read_custodians(self._wallet, self._wallet.keys.identity)
@@ -405,7 +405,7 @@ class Sharing:
             return []
         key = self._wallet.owner_key(visit)
         grants = await read_grants(self._wallet, ids, key)
-        looks = [entry.data["access_id"] for entry in trail if _is_look(entry)]
+        looks = [entry.data["access_id"] for entry in trail if _is_grantee_request(entry)]
         shared = sorted({record_id for grant in grants for record_id in grant.row.records})
         values = await self._wallet.values([*map(REQUEST.key, looks), *map(RECORD.key, shared)], key)
         asked = {access_id: REQUEST.convert(values[REQUEST.key(access_id)]) for access_id in looks}
@@ -415,7 +415,10 @@ class Sharing:
         for grant in grants:
             erased = gone.intersection(grant.row.records)
             cut = frozenset(cut_since(grant, trail)).intersection(grant.row.records) - erased
-            looked, confirmed = find_looks(trail, grant.grant_id), find_confirmed(trail, grant.grant_id, asked)
+            looked, confirmed = (
+                find_grantee_requests(trail, grant.grant_id),
+                find_confirmed(trail, grant.grant_id, asked),
+            )
             found.append(Share(grant, visit, known.get(grant.grant_id), looked, confirmed, cut, erased))
         return found
 
@@ -447,19 +450,19 @@ class Sharing:
         return found
 
 
-def find_looks(trail: Sequence[AuditEntry], grant_id: bytes) -> tuple[Look, ...]:
+def find_grantee_requests(trail: Sequence[AuditEntry], grant_id: bytes) -> tuple[GranteeRequest, ...]:
     released: dict[bytes, set[Any]] = {}
     for entry in trail:
         if entry.kind == "access_released":
             released.setdefault(entry.data["access_id"], set()).add(entry.data["custodian"])
     return tuple(
-        Look(entry.time_ms, entry.data["records"], len(released.get(entry.data["access_id"], ())))
+        GranteeRequest(entry.time_ms, entry.data["records"], len(released.get(entry.data["access_id"], ())))
         for entry in trail
-        if _is_look(entry) and entry.data["grant"] == grant_id
+        if _is_grantee_request(entry) and entry.data["grant"] == grant_id
     )
 
 
-def _is_look(entry: AuditEntry) -> bool:
+def _is_grantee_request(entry: AuditEntry) -> bool:
     return entry.kind == "access_requested" and isinstance(entry.data.get("grant"), bytes)
 
 
@@ -469,12 +472,14 @@ def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[
     for entry in trail:
         if entry.kind == "grant_noticed" and entry.data["grant_id"] == grant_id:
             gone.update(entry.data["records"])
-        elif _is_look(entry) and entry.data["grant"] == grant_id:
+        elif _is_grantee_request(entry) and entry.data["grant"] == grant_id:
             gone.difference_update(asked[entry.data["access_id"]].records)
     return frozenset(gone)
 
 
-def tell_of_first(error: BlockRobotError, done: Sequence[Shared], language: str = DEFAULT_LANGUAGE) -> BlockRobotError:
+def extend_with_grants(
+    error: BlockRobotError, done: Sequence[FinalGrant], language: str = DEFAULT_LANGUAGE
+) -> BlockRobotError:
     """Extend a failure with completed grants; each holds up to 64 records."""
     if not done:
         return error
@@ -485,7 +490,7 @@ def tell_of_first(error: BlockRobotError, done: Sequence[Shared], language: str 
 
 
 async def share_each(
-    sharing: Sharing,
+    sharing: SharingClient,
     entries: Sequence[RecordEntry],
     grantee: Grantee,
     purpose: str,
@@ -493,13 +498,13 @@ async def share_each(
     tell: Tell,
     *,
     language: str = DEFAULT_LANGUAGE,
-) -> list[Shared]:
+) -> list[FinalGrant]:
     """Share records of one visit in as many grants as needed; failures name completed ones."""
-    done: list[Shared] = []
+    done: list[FinalGrant] = []
     for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
         part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
         try:
             done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
         except BlockRobotError as error:
-            raise tell_of_first(error, done, language) from None
+            raise extend_with_grants(error, done, language) from None
     return done

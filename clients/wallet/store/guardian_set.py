@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from clients.wallet.present.translations import WrongUsage
+from clients.wallet.presentation.translations import WrongUsage
 
 NAME_MAX_CHARS = 40
 

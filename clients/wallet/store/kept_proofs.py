@@ -134,11 +134,11 @@ def _check(chain: ProvedChain, chain_id: bytes, txid: bytes, kept: KeptProof) ->
         raise BlockRobotError("KEPT_PROOF_DAMAGED", f"The proof kept of {txid.hex()[:12]} is another transaction's.")
     erasure, proved_height = None, proved.height
     if kept.state is not None:
-        told = chain.state(_NAME, kept.state).get(REQUEST.key(txid))
-        erasure = None if told is None or told.value is None else REQUEST.convert(told.value)
-        if told is None or erasure is None or erasure.status != "complete":
+        receipt_row = chain.state(_NAME, kept.state).get(REQUEST.key(txid))
+        erasure = None if receipt_row is None or receipt_row.value is None else REQUEST.convert(receipt_row.value)
+        if receipt_row is None or erasure is None or erasure.status != "complete":
             raise BlockRobotError("KEPT_PROOF_DAMAGED", f"The erasure {txid.hex()[:12]} is not proved complete.")
-        proved_height = told.height
+        proved_height = receipt_row.height
     return CheckedProof(
         transaction, proved.receipt, proved.height, proved.index, proved.time_ms, proved_height, erasure
     )

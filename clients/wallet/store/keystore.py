@@ -22,7 +22,7 @@ from clients.sdk.passphrase import (
     new_sealing_key,
     open_sealed,
 )
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 from clients.wallet.store.guardian_set import GuardianSet
 from clients.wallet.store.sharing_memory import GivenGrant, ReceivedGrant
 from consensus.errors import BlockRobotError

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 from consensus.errors import BlockRobotError
 
 SERVICE = "blockrobot-wallet"
@@ -36,7 +36,7 @@ def load_keyring() -> Any:
 
 
 @contextmanager
-def telling_of_trouble(key: str) -> Iterator[None]:
+def explaining_keyring_errors(key: str) -> Iterator[None]:
     """Convert any keyring exception to KEYRING_UNUSABLE (`because.KEY`)."""
     try:
         yield
@@ -68,10 +68,10 @@ def find_weak_keyring(package: Any) -> str | None:
 def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
     """Store a passphrase; return the keyring's name if weak. Raises EXTRA_MISSING, KEYRING_UNUSABLE."""
     backend, name = load_keyring(), str(wallet.resolve())
-    with telling_of_trouble("keyring_took_nothing"):
+    with explaining_keyring_errors("keyring_took_nothing"):
         weak = find_weak_keyring(backend)
         backend.set_password(SERVICE, name, passphrase)
-    with telling_of_trouble("keyring_may_have"):
+    with explaining_keyring_errors("keyring_may_have"):
         kept = backend.get_password(SERVICE, name)
     if kept != passphrase:
         raise refusal("KEYRING_UNUSABLE", "keyring_off")
@@ -81,7 +81,7 @@ def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
 def forget_in_keyring(wallet: Path) -> None:
     """Remove a passphrase. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
     backend, name = load_keyring(), str(wallet.resolve())
-    with telling_of_trouble("keyring_may_still_have"):
+    with explaining_keyring_errors("keyring_may_still_have"):
         if backend.get_password(SERVICE, name) is None:
             raise BlockRobotError("KEYRING_EMPTY")
         backend.delete_password(SERVICE, name)
@@ -90,7 +90,7 @@ def forget_in_keyring(wallet: Path) -> None:
 def read_from_keyring(wallet: Path) -> str:
     """Return a passphrase. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
     backend = load_keyring()
-    with telling_of_trouble("keyring_gave_nothing"):
+    with explaining_keyring_errors("keyring_gave_nothing"):
         found = backend.get_password(SERVICE, str(wallet.resolve()))
     if found is None:
         raise BlockRobotError("KEYRING_EMPTY")

@@ -13,10 +13,10 @@ import click
 import msgspec
 
 from clients.wallet.cli.invocation import with_command_prefix
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.translations import refusal
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 WAIT_MAX_S = 5.0
 """A command that runs at the same time is over soon; a page stays."""
@@ -107,7 +107,7 @@ def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
         raise refusal("WALLET_BUSY", "wallet_busy", path=str(path))
     # It has the very wallet that is wanted here, so it is called as this one is.
     who = with_command_prefix(holder.command[:1].upper() + holder.command[1:])
-    moment = show_moment(holder.since_ms)
+    moment = format_time(holder.since_ms)
     raise refusal("WALLET_BUSY", "wallet_busy_with", who=who, process=holder.process, path=str(path), since=moment)
 
 

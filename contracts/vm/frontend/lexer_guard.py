@@ -104,7 +104,7 @@ class _State:
     continued: bool = False
     previous: str = ""
     lines: list[LogicalLine] = field(default_factory=list)
-    told: set[tuple[str, int]] = field(default_factory=set)
+    reported: set[tuple[str, int]] = field(default_factory=set)
 
     def report(self, code: str, position: int, message: str, fix: str, *, fatal: bool = False) -> None:
         column = max(position - self.line_start, 0) + 1
@@ -114,8 +114,8 @@ class _State:
         self.fatal = self.fatal or fatal
         if fatal and not self.at_line_start:
             self.lines[-1].broken = True
-        if (code, line * 1_000_000 + column) not in self.told and len(self.diagnostics) < PROBLEMS_MAX_COUNT:
-            self.told.add((code, line * 1_000_000 + column))
+        if (code, line * 1_000_000 + column) not in self.reported and len(self.diagnostics) < PROBLEMS_MAX_COUNT:
+            self.reported.add((code, line * 1_000_000 + column))
             self.diagnostics.append(Diagnostic(code, line, column, message, fix))
 
 

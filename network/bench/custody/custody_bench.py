@@ -180,8 +180,8 @@ async def _stored_bytes(folder: Path, custody: _Custody) -> int | None:
     size_bytes = (await custody.store.counts()).size_bytes
     if size_bytes is None and custody.uri.startswith(MONGO_SCHEMES):
         with MongoClient[Any](custody.uri) as client:
-            told = client.get_default_database().command("dbStats")
-        size_bytes = int(told["storageSize"]) + int(told["indexSize"])
+            statistics = client.get_default_database().command("dbStats")
+        size_bytes = int(statistics["storageSize"]) + int(statistics["indexSize"])
     return None if size_bytes is None else size_bytes + keys
 
 

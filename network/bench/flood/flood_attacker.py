@@ -24,7 +24,7 @@ from consensus.chain.session_message import sign_session
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
 from network.bench.flood.flood_kinds import FRAMES, HANDSHAKES, HttpFlood, Identity, Target, pool_of
-from network.bench.flood.flood_routes import Landmarks, http_flood
+from network.bench.flood.flood_routes import CostlyTargets, http_flood
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, encode_frame
 
 HOST = "127.0.0.1"
@@ -55,7 +55,7 @@ class Orders(Struct, frozen=True, kw_only=True):
     keys: str
     own_port: int
     api_ports: dict[str, int]
-    landmarks: Landmarks
+    landmarks: CostlyTargets
     p2p_ports: list[int]
 
 

@@ -23,7 +23,7 @@ from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.event_follower import FinalityFollower
 from network.bench.flood.flood_attacker import OWN_ADDRESS, Orders, Sent
 from network.bench.flood.flood_kinds import FRAMES, Identity
-from network.bench.flood.flood_routes import Landmarks, kinds_of
+from network.bench.flood.flood_routes import CostlyTargets, kinds_of
 from network.bench.fresh_network import FreshNetwork, LoadRobot
 from network.cluster import fetch_status
 from network.doctor.examination import examine_network
@@ -37,7 +37,7 @@ RECORDS_COUNT = 4_096
 BUSY_PAUSE_S = 0.5
 
 
-async def fill_blocks(robots: Sequence[LoadRobot]) -> Landmarks:
+async def fill_blocks(robots: Sequence[LoadRobot]) -> CostlyTargets:
     accepted = 0
     while accepted < RECORDS_COUNT:
         batch = [robots[place % len(robots)].sign_record() for place in range(BATCH_COUNT)]
@@ -51,7 +51,7 @@ async def fill_blocks(robots: Sequence[LoadRobot]) -> Landmarks:
     block = await _ask(robots[0], f"/v1/blocks/{fullest.height}", BlockAnswer)
     counts = {row.height: row.transaction_count for row in rows}
     window = max(counts, key=lambda first: sum(counts.get(first + offset, 0) for offset in range(PAGE_MAX_COUNT)))
-    return Landmarks(window, fullest.height, block.txids[len(block.txids) // 2], fullest.block_id)
+    return CostlyTargets(window, fullest.height, block.txids[len(block.txids) // 2], fullest.block_id)
 
 
 async def _list_blocks(robot: LoadRobot) -> list[BlockSummary]:
@@ -189,7 +189,7 @@ class _Scene:
     network: FreshNetwork
     watched: LoadRobot
     attacker: LoadRobot
-    landmarks: Landmarks
+    landmarks: CostlyTargets
 
 
 async def _describe(scene: _Scene, options: FloodOptions, kind: str, own: int) -> _Attacker:
@@ -302,10 +302,10 @@ async def _measure(scene: _Scene, options: FloodOptions, kind: str, own: int) ->
         recovered_s = watch.calls.recovered_s(attack_until_s, now_s, normal_ms)
         findings = await asyncio.to_thread(examine_network, network.cluster.folder)
         logs = await asyncio.to_thread(_read_logs, network)
-    told = " ".join(finding.detail for finding in findings.findings)
+    details = " ".join(finding.detail for finding in findings.findings)
     under_ms = percentile(under, 0.95)
     ratio, status_max_ms = round(under_ms / max(quiet, 0.1), 2), round(max(status, default=0.0), 1)
-    in_log, by_doctor = (any(name in text for name in attacker.names) for text in (logs, told))
+    in_log, by_doctor = (any(name in text for name in attacker.names) for text in (logs, details))
     return Flood(
         kind=kind,
         quiet_p95_ms=round(quiet, 1),

@@ -26,7 +26,7 @@ STRAYS: Mapping[str, HttpFlood] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Landmarks:
+class CostlyTargets:
     """Costly request targets: where full blocks begin, the fullest block, its transaction."""
 
     window: int
@@ -40,7 +40,7 @@ def read_kinds() -> list[str]:
     return sorted([*READS, *filtered])
 
 
-def make_read(kind: str, landmarks: Landmarks) -> HttpFlood:
+def make_read(kind: str, landmarks: CostlyTargets) -> HttpFlood:
     route = READS[kind.removesuffix(FILTERED)]
     values = _values(route, landmarks)
     path, query = route.path, []
@@ -57,7 +57,7 @@ def make_read(kind: str, landmarks: Landmarks) -> HttpFlood:
     return HttpFlood(route.method, path, JSON, _no_body, streams=route.answer.media_type == SSE)
 
 
-def _values(route: Route, landmarks: Landmarks) -> dict[str, str]:
+def _values(route: Route, landmarks: CostlyTargets) -> dict[str, str]:
     place = f"{landmarks.window}:0"
     names = {"getContract": "records", "getExplorerFile": "api.js", "getSharedFile": "dom.js"}
     return {
@@ -98,6 +98,6 @@ def kinds_of(identity: Identity) -> list[str]:
     return [*asked, HANDSHAKES] if identity == "stranger" else asked
 
 
-def http_flood(kind: str, landmarks: Landmarks) -> HttpFlood:
+def http_flood(kind: str, landmarks: CostlyTargets) -> HttpFlood:
     found = BODIES.get(kind) or STRAYS.get(kind)
     return make_read(kind, landmarks) if found is None else found

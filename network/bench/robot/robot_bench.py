@@ -22,7 +22,13 @@ from clients.robot.synthetic.scenario_bag import make_bag
 from clients.robot.synthetic.scene_tags import load_or_draw_tags
 from network.bench.conditions import Condition, Result, measure_conditions, percentile
 from network.bench.fresh_network import find_base_port
-from network.bench.robot.robot_counts import LoggedFrames, caught_up_at_ms, read_frames, reckon, untouched_by_cut
+from network.bench.robot.robot_counts import (
+    LoggedFrames,
+    account_for_frames,
+    caught_up_at_ms,
+    read_frames,
+    untouched_by_cut,
+)
 from network.bench.robot.robot_owners import OwnFrames, find_own_frames
 from network.bench.robot.robot_player import PlayedSummary
 from network.bench.robot.robot_scene import PEOPLE, is_in_place, loop_seconds, make_scene
@@ -241,7 +247,8 @@ def make_figures(
 ) -> RobotFigures:
     frames = [summary.frames for _, summary, _ in robots]
     reckonings = [
-        reckon(logged, [owner.frames.get(member, Counter()) for owner in owners]) for member, _, logged in robots
+        account_for_frames(logged, [owner.frames.get(member, Counter()) for owner in owners])
+        for member, _, logged in robots
     ]
     published = sum(one.published for one in frames)
     kept = sum(one.kept for one in frames)

@@ -59,7 +59,7 @@ def read_frames(lines: Iterable[str]) -> LoggedFrames:
 
 
 @dataclass(frozen=True, slots=True)
-class Reckoning:
+class FrameAccount:
     """One robot's frame counts per frame and owner.
 
     `lost`: paired but neither kept nor withheld, or kept but not found; `doubled`: found, kept or settled twice;
@@ -71,7 +71,7 @@ class Reckoning:
     unexplained: int
 
 
-def reckon(logged: LoggedFrames, found: Sequence[Counter[int]]) -> Reckoning:
+def account_for_frames(logged: LoggedFrames, found: Sequence[Counter[int]]) -> FrameAccount:
     """Compare a robot's log with each owner's findings.
 
     Aliases are random per run and matched to owners by most common frames; exchanged owners show only in the pictures.
@@ -86,7 +86,7 @@ def reckon(logged: LoggedFrames, found: Sequence[Counter[int]]) -> Reckoning:
     ]
     pairs = match_owners(logged.kept, found)
     missing = sum((_set_of(kept) - _set_of(has)).total() for kept, has in pairs)
-    return Reckoning(
+    return FrameAccount(
         lost=unsettled + missing,
         doubled=sum(_surplus(frames) for frames in [*settled, *found]),
         unexplained=sum((_set_of(has) - _set_of(kept)).total() for kept, has in pairs),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from clients.wallet.ledger.wallet import VisitReport, Wallet
-from clients.wallet.records.viewing import STATUS_NOTICE, STATUS_OK, Viewing
+from clients.wallet.records.viewing import STATUS_NOTICE, STATUS_OK, RecordViewer
 from clients.wallet.store.keystore import Keystore
 from consensus.chain.genesis import Genesis
 from consensus.records.renditions import Rendition
@@ -50,7 +50,7 @@ async def find_own_frames(
 async def _open_visit(
     wallet: Wallet, report: VisitReport, found: OwnFrames, is_theirs: Callable[[Rendition], bool]
 ) -> None:
-    viewing = Viewing(wallet)
+    viewing = RecordViewer(wallet)
     access_id = await wallet.sign_and_wait(report.visit, "access", "request", [[], PURPOSE])
     for entry in report.records:
         view = await viewing.view(entry, access_id)

@@ -106,7 +106,7 @@ def up(
     if not (with_console and as_json):
         report(asyncio.run(cluster.status()), place, as_json=as_json)
     if with_console:
-        from network.cli.cluster.console_command import show_console  # noqa: PLC0415 - only when it is needed
+        from network.cli.cluster.console_commands import show_console  # noqa: PLC0415 - only when it is needed
 
         show_console(cluster, no_browser=no_browser, as_json=as_json)
 
@@ -248,10 +248,10 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
         table.add_column(
             column, justify="left" if column in _TEXT_COLUMNS else "right", no_wrap=column in _TEXT_COLUMNS
         )
-    said = {row.name: row.status for row in reports}
+    statuses = {row.name: row.status for row in reports}
     for row in reports:
         seen = row.status or {}
-        state = _state_of(row, accusers_of(row.name, said))
+        state = _state_of(row, accusers_of(row.name, statuses))
         values = [seen.get(key) for key in ("height", "finalized_height", "round", "leader")]
         peers = len(seen["peers"]) if "peers" in seen else None
         custody = seen.get("custody_checkpoint")
@@ -264,10 +264,10 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
         newest = min(told, key=lambda status: (-status["finalized_height"], status["finality"]["age_s"]))
         age_s = newest["finality"]["age_s"]
         console.print(f"Newest final block: {newest['finalized_height']}, {age_s:.0f} s ago.")
-    for line in kept_lines(said):
+    for line in kept_lines(statuses):
         console.print(escape(line), soft_wrap=True)
     for row in reports:
-        lies = _lies(row, accusers_of(row.name, said))
+        lies = _lies(row, accusers_of(row.name, statuses))
         for sentence in _troubles(row.name, row.status or {}) + lies:
             console.print(escape(sentence), soft_wrap=True, style="red" if sentence in lies else "")
 

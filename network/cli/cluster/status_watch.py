@@ -21,7 +21,7 @@ from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import console
 from network.cli.cluster.status_answers import WatchedAnswer, WatchedNode
 from network.cluster import Cluster
-from network.cluster_monitor import STUCK_AFTER_S, NodeLook, NodeRow, Observer, Picture, changes
+from network.cluster_monitor import STUCK_AFTER_S, NodeObservation, NodeRow, Observer, Picture, changes
 from network.faults.control import FaultControl
 
 INTERVAL_S = 0.5
@@ -42,17 +42,17 @@ async def _pictures(cluster: Cluster, seconds: float | None) -> AsyncIterator[Pi
     deadline_s = None if seconds is None else time.monotonic() + seconds
     while True:
         started_s = time.monotonic()
-        yield observer.take(await _look(cluster, control), time.monotonic())
+        yield observer.update(await _look(cluster, control), time.monotonic())
         if deadline_s is not None and time.monotonic() >= deadline_s:
             return
         await asyncio.sleep(max(0.0, started_s + INTERVAL_S - time.monotonic()))
 
 
-async def _look(cluster: Cluster, control: FaultControl) -> list[NodeLook]:
+async def _look(cluster: Cluster, control: FaultControl) -> list[NodeObservation]:
     reports, states = await asyncio.gather(cluster.status(timeout_s=_ANSWER_S), control.state())
     faults = {state.name: state for state in states}
     return [
-        NodeLook(
+        NodeObservation(
             name=report.name,
             running=report.running,
             paused=faults[report.name].paused,

@@ -20,7 +20,7 @@ from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
 from contracts.kit.sources import read_source
-from contracts.kit.telling import told
+from contracts.kit.value_text import format_value
 from network.cli.contract.contract_answers import CallRefusal, ContractCallAnswer, ContractQueryAnswer, EmittedEvent
 from network.cli.contract.contract_signers import FindSigners, signer_options, take_signer
 from network.cli.governance.governance_signer import read_with_first, to_json, with_network
@@ -86,7 +86,7 @@ def query(
     if as_json:
         print_answer(ContractQueryAnswer(contract=contract, view=view, result=to_json(result)))
         return
-    console.print(escape(told(result)))
+    console.print(escape(format_value(result)))
 
 
 @click.command(cls=TypedCommand)
@@ -162,7 +162,7 @@ def _print_receipt(receipt: FinalReceipt, edition: Edition | None, contract: str
     if receipt.ok:
         console.print(f"OK: {place}")
         for event in receipt.events:
-            console.print(escape(f"  {event.contract}.{event.name} {told(decode_value(event.data))}"))
+            console.print(escape(f"  {event.contract}.{event.name} {format_value(decode_value(event.data))}"))
         return
     console.print(escape(f"Refused: {receipt.sentence}"))
     if edition is not None and receipt.line is not None and not receipt.message.startswith("In contract "):

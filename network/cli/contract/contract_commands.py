@@ -60,7 +60,7 @@ _COMMANDS = {
         "Compare two versions of a contract: what changes for callers, and the sources line by line.",
     ),
     "trace": LazyCommand(
-        "network.cli.contract.contract_trace_command:trace",
+        "network.cli.contract.contract_trace_commands:trace",
         "Execute a final transaction again and show the lines that ran, their gas, and the values after each.",
     ),
     "call": LazyCommand(
@@ -72,7 +72,7 @@ _COMMANDS = {
         "Ask a view of a contract. One node answers; its answer is not proved.",
     ),
     "events": LazyCommand(
-        "network.cli.contract.contract_events_command:events",
+        "network.cli.contract.contract_events_commands:events",
         "Show the events of contracts in order; each comes once, with its place. With --json one object a line.",
     ),
 }

@@ -21,7 +21,7 @@ from contracts.lifecycle.registry import compute_source_hash
 from contracts.vm import compile_contract
 from network.cli.cluster.cluster_options import as_one
 from network.cli.contract.contract_answers import ContractDecisionAnswer
-from network.cli.contract.contract_waiting import Arrival, await_change, no_wait_option
+from network.cli.contract.contract_waiting import ChangeOutcome, await_change, no_wait_option
 from network.cli.governance.governance_signer import (
     Signer,
     Speaker,
@@ -103,11 +103,11 @@ def _version_in_force(seat: Signer, name: str) -> int:
     return with_client(seat, read)
 
 
-def _report(seat: Signer, told: SubmittedAct, what: str, name: str, *, wait: bool, as_json: bool) -> None:
+def _report(seat: Signer, submitted: SubmittedAct, what: str, name: str, *, wait: bool, as_json: bool) -> None:
     """Raises CONTRACT_CHANGE_FAILED."""
-    decision = told.decision
-    if not as_json and (told.proposal is not None or decision.due_height is None):
-        report_decision(told, what, "contract", as_json=False)
+    decision = submitted.decision
+    if not as_json and (submitted.proposal is not None or decision.due_height is None):
+        report_decision(submitted, what, "contract", as_json=False)
         return
     if not as_json:
         console.print(
@@ -120,21 +120,21 @@ def _report(seat: Signer, told: SubmittedAct, what: str, name: str, *, wait: boo
             f"{name} version {arrival.version} failed at block {decision.due_height}: {arrival.failure}",
         )
     if as_json:
-        print_answer(_decision_answer(told, arrival))
+        print_answer(_decision_answer(submitted, arrival))
         return
     if arrival is not None:
         console.print(escape(_told_arrival(name, arrival)))
     console.print(f"Next step: blockrobot contract show {escape(name)}")
 
 
-def _await_arrival(seat: Signer, name: str, decision: Decision) -> Arrival | None:
+def _await_arrival(seat: Signer, name: str, decision: Decision) -> ChangeOutcome | None:
     def tell(line: str) -> None:
         click.echo(line, err=True)
 
     return with_client(seat, lambda client: await_change(client, seat.key, name, decision, tell))
 
 
-def _told_arrival(name: str, arrival: Arrival) -> str:
+def _told_arrival(name: str, arrival: ChangeOutcome) -> str:
     words = {
         "in force": f"{name} version {arrival.version} is in force.",
         "disabled": f"{name} is disabled.",
@@ -142,8 +142,8 @@ def _told_arrival(name: str, arrival: Arrival) -> str:
     return words.get(arrival.state, f"Another change of {name} has taken its place.")
 
 
-def _decision_answer(told: SubmittedAct, arrival: Arrival | None) -> ContractDecisionAnswer:
-    decision, proposal = told.decision, told.proposal
+def _decision_answer(submitted: SubmittedAct, arrival: ChangeOutcome | None) -> ContractDecisionAnswer:
+    decision, proposal = submitted.decision, submitted.proposal
     return ContractDecisionAnswer(
         height=decision.height,
         txid=decision.txid.hex(),
@@ -151,7 +151,7 @@ def _decision_answer(told: SubmittedAct, arrival: Arrival | None) -> ContractDec
         due_height=decision.due_height,
         state=None if arrival is None else arrival.state,
         version=None if arrival is None else arrival.version,
-        proposal=None if proposal is None else proposal_answer(proposal, told.membership.majority),
+        proposal=None if proposal is None else proposal_answer(proposal, submitted.membership.majority),
     )
 
 
@@ -186,10 +186,10 @@ def propose(file: Path, name: str | None, when: dict[str, Any], speaker: Speaker
         await governor.check_upload(source_hash)
 
     seat = speaker.signer()
-    told = propose_once(seat, "lifecycle", "deploy", arguments, partial(_require_room, seat), upload)
-    _report(seat, told, f"deploy {contract}", contract, wait=not no_wait, as_json=as_json)
-    if told.proposal is not None and not as_json:
-        shown = told.proposal.id.hex()[:12]
+    submitted = propose_once(seat, "lifecycle", "deploy", arguments, partial(_require_room, seat), upload)
+    _report(seat, submitted, f"deploy {contract}", contract, wait=not no_wait, as_json=as_json)
+    if submitted.proposal is not None and not as_json:
+        shown = submitted.proposal.id.hex()[:12]
         console.print(f"They can read it first: blockrobot contract show {contract} --proposal {shown} --source")
 
 
@@ -204,8 +204,8 @@ def approve(proposal: str, speaker: Speaker, no_wait: bool, as_json: bool) -> No
     Example: blockrobot contract approve 3fa2c19b07de --as university
     """
     seat = speaker.signer()
-    told, row = decide_on_proposal(seat, "lifecycle", proposal, "approve")
-    _report(seat, told, summary_of(row), row.arguments["name"], wait=not no_wait, as_json=as_json)
+    submitted, row = decide_on_proposal(seat, "lifecycle", proposal, "approve")
+    _report(seat, submitted, summary_of(row), row.arguments["name"], wait=not no_wait, as_json=as_json)
 
 
 withdraw = withdraw_command("lifecycle", "a change of a contract")
@@ -227,8 +227,8 @@ def activate(name: str, version: int, when: dict[str, Any], speaker: Speaker, no
     """
     arguments = {"name": name, "version": version, **when}
     seat = speaker.signer()
-    told = propose_once(seat, "lifecycle", "activate", arguments)
-    _report(seat, told, f"activate {name} version {version}", name, wait=not no_wait, as_json=as_json)
+    submitted = propose_once(seat, "lifecycle", "activate", arguments)
+    _report(seat, submitted, f"activate {name} version {version}", name, wait=not no_wait, as_json=as_json)
 
 
 @click.command()
@@ -248,8 +248,8 @@ def disable(
     seat = speaker.signer()
     number = version or _version_in_force(seat, name)
     arguments = {"name": name, "version": number, **when}
-    told = propose_once(seat, "lifecycle", "disable", arguments)
-    _report(seat, told, f"disable {name} version {number}", name, wait=not no_wait, as_json=as_json)
+    submitted = propose_once(seat, "lifecycle", "disable", arguments)
+    _report(seat, submitted, f"disable {name} version {number}", name, wait=not no_wait, as_json=as_json)
 
 
 @click.command()
@@ -267,5 +267,5 @@ def keep(name: str, version: int | None, speaker: Speaker, as_json: bool) -> Non
     """
     seat = speaker.signer()
     number = version or _version_in_force(seat, name)
-    told = propose_once(seat, "lifecycle", "keep", {"name": name, "version": number})
-    _report(seat, told, f"keep {name} version {number}", name, wait=False, as_json=as_json)
+    submitted = propose_once(seat, "lifecycle", "keep", {"name": name, "version": number})
+    _report(seat, submitted, f"keep {name} version {number}", name, wait=False, as_json=as_json)

@@ -10,7 +10,7 @@ import click
 import msgspec
 from rich.syntax import Syntax
 
-from clients.sdk.chain.governance import ID_PREFIX_MIN_CHARS, ProposalRow, find_proposal
+from clients.sdk.chain.governance import ID_PREFIX_MIN_CHARS, ProposalRow, resolve_proposal
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_answer
@@ -51,7 +51,7 @@ from network.contracts.chain_contracts import (
     read_edition,
     read_proposed,
 )
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 
 def _due_answer(change: ChangeDue) -> ContractChangeDue:
@@ -59,7 +59,7 @@ def _due_answer(change: ChangeDue) -> ContractChangeDue:
 
 
 def _due_text(change: ChangeDue) -> str:
-    when = f"with block {change.from_height}" if change.from_height else f"at {show_moment(change.from_ms)}"
+    when = f"with block {change.from_height}" if change.from_height else f"at {format_time(change.from_ms)}"
     words = {
         "activate": f"version {change.version}",
         "disable": "disabled",
@@ -95,7 +95,7 @@ def _print_proposal(row: ProposalRow, needed: int) -> None:
     when = [f"not before block {arguments['height']}"] if arguments.get("height") else []
     when += [f"{arguments['delay']} blocks after the decision"] if arguments.get("delay") else []
     voices = (
-        f"approved by {', '.join(row.approvals) or 'nobody'}, {needed} needed, open until {show_moment(row.expires_ms)}"
+        f"approved by {', '.join(row.approvals) or 'nobody'}, {needed} needed, open until {format_time(row.expires_ms)}"
     )
     console.print(escape("; ".join([voices, *when])))
 
@@ -280,7 +280,7 @@ def diff(name: str, old: str, new: str | None, with_exit_code: bool, speaker: Sp
     files = {text: _read_file(name, text) for text in (old, new or "")}
 
     async def find(client: NetworkClient, key: PrivateKey, text: str) -> Edition:
-        return files[text] or await _find_edition(client, key, name, text)
+        return files[text] or await _get_edition(client, key, name, text)
 
     async def read(client: NetworkClient, key: PrivateKey) -> tuple[Edition, Edition]:
         if new is None:
@@ -350,7 +350,7 @@ def _read_file(name: str, text: str) -> Edition | None:
 
 def _proposal_about(view: ContractsView, name: str, text: str) -> ProposalRow:
     """Raises GOVERNANCE_PROPOSAL_CLOSED."""
-    found = find_proposal(view.proposals, text)
+    found = resolve_proposal(view.proposals, text)
     if found.arguments["name"] != name:
         raise BlockRobotError(
             "GOVERNANCE_PROPOSAL_CLOSED", f"The proposal {text!r} is about {found.arguments['name']}."
@@ -358,7 +358,7 @@ def _proposal_about(view: ContractsView, name: str, text: str) -> ProposalRow:
     return found
 
 
-async def _find_edition(client: NetworkClient, key: PrivateKey, name: str, text: str) -> Edition:
+async def _get_edition(client: NetworkClient, key: PrivateKey, name: str, text: str) -> Edition:
     if text.isdigit() and len(text) < ID_PREFIX_MIN_CHARS:
         return await read_edition(client, key, name, int(text))
     view = await read_contracts(client, key)

@@ -24,7 +24,7 @@ FindSigners = Callable[[], list[Signer]]
 OFFICES = ("", "admin", "registrar")
 
 
-def find_signers(
+def get_signers(
     folder: Path | None, officer: str | None, key_file: Path | None, wallet_profile: str | None
 ) -> list[Signer]:
     """Return the named signer, else every admin whose key is in the folder.
@@ -66,7 +66,7 @@ def take_signer(signers: list[Signer]) -> Signer:
 
 
 def _later(folder: Path | None, officer: str | None, key_file: Path | None, wallet_profile: str | None) -> FindSigners:
-    return partial(find_signers, folder, officer, key_file, wallet_profile)
+    return partial(get_signers, folder, officer, key_file, wallet_profile)
 
 
 signer_options = as_one(

@@ -27,7 +27,7 @@ no_wait_option = click.option(
 
 
 @dataclass(frozen=True, slots=True)
-class Arrival:
+class ChangeOutcome:
     """A change's result: in force, disabled, failed (see `failure`) or overtaken."""
 
     state: str
@@ -41,7 +41,7 @@ async def pause() -> None:
 
 async def await_change(
     client: NetworkClient, key: PrivateKey, name: str, decision: Decision, tell: Callable[[str], None]
-) -> Arrival | None:
+) -> ChangeOutcome | None:
     """Return a change's proved result once final; None if too far ahead or late."""
     height = decision.due_height
     if height is None or height > decision.height + WAIT_AHEAD_MAX_BLOCKS:
@@ -70,11 +70,11 @@ async def await_change(
         await pause()
 
 
-def _arrival(name: str, decision: Decision, table: dict[str, Any], record: dict[str, Any]) -> Arrival:
+def _arrival(name: str, decision: Decision, table: dict[str, Any], record: dict[str, Any]) -> ChangeOutcome:
     version = decision.due_version
     current, _, enabled, _ = table.get(name, [0, b"", False, 0])
     if decision.due_kind == "disable":
-        return Arrival("overtaken" if enabled else "disabled", current)
+        return ChangeOutcome("overtaken" if enabled else "disabled", current)
     if record.get("status") == "failed" and record.get("since_height", 0) >= (decision.due_height or 0):
-        return Arrival("failed", version, str(record.get("failure", "")))
-    return Arrival("in force" if enabled and current == version else "overtaken", version)
+        return ChangeOutcome("failed", version, str(record.get("failure", "")))
+    return ChangeOutcome("in force" if enabled and current == version else "overtaken", version)

@@ -19,10 +19,10 @@ from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_json, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
-from network.cli.node.node_commands import find_node
+from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
-from network.custody.asking import R, ask_all, run_work
-from network.custody.telling import describe_position, rebuild_sentences, scrub_sentences, status_sentences
+from network.custody.custody_requests import R, ask_all, run_work
+from network.custody.custody_text import describe_position, rebuild_sentences, scrub_sentences, status_sentences
 from node.config import NodeConfig, load_genesis
 from node.custody.chain.custody_answers import CustodyStatus, RebuildAnswer, ScrubAnswer
 
@@ -40,7 +40,7 @@ _PLACES = {
         "Make a custodian's index again from the chain's state, erase what the chain has erased, fetch what is missing.",
     ),
     "hunt": LazyCommand(
-        "network.cli.custody.custody_hunt_command:hunt",
+        "network.cli.custody.custody_hunt_commands:hunt",
         "Search every file and database of a local network for anything of these records, and say what may be there.",
     ),
 }
@@ -58,7 +58,7 @@ def custody() -> None:
 
 def _custodians(node: str | None, folder: Path | None) -> list[NodeConfig]:
     """Raises CLUSTER_NOT_RUNNING, CUSTODY_ELSEWHERE, NOT_FOUND."""
-    configs = [find_node(node, folder)] if node else list(Cluster(network_folder(folder)).configs.values())
+    configs = [get_node_config(node, folder)] if node else list(Cluster(network_folder(folder)).configs.values())
     found = [config for config in configs if config.custodian_key_path is not None]
     if not found:
         named = f"{configs[0].name} keeps no clips." if node else "No node here keeps clips."
@@ -122,7 +122,7 @@ def _print_uploads(configs: list[NodeConfig], answers: list[CustodyStatus | Bloc
         table.add_column(column, no_wrap=True)
     for column in ("staged", "held", "today", "a day", "refused"):
         table.add_column(column, justify="right")
-    told = []
+    lines = []
     for config, answer in zip(configs, answers, strict=True):
         if isinstance(answer, BlockRobotError):
             continue
@@ -137,10 +137,10 @@ def _print_uploads(configs: list[NodeConfig], answers: list[CustodyStatus | Bloc
             days = answer.days_until_reserve
             lasts = "" if days is None else f", which last {days} days at {answer.bytes_a_day / 1e9:.2f} GB a day"
             free, reserve = ((size or 0) / 1e9 for size in (answer.disk_free_bytes, answer.disk_reserve_bytes))
-            told.append(f"{config.name}: {free:.1f} GB are free, {reserve:.1f} GB of them are kept back{lasts}.")
+            lines.append(f"{config.name}: {free:.1f} GB are free, {reserve:.1f} GB of them are kept back{lasts}.")
     if table.row_count:
         console.print(table)
-    for line in told:
+    for line in lines:
         console.print(escape(line))
 
 

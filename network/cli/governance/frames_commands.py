@@ -24,7 +24,7 @@ from network.cli.governance.governance_signer import (
     shown_id,
     with_client,
 )
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 _KEY_BYTES = 33
 
@@ -136,17 +136,17 @@ def list_frames(robot: str, speaker: Speaker, as_json: bool) -> None:
 
     rows = speaker.read(lambda client, key: read_approved(client, member, key))
     if as_json:
-        told = [
+        approved = [
             ApprovedFrame(sha256=row.digest.hex(), approver=row.approver.hex(), approved_ms=row.time) for row in rows
         ]
-        print_answer(FramesListAnswer(frames=told))
+        print_answer(FramesListAnswer(frames=approved))
         return
     if not rows:
         console.print("None is approved. The robot names those that it needs when it starts.")
         return
     table = plain_table(f"Empty frames of robot {shown_id(member)}", ["sha256", "approved by", "at"])
     for row in rows:
-        table.add_row(row.digest.hex(), escape(shown_id(row.approver)), show_moment(row.time))
+        table.add_row(row.digest.hex(), escape(shown_id(row.approver)), format_time(row.time))
     console.print(table)
 
 

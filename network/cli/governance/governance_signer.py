@@ -21,8 +21,8 @@ from clients.sdk.chain.governance import (
     MembershipView,
     ProposalRow,
     find_closed,
-    find_proposal,
     read_membership,
+    resolve_proposal,
 )
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
@@ -33,7 +33,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from network.cli.cluster.cluster_options import as_one, folder_option, network_folder
 from network.cli.governance.governance_answers import DecisionAnswer, OpenProposal
-from pages.moments import show_day, show_moment
+from pages.time_format import format_date, format_time
 
 ADMIN_KEY_FILE = "admin.key"
 ID_SHOWN_CHARS = 12
@@ -212,7 +212,7 @@ def _refuse_twice(
             way = f"Approve it: {command} {seat.name or 'ORG'}"
             if seat.name in row.approvals:
                 way = f"{seat.name} stands behind it already; another organisation approves it: {command} ORG"
-            state = f"is proposed already, by {row.organisation}, and open until {show_moment(row.expires_ms)}"
+            state = f"is proposed already, by {row.organisation}, and open until {format_time(row.expires_ms)}"
             raise BlockRobotError("GOVERNANCE_PROPOSED_ALREADY", f"{summary_of(row)} {state}. {way}")
 
 
@@ -235,7 +235,7 @@ def decide_on_proposal(
     async def run(client: NetworkClient) -> tuple[SubmittedAct, ProposalRow]:
         before = await read_membership(client, seat.key)
         try:
-            proposal = find_proposal([row for row in before.proposals if row.contract == contract], text)
+            proposal = resolve_proposal([row for row in before.proposals if row.contract == contract], text)
         except BlockRobotError:
             await _tell_closed(client, seat.key, text)
             raise
@@ -296,7 +296,7 @@ def print_proposals(rows: list[ProposalRow], needed: int, group: str) -> None:
     table = plain_table("Open proposals", ["id", "what", "approved by", "of", "expires"])
     for row in rows:
         cells = [shown_id(row.id), summary_of(row), ", ".join(row.approvals), str(needed)]
-        table.add_row(*map(escape, cells), show_day(row.expires_ms))
+        table.add_row(*map(escape, cells), format_date(row.expires_ms))
     console.print(table)
     console.print(f"Approve with: blockrobot {group} approve {shown_id(rows[0].id)} --as ORG")
 
@@ -308,8 +308,10 @@ def plain_table(title: str, columns: list[str]) -> Table:
     return table
 
 
-def report_decision(told: SubmittedAct, what: str, group: str, *, as_json: bool, needs_others: bool = True) -> None:
-    decision, proposal, needed = told.decision, told.proposal, told.membership.majority
+def report_decision(
+    submitted: SubmittedAct, what: str, group: str, *, as_json: bool, needs_others: bool = True
+) -> None:
+    decision, proposal, needed = submitted.decision, submitted.proposal, submitted.membership.majority
     if as_json:
         print_answer(
             DecisionAnswer(
@@ -326,7 +328,7 @@ def report_decision(told: SubmittedAct, what: str, group: str, *, as_json: bool,
         console.print(f"Proposed: {escape(what)}. Its id is {shown_id(proposal.id)}; {voices}.")
         console.print(
             "Next step: an admin of another organisation says "
-            f"blockrobot {group} approve {shown_id(proposal.id)} --as ORG, by {show_moment(proposal.expires_ms)}."
+            f"blockrobot {group} approve {shown_id(proposal.id)} --as ORG, by {format_time(proposal.expires_ms)}."
         )
         return
     state = "in force" if decision.executed or not needs_others else "final"
@@ -344,7 +346,7 @@ def withdraw_command(contract: str, what: str) -> click.Command:
     @governing_options
     @command_output
     def withdraw(proposal: str, speaker: Speaker, as_json: bool) -> None:
-        told, row = decide_on_proposal(speaker.signer(), contract, proposal, "withdraw")
-        report_decision(told, f"Withdrawal of {summary_of(row)}", group, as_json=as_json, needs_others=False)
+        submitted, row = decide_on_proposal(speaker.signer(), contract, proposal, "withdraw")
+        report_decision(submitted, f"Withdrawal of {summary_of(row)}", group, as_json=as_json, needs_others=False)
 
     return withdraw

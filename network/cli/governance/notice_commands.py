@@ -22,11 +22,11 @@ from consensus.rights.notices import (
     NoticeRow,
     Party,
     PublishedNotice,
+    change_lines,
     encode_notice,
     notice_digest,
     notice_from,
-    tell_changes,
-    tell_notice,
+    notice_lines,
 )
 from consensus.state import identity
 from consensus.visible_text import split_lines
@@ -55,8 +55,8 @@ from network.cli.governance.governance_signer import (
 )
 from network.notices.demo_notice import DEMO_ORGANISATION, demo_notice_text
 from network.notices.notice_publishing import publish_notice
-from network.notices.processing_register import OPEN, SUBJECTS, Activities, read_activities, tell_activities
-from pages.moments import show_moment
+from network.notices.processing_register import OPEN, SUBJECTS, Activities, activities_text, read_activities
+from pages.time_format import format_time
 
 
 @click.group()
@@ -114,7 +114,7 @@ def check(file: Path, as_json: bool) -> None:
     if as_json:
         print_answer(NoticeCheckAnswer(hash=notice_digest(document).hex(), bytes=len(document)))
         return
-    for line in tell_notice(found):
+    for line in notice_lines(found):
         console.print(escape(line))
     console.print(
         f"\nIt is complete ({len(document)} bytes). Whether it is true, and lawful, no program can tell.\n"
@@ -136,7 +136,7 @@ async def _own_organisation(client: NetworkClient, seat: Signer) -> str:
 def _ask_to_publish(organisation: str, before: PublishedNotice | None, found: Notice, *, yes: bool) -> None:
     if yes or (before is not None and before.notice == found):
         return
-    lines = tell_notice(found) if before is None else tell_changes(before.notice, found)
+    lines = notice_lines(found) if before is None else change_lines(before.notice, found)
     for line in lines:
         click.echo(line, err=True)
     version = 1 if before is None else before.row.version + 1
@@ -201,11 +201,11 @@ def show(organisation: str, version: int | None, folder: Path | None, as_json: b
         raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} has published none.")
     row = found.row
     if as_json:
-        told = _version_answer(row)
-        print_answer(extend(NoticeShowAnswer, told, time_ms=row.time_ms, lines=tell_notice(found.notice)))
+        answer = _version_answer(row)
+        print_answer(extend(NoticeShowAnswer, answer, time_ms=row.time_ms, lines=notice_lines(found.notice)))
         return
-    console.print(f"Version {row.version}, of {show_moment(row.time_ms)}, block {row.height}:")
-    for line in tell_notice(found.notice):
+    console.print(f"Version {row.version}, of {format_time(row.time_ms)}, block {row.height}:")
+    for line in notice_lines(found.notice):
         console.print(escape(line))
 
 
@@ -225,23 +225,23 @@ def _activity_answer(purpose: NoticePurpose) -> ProcessingActivity:
 
 
 def activities_answer(found: Activities, file: Path | None) -> NoticeActivitiesAnswer:
-    told, row = found.notice, found.published.row
+    answer, row = found.notice, found.published.row
     return NoticeActivitiesAnswer(
         organisation=row.organisation,
         height=found.height,
         time_ms=found.time_ms,
         notice=NoticeReference(version=row.version, hash=row.digest.hex()),
-        controller=_party_answer(told.controller),
-        joint_controllers=[_party_answer(each) for each in told.joint_controllers],
-        officer=_party_answer(told.officer),
-        activities=[_activity_answer(purpose) for purpose in told.purposes],
+        controller=_party_answer(answer.controller),
+        joint_controllers=[_party_answer(each) for each in answer.joint_controllers],
+        officer=_party_answer(answer.officer),
+        activities=[_activity_answer(purpose) for purpose in answer.purposes],
         data_subjects=list(SUBJECTS),
-        categories=[DataCategory(what=each.what, from_=each.origin) for each in told.categories],
-        recipients=[DataRecipient(who=each.who, what=each.what, why=each.why) for each in told.recipients],
+        categories=[DataCategory(what=each.what, from_=each.origin) for each in answer.categories],
+        recipients=[DataRecipient(who=each.who, what=each.what, why=each.why) for each in answer.recipients],
         other_keepers=list(found.processors),
-        third_countries=told.third_countries,
-        retention=[DataRetention(what=each.what, how_long=each.how_long) for each in told.retention],
-        measures=list(told.measures),
+        third_countries=answer.third_countries,
+        retention=[DataRetention(what=each.what, how_long=each.how_long) for each in answer.retention],
+        measures=list(answer.measures),
         places=[msgspec.convert(place, ProcessingPlace, from_attributes=True) for place in found.places],
         open=list(OPEN),
         file=None if file is None else str(file),
@@ -267,7 +267,7 @@ def activities(out: Path | None, speaker: Speaker, as_json: bool) -> None:
 
     found = with_client(seat, read)
     if out is not None:
-        write_new_file(out, tell_activities(found))
+        write_new_file(out, activities_text(found))
     if as_json:
         print_answer(activities_answer(found, out))
     elif out is not None:
@@ -275,4 +275,4 @@ def activities(out: Path | None, speaker: Speaker, as_json: bool) -> None:
             f"The register is in {escape(str(out))}, as of block {found.height}. Fill in what it names as open."
         )
     else:
-        click.echo(tell_activities(found), nl=False)
+        click.echo(activities_text(found), nl=False)

@@ -145,8 +145,8 @@ def approve(proposal: str, anyway: bool, speaker: Speaker, as_json: bool) -> Non
     Example: blockrobot org approve 3fa2c19b07de --as university
     """
     seat = speaker.signer()
-    told, row = decide_on_proposal(seat, "membership", proposal, "approve", partial(_check, seat, anyway))
-    report_decision(told, summary_of(row), "org", as_json=as_json)
+    submitted, row = decide_on_proposal(seat, "membership", proposal, "approve", partial(_check, seat, anyway))
+    report_decision(submitted, summary_of(row), "org", as_json=as_json)
 
 
 org.add_command(withdraw_command("membership", "a change"))
@@ -154,9 +154,9 @@ org.add_command(withdraw_command("membership", "a change"))
 
 def _propose(kind: str, arguments: dict[str, Any], speaker: Speaker, *, as_json: bool, anyway: bool = True) -> None:
     seat = speaker.signer()
-    told = propose_once(seat, "membership", kind, arguments, partial(_check, seat, anyway))
+    submitted = propose_once(seat, "membership", kind, arguments, partial(_check, seat, anyway))
     named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
-    report_decision(told, f"{kind.replace('_', '-')} {named}", "org", as_json=as_json)
+    report_decision(submitted, f"{kind.replace('_', '-')} {named}", "org", as_json=as_json)
 
 
 @org.group()

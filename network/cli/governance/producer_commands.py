@@ -84,13 +84,15 @@ def _seat_of(row: CandidateRow) -> str:
 
 def _print_evidence(row: CandidateRow) -> None:
     """Two signatures over two ids in one round prove it to outsiders."""
-    told = row.evidence
+    evidence = row.evidence
     console.print(
-        f"\n{escape(row.name)} signed two {told['kind']}s in epoch {told['epoch']}, round {told['round']}; "
-        f"entered on chain at height {told['height']} by key {shown_id(told['accuser'])}."
+        f"\n{escape(row.name)} signed two {evidence['kind']}s in epoch {evidence['epoch']}, round {evidence['round']}; "
+        f"entered on chain at height {evidence['height']} by key {shown_id(evidence['accuser'])}."
     )
     for which in ("first", "second"):
-        console.print(f"  {which}: block {told[which + '_id'].hex()}\n  signature {told[which + '_signature'].hex()}")
+        console.print(
+            f"  {which}: block {evidence[which + '_id'].hex()}\n  signature {evidence[which + '_signature'].hex()}"
+        )
 
 
 @producer.command("list")
@@ -135,7 +137,7 @@ def list_producers(speaker: Speaker, as_json: bool) -> None:
         )
 
 
-def _find_key(text: str, view: ProducersView, membership: MembershipView) -> bytes:
+def _resolve_key(text: str, view: ProducersView, membership: MembershipView) -> bytes:
     """Accepts a node name, key or key prefix. Raises NOT_FOUND."""
     known = {node.producer_key: node.name for node in membership.nodes if node.producer_key}
     known.update({row.key: row.name for row in view.candidates})
@@ -170,7 +172,7 @@ def _vote(
 
     async def run(client: NetworkClient) -> tuple[Decision, ProducersView, MembershipView, bytes]:
         view, membership = await _read(client, seat.key)
-        key = _find_key(node, view, membership)
+        key = _resolve_key(node, view, membership)
         if after is not None:
             await require_live_quorum(client, seat.folder, view, after(view, key))
         decision = await Governor(client, seat.key).vote(entry, key)

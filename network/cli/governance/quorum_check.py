@@ -104,10 +104,10 @@ async def require_live_quorum(
         unwell = await find_unwell(client, folder, unwell)
         if len(left) - len(mute) - len(unwell) >= needed:
             return
-    told = [*(f"{name} (until it has its new key)" for name in mute), *unwell]
+    missing = [*(f"{name} (until it has its new key)" for name in mute), *unwell]
     raise BlockRobotError(
         "GOVERNANCE_QUORUM_UNWELL",
-        f"{len(left)} producers would be left, and {needed} of them are needed; not well now: {', '.join(told)}.",
+        f"{len(left)} producers would be left, and {needed} of them are needed; not well now: {', '.join(missing)}.",
     )
 
 

@@ -122,8 +122,8 @@ def propose(name: str, value: str, anyway: bool, speaker: Speaker, as_json: bool
     """
     seat = speaker.signer()
     wanted = _read_value(value.strip())
-    told = propose_once(seat, "settings", "set", {"name": name, "value": wanted}, partial(_check, seat, anyway))
-    report_decision(told, f"{name} = {wanted}", "settings", as_json=as_json)
+    submitted = propose_once(seat, "settings", "set", {"name": name, "value": wanted}, partial(_check, seat, anyway))
+    report_decision(submitted, f"{name} = {wanted}", "settings", as_json=as_json)
 
 
 @settings.command()
@@ -139,8 +139,8 @@ def approve(proposal: str, anyway: bool, speaker: Speaker, as_json: bool) -> Non
     Example: blockrobot settings approve 3fa2c19b07de --as university
     """
     seat = speaker.signer()
-    told, row = decide_on_proposal(seat, "settings", proposal, "approve", partial(_check, seat, anyway))
-    report_decision(told, summary_of(row), "settings", as_json=as_json)
+    submitted, row = decide_on_proposal(seat, "settings", proposal, "approve", partial(_check, seat, anyway))
+    report_decision(submitted, summary_of(row), "settings", as_json=as_json)
 
 
 settings.add_command(withdraw_command("settings", "a setting"))

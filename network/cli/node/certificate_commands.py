@@ -27,13 +27,13 @@ from network.cli.node.node_answers import (
     CertificateListAnswer,
     CertificateRenewAnswer,
 )
-from network.cli.node.node_commands import find_node
+from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from network.provisioning.certificate_authority import NODE_LIFETIME_DAYS
 from network.provisioning.exchange_files import read_certificate
 from network.provisioning.node_certificates import (
     CertificateReport,
-    find_authority,
+    get_authority,
     issue_into,
     now_ms,
     parse_serial,
@@ -122,7 +122,7 @@ def issue(
 
     Example: blockrobot certificate issue node-7 --organisation hospital --out keys/node-7
     """
-    ca = find_authority(network_folder(folder), organisation, authority)
+    ca = get_authority(network_folder(folder), organisation, authority)
     try:
         serial = issue_into(out, ca, name, host, days)
     except FileExistsError:
@@ -147,9 +147,9 @@ def renew_certificate(
 
     Example: blockrobot certificate renew node-2 --days 365
     """
-    config = find_node(node, folder)
+    config = get_node_config(node, folder)
     organisation = _organisation(config, folder)
-    serial = renew(config, find_authority(network_folder(folder), organisation, authority), days=days, new_key=new_key)
+    serial = renew(config, get_authority(network_folder(folder), organisation, authority), days=days, new_key=new_key)
     report = read_report(config)
     expires = "" if report.facts is None else report.facts.expires
     if as_json:
@@ -177,7 +177,7 @@ def revoke(
     if sum(item is not None for item in (node, serial, file)) != 1:
         raise click.UsageError("Name a node, or a certificate with --serial or --certificate.")
     if node is not None:
-        config = find_node(node, speaker.folder)
+        config = get_node_config(node, speaker.folder)
         facts = read_report(config).facts
         if facts is None:
             raise BlockRobotError("FILE_UNUSABLE", f"The certificate of {config.name} cannot be read; use --serial.")
@@ -191,8 +191,8 @@ def revoke(
     if not owner:
         raise click.UsageError("Say whose authority issued it: --of ORG.")
     arguments = {"organisation": owner, "serial": serial_bytes(number)}
-    told = propose_once(seat, "membership", "revoke_certificate", arguments)
-    report_decision(told, f"revoke certificate {number:x} of {owner}", "org", as_json=as_json)
+    submitted = propose_once(seat, "membership", "revoke_certificate", arguments)
+    report_decision(submitted, f"revoke certificate {number:x} of {owner}", "org", as_json=as_json)
 
 
 def _organisation(config: NodeConfig, folder: Path | None) -> str:

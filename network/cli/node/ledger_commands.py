@@ -14,7 +14,7 @@ from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, 
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.node.node_answers import NodePruneAnswer
-from network.cli.node.node_commands import find_node
+from network.cli.node.node_commands import get_node_config
 from network.ledger_diff.block_replay import Base, base_of_genesis, base_of_snapshot
 from network.ledger_diff.difference_answers import DifferingKey, NodeDiffAnswer
 from network.ledger_diff.ledger_comparison import newest_height
@@ -48,7 +48,7 @@ def prune(node: str, keep: int, folder: Path | None, as_json: bool) -> None:
 
     Example: blockrobot node prune node-3 --keep 10000
     """
-    config = find_node(node, folder)
+    config = get_node_config(node, folder)
     if config.archive:
         raise BlockRobotError("NODE_IS_ARCHIVE", f"{config.name} is an archive: it keeps every block.")
     try:
@@ -107,7 +107,7 @@ def diff(first: str, second: str, base: Path | None, full: bool, folder: Path | 
 
     Example: blockrobot node diff node-1 node-2
     """
-    configs = (find_node(first, folder), find_node(second, folder))
+    configs = (get_node_config(first, folder), get_node_config(second, folder))
     if configs[0].data_dir == configs[1].data_dir:
         raise click.UsageError("A and B are the same node.")
     with status_line("Comparing ...", as_json=as_json) as show:
@@ -185,5 +185,5 @@ def _print_key(key: DifferingKey) -> None:
         console.print(f"  {side}: {key.values[side]}{right}", markup=False)
         writer = key.written_by[side]
         if writer is not None and (side == "A" or writer != key.written_by["A"]):
-            told = f"transaction {writer.txid} ({writer.call})" if writer.txid else "the block itself"
-            console.print(f"     written in block {writer.height} by {told}", markup=False)
+            cause = f"transaction {writer.txid} ({writer.call})" if writer.txid else "the block itself"
+            console.print(f"     written in block {writer.height} by {cause}", markup=False)

@@ -14,7 +14,7 @@ from node.config import CONFIG_FILE, NodeConfig, load_config
 
 _PLACES = {
     "add": LazyCommand(
-        "network.cli.node.node_add_command:add",
+        "network.cli.node.node_add_commands:add",
         "Add a node to the local network, in one go: for lessons, and for trying things out.",
     ),
     "init": LazyCommand(
@@ -26,7 +26,7 @@ _PLACES = {
         "Show who the nodes are by a node's chain; with --out, write it for `node init --directory` elsewhere.",
     ),
     "run": LazyCommand(
-        "network.cli.node.node_run_command:run",
+        "network.cli.node.node_run_commands:run",
         "Run a node until Ctrl-C or SIGTERM. NODE is its data directory, or its name in the local network.",
     ),
     "snapshot": LazyCommand(
@@ -51,7 +51,7 @@ def node() -> None:
     """
 
 
-def find_node(text: str, folder: Path | None) -> NodeConfig:
+def get_node_config(text: str, folder: Path | None) -> NodeConfig:
     """Return a node's configuration by data directory or network name.
 
     Raises NOT_FOUND, DATA_DIRECTORY_INVALID, CONFIGURATION_INVALID.

@@ -23,12 +23,12 @@ from consensus.chain.genesis import Genesis
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table
 from network.cli.node.node_answers import NodeDirectoryAnswer, NodeInitAnswer
-from network.cli.node.node_commands import find_node
+from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
-from network.provisioning.node_certificates import find_authority
+from network.provisioning.node_certificates import get_authority
 from network.provisioning.node_joining import (
     ENTRY_FILE,
-    Newcomer,
+    JoiningNode,
     init_node,
     newest_directory,
     next_base_port,
@@ -96,9 +96,9 @@ def init(
     configs = list(Cluster(network).configs.values()) if (network / "genesis.json").is_file() else []
     known = newest_directory(beginning, of_chain(configs, beginning.chain_id))
     if directory_file is not None:
-        told = decode_directory(directory_file.read_bytes(), beginning.chain_id)
-        known = max(known, told, key=lambda content: content.height)
-    newcomer = Newcomer(
+        directory_content = decode_directory(directory_file.read_bytes(), beginning.chain_id)
+        known = max(known, directory_content, key=lambda content: content.height)
+    newcomer = JoiningNode(
         name=name,
         organisation=organisation,
         host=host,
@@ -109,7 +109,7 @@ def init(
         api_url=api_url,
     )
     place = (data_dir or network / "nodes" / name).resolve()
-    entry = init_node(place, newcomer, beginning, find_authority(network, organisation, authority), known)
+    entry = init_node(place, newcomer, beginning, get_authority(network, organisation, authority), known)
     speaker = _speaker(organisation, None if is_elsewhere else network, authority)
     steps = next_steps(name, speaker, place, None if data_dir is not None else network, folder)
     if as_json:
@@ -164,7 +164,7 @@ def directory(node: str, out: Path | None, folder: Path | None, as_json: bool) -
 
     Example: blockrobot node directory node-1 --out directory.json
     """
-    config = find_node(node, folder)
+    config = get_node_config(node, folder)
     genesis = load_genesis(config.genesis_path)
     content = newest_directory(genesis, [config])
     data = encode_directory(genesis.chain_id, content)

@@ -17,7 +17,7 @@ from network.cli.node.node_answers import (
     SnapshotRestoreAnswer,
     SnapshotShowAnswer,
 )
-from network.cli.node.node_commands import find_node
+from network.cli.node.node_commands import get_node_config
 from node.config import load_genesis as load_own_genesis
 from node.snapshot.checking import restore_into, verify_head
 from node.snapshot.form import Manifest, SnapshotFolder, read_manifest
@@ -71,7 +71,7 @@ def create(node: str, out: Path, folder: Path | None, as_json: bool) -> None:
 
     Example: blockrobot node snapshot create node-1 --out node-1.snapshot
     """
-    config = find_node(node, folder)
+    config = get_node_config(node, folder)
     with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view, _Bar("Writing", as_json=as_json) as bar:
         manifest = make_snapshot_folder(view, out.resolve(), bar)
     if as_json:
@@ -95,7 +95,7 @@ def restore(node: str, path: Path, folder: Path | None, as_json: bool) -> None:
 
     Example: blockrobot node snapshot restore nodes/node-5 node-1.snapshot
     """
-    config = find_node(node, folder)
+    config = get_node_config(node, folder)
     source = SnapshotFolder(path)
     lock = DirectoryLock(config.data_dir)
     try:

@@ -72,8 +72,8 @@ def build_index(outcomes: Sequence[Outcome], seconds: float, conditions: Mapping
 
 def _told(conditions: Mapping[str, Condition]) -> str:
     shown = {key: value for key, value in conditions.items() if value is not None and key != "scenarios"}
-    told = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in shown.items())
-    return f"Measured with: {text(told)}. A load above the cores means that others worked too."
+    listed = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in shown.items())
+    return f"Measured with: {text(listed)}. A load above the cores means that others worked too."
 
 
 def _verdict(outcome: Outcome) -> str:

@@ -6,7 +6,7 @@ import html
 from dataclasses import dataclass
 
 from network.experiments.pages.flow_graph import FlowGraph, Pair
-from network.experiments.pages.process_map import counted, edge_label
+from network.experiments.pages.process_map import edge_label, tally_label
 
 BOX_WIDTH, BOX_HEIGHT, GAP = 330, 64, 44
 LEFT, TOP = 20, 20
@@ -91,7 +91,7 @@ def _lay_out(graph: FlowGraph, order: list[str]) -> list[_Arrow]:
 def _draw_box(graph: FlowGraph, name: str, place: int) -> str:
     tally = graph.activities[name]
     y = TOP + place * (BOX_HEIGHT + GAP)
-    marks = [counted(tally)]
+    marks = [tally_label(tally)]
     marks += [f"{graph.starts[name]:,} begin here"] if name in graph.starts else []
     marks += [f"{graph.ends[name]:,} end here"] if name in graph.ends else []
     middle = LEFT + BOX_WIDTH / 2

@@ -23,7 +23,7 @@ def edge_label(tally: Tally) -> str:
     return f"{tally.absolute:,} × {show_duration(tally.durations.mean_ms)}"
 
 
-def counted(tally: Tally) -> str:
+def tally_label(tally: Tally) -> str:
     return f"{tally.absolute:,} in {tally.cases:,} {'case' if tally.cases == 1 else 'cases'}"
 
 
@@ -47,7 +47,7 @@ def build_dot(graph: FlowGraph) -> str:
     ]
     for activity, tally in graph.activities.items():
         # The line break is DOT's own, behind the quoting.
-        label = _quote(activity)[:-1] + f'\\n{counted(tally)}"'
+        label = _quote(activity)[:-1] + f'\\n{tally_label(tally)}"'
         lines.append(f"  {names[activity]} [label={label}];")
     for (first, second), tally in graph.pairs.items():
         pen = round(1 + (_PEN_MAX - 1) * tally.absolute / busiest, 2)

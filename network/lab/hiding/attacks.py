@@ -12,7 +12,7 @@ from clients.robot.sensing.sensor_events import Depth, Mask
 from clients.robot.synthetic.corridor import Labels
 from network.lab.hiding.hand_made import HAND_MADE
 from network.lab.hiding.learned import Example, LearnedAttacker
-from network.lab.hiding.play import VISIBLE_MIN_PX, Played, Shown, Stage, Timed, owner_cut, placed, play
+from network.lab.hiding.play import VISIBLE_MIN_PX, Played, Shown, Stage, Timed, owner_cutout, placed, play
 from network.lab.hiding.scenes import Scene
 from network.lab.hiding.scoring import iou
 from network.lab.hiding.views import View, blur_others, half_view, show_owner_only
@@ -78,7 +78,7 @@ def learn_from(scene: Scene) -> Examples:
         truth = np.ascontiguousarray(others[::2, ::2])
         if len(found.raw) < EXAMPLES_A_SCENE_COUNT:
             found.raw.append(Example(half_view(depth, stage.background.depth, labels == label), truth))
-        kept = owner_cut(stage, depth, labels, label, troubled=False)
+        kept = owner_cutout(stage, depth, labels, label, troubled=False)
         if kept is not None:
             shown = show_owner_only(kept, stage.empty[int(rng.integers(len(stage.empty)))])
             found.ours.append(Example(half_view(shown, stage.background.depth, kept > 0), truth))
@@ -122,7 +122,7 @@ def _attack(
     others = (labels > 0) & (labels != label)
     kept = _rendition(stage, shown, depth, labels)
     alone, alone_labels = stage.control(shown.alias).frame_with_truth(shown.index)
-    alone_kept = owner_cut(stage, alone, alone_labels, label, troubled=True)
+    alone_kept = owner_cutout(stage, alone, alone_labels, label, troubled=True)
     if kept is None:
         return OURS_NOT_CUT
     if alone_kept is None:  # nothing to compare with, such as where the owner is not in the picture
@@ -155,7 +155,7 @@ def _attack(
 def _rendition(stage: Stage, shown: Shown, depth: Depth, labels: Labels) -> Depth | None:
     if shown.kept is not None:
         return placed(shown.kept, depth.shape)
-    return owner_cut(stage, depth, labels, stage.scene.owners[shown.alias], troubled=False)
+    return owner_cutout(stage, depth, labels, stage.scene.owners[shown.alias], troubled=False)
 
 
 def _view(stage: Stage, picture: Depth, owner: Mask) -> View:

@@ -58,7 +58,7 @@ class Observed:
     frame: int
     person: int
     second_share: float
-    trouble: str
+    withhold_reason: str
     cues: npt.NDArray[np.float64]
 
 
@@ -84,7 +84,7 @@ def observe(scenario: Scenario, frames: Iterable[int], watch: CompanionWatch | N
                 continue
             cues = measure(inside, half[box], left, top, half.shape, scenario.focal_px / 2)
             share = float(people[1] / whose.sum())
-            yield Observed(index, int(whose[1:].argmax()) + 1, share, silhouette.trouble, cues)
+            yield Observed(index, int(whose[1:].argmax()) + 1, share, silhouette.withhold_reason, cues)
 
 
 def _look(job: tuple[str, Stratum, Manner | None, bool | None, int]) -> tuple[str, int, list[Observed]]:
@@ -146,19 +146,21 @@ def rates(name: str, seen: list[tuple[str, int, list[Observed]]], *, pairs: bool
             else:
                 split += 1
     frames = [one for track in tracks.values() for one in track]
-    merged = [one.trouble == "merged" for one in frames]
+    merged = [one.withhold_reason == "merged" for one in frames]
     figures: dict[str, float | None] = {
         "frames": len(frames),
         "tracks": len(tracks),
         "merged_frames": _share(merged),
-        "merged_tracks": _share([any(one.trouble == "merged" for one in track) for track in tracks.values()]),
+        "merged_tracks": _share([any(one.withhold_reason == "merged" for one in track) for track in tracks.values()]),
     }
     if pairs:
         figures["split_share"] = round(split / total, 4) if total else None
-        figures["shown_share"] = _share([one.trouble == "" for one in frames])
-        figures["faint_shown"] = sum(one.trouble == "" and one.second_share < SECOND_PERSON_SHARE for one in frames)
+        figures["shown_share"] = _share([one.withhold_reason == "" for one in frames])
+        figures["faint_shown"] = sum(
+            one.withhold_reason == "" and one.second_share < SECOND_PERSON_SHARE for one in frames
+        )
     else:
-        figures["withheld_frames"] = _share([one.trouble != "" for one in frames])
+        figures["withheld_frames"] = _share([one.withhold_reason != "" for one in frames])
     return figures
 
 

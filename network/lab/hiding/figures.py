@@ -171,13 +171,13 @@ def _of(reports: Sequence[SceneReport], seed: int) -> SceneFigures:
     kept, wrong = sum(p.kept for p in played), sum(p.wrong for p in played)
     visible = sum(p.visible for p in played)
     reasons = _sum_of(one.withheld for one in played)
-    cuts = _leak(_attacked(reports, released=False), seed)
+    cutouts = _leak(_attacked(reports, released=False), seed)
     return SceneFigures(
         scenes=len(reports),
         **asdict(_leak(_attacked(reports, released=True), seed)),
-        cut_attacked_frames=cuts.attacked_frames,
-        cut_difference_upper95=cuts.difference_upper95,
-        cut_owner_pixels_kept=cuts.owner_pixels_kept,
+        cut_attacked_frames=cutouts.attacked_frames,
+        cut_difference_upper95=cutouts.difference_upper95,
+        cut_owner_pixels_kept=cutouts.owner_pixels_kept,
         kept=kept,
         wrong_owner_rate=share_of(wrong, kept),
         foreign_px_max=max((p.foreign_px for p in played), default=0) if kept else None,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from clients.robot.hiding.hider import Kept
+from clients.robot.hiding.frame_redactor import KeptFrame
 from clients.robot.sensing.sensor_events import Depth, Mask
 from clients.robot.synthetic.corridor import Labels
 from clients.robot.synthetic.scenario import Person, published_run_1
@@ -16,7 +16,7 @@ from network.lab.hiding.attacks import BLUR, CONTROL, NONE, ON_OURS, OURS
 from network.lab.hiding.features import Floats
 from network.lab.hiding.hand_made import by_difference
 from network.lab.hiding.learned import LearnedAttacker, require_learning
-from network.lab.hiding.play import VISIBLE_MIN_PX, Stage, owner_cut, placed, release
+from network.lab.hiding.play import VISIBLE_MIN_PX, Stage, owner_cutout, placed, release
 from network.lab.hiding.scenes import Scene
 from network.lab.hiding.views import View, blur_others, half_view, show_owner_only
 
@@ -160,7 +160,7 @@ def _recovered(
 
     outputs = release(stage, _indices(stage), see)
     report.frames += len(frames)
-    released = {output.sequence: output for output in outputs if isinstance(output, Kept)}
+    released = {output.sequence: output for output in outputs if isinstance(output, KeptFrame)}
     for index, (depth, labels) in frames.items():
         empty = stage.empty[int(rng.integers(len(stage.empty)))]
         owner = labels == 1
@@ -173,7 +173,7 @@ def _recovered(
                 shown = int(np.count_nonzero((labels > 1) & (kept > 0))) / others_px
                 report.foreign_share = max(report.foreign_share, shown)
             pictures[OURS] = (show_owner_only(kept, empty), kept > 0)
-            alone_kept = owner_cut(stage, *control.frame_with_truth(index), 1, troubled=True)
+            alone_kept = owner_cutout(stage, *control.frame_with_truth(index), 1, troubled=True)
             if alone_kept is not None:
                 pictures[CONTROL] = (show_owner_only(alone_kept, empty), alone_kept > 0)
         for way, (picture, own) in pictures.items():

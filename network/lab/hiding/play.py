@@ -1,4 +1,4 @@
-"""Plays a scene through the robot's hider; notes releases, owners and costs."""
+"""Plays a scene through the robot's redactor; notes releases, owners and costs."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ import numpy as np
 
 from clients.robot.hiding.background import Background, fits, learn_background
 from clients.robot.hiding.companion_watch import CompanionWatch
-from clients.robot.hiding.cut import CutOut, cut_out
-from clients.robot.hiding.hider import Hider, Kept, Output, Reason, Withheld
+from clients.robot.hiding.cutouts import Cutout, extract_cutout
+from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.segmentation import Segmented, Silhouette, segment
 from clients.robot.hiding.tracking import Tracker
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.sensing.sensor_events import Depth, Frame, Mask, Sighting
 from clients.robot.synthetic.corridor import Labels
 from clients.robot.synthetic.render import Renderer, readings
@@ -30,7 +31,7 @@ VISIBLE_MIN_PX = 600  # of the whole frame; fewer pixels of a person are not a s
 
 
 # The matcher's reasons: the silhouette itself may well be clean.
-DOUBTS = (Reason.AMBIGUOUS, Reason.NO_DISTANCE, Reason.NO_SILHOUETTE)
+DOUBTS = (WithholdReason.AMBIGUOUS, WithholdReason.NO_DISTANCE, WithholdReason.NO_SILHOUETTE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class Shown:
 
     index: int
     alias: str
-    kept: Kept | None
+    kept: KeptFrame | None
     gap_px: float
 
 
@@ -102,11 +103,11 @@ def sightings(scene: Scene) -> list[tuple[int, str, Sighting]]:
 
 
 def release(stage: Stage, indices: Iterable[int], see: Callable[[int, Depth, Labels], None]) -> list[Output]:
-    """Run frames and readings, as they arrive, through the robot's hider; return its verdicts.
+    """Run frames and readings, as they arrive, through the robot's redactor; return its verdicts.
 
-    `see` receives each frame and its truth before the hider.
+    `see` receives each frame and its truth before the redactor.
     """
-    hider = Hider(stage.background, focal_px=stage.focal_px)
+    redactor = FrameRedactor(stage.background, focal_px=stage.focal_px)
     waiting = sightings(stage.scene)[::-1]
     outputs: list[Output] = []
     for index in indices:
@@ -114,11 +115,11 @@ def release(stage: Stage, indices: Iterable[int], see: Callable[[int, Depth, Lab
         see(index, depth, labels)
         at_ms = stage.at_ms(index)
         while waiting and waiting[-1][0] <= at_ms:
-            outputs += hider.push_sighting(*waiting.pop()[1:])
-        outputs += hider.push_frame(Frame(at_ms, index, depth))
+            outputs += redactor.push_sighting(*waiting.pop()[1:])
+        outputs += redactor.push_frame(Frame(at_ms, index, depth))
     for _, alias, seen in reversed(waiting):
-        outputs += hider.push_sighting(alias, seen)
-    outputs += hider.flush()
+        outputs += redactor.push_sighting(alias, seen)
+    outputs += redactor.flush()
     return outputs
 
 
@@ -137,7 +138,7 @@ def _judge(scene: Scene, outputs: list[Output], truths: dict[int, Labels]) -> Pl
     played = Played()
     owners = scene.owners
     for output in outputs:
-        if not isinstance(output, Kept | Withheld):
+        if not isinstance(output, KeptFrame | WithheldFrame):
             continue
         labels, label = truths[output.sequence], owners[output.alias]
         others = (labels != 0) & (labels != label)
@@ -145,7 +146,7 @@ def _judge(scene: Scene, outputs: list[Output], truths: dict[int, Labels]) -> Pl
         played.covered += 1
         seen = int(np.count_nonzero(labels == label)) >= VISIBLE_MIN_PX
         played.visible += seen
-        if isinstance(output, Kept):
+        if isinstance(output, KeptFrame):
             shown = placed(output, labels.shape) > 0
             foreign = int(np.count_nonzero(shown & others))
             played.kept += 1
@@ -158,17 +159,17 @@ def _judge(scene: Scene, outputs: list[Output], truths: dict[int, Labels]) -> Pl
         if others_px < VISIBLE_MIN_PX:
             continue
         gap = gap_px((labels == label)[::2, ::2], others[::2, ::2])
-        if isinstance(output, Kept):  # also where the owner is hardly in view: whom does it show then?
+        if isinstance(output, KeptFrame):  # also where the owner is hardly in view: whom does it show then?
             played.shown.append(Shown(output.sequence, output.alias, output, gap))
         elif seen and output.reason in DOUBTS:
             played.shown.append(Shown(output.sequence, output.alias, None, gap))
     return played
 
 
-def placed(kept: Kept, shape: tuple[int, ...]) -> Depth:
+def placed(kept: KeptFrame, shape: tuple[int, ...]) -> Depth:
     whole = np.zeros(shape, dtype=np.uint16)
-    cut = kept.cut
-    whole[cut.y : cut.y + cut.height, cut.x : cut.x + cut.width] = decode_depth_png(cut.pixels_png)
+    cutout = kept.cutout
+    whole[cutout.y : cutout.y + cutout.height, cutout.x : cutout.x + cutout.width] = decode_depth_png(cutout.pixels_png)
     return whole
 
 
@@ -180,19 +181,19 @@ def gap_px(owner: Mask, others: Mask) -> float:
     return 2 * float(np.asarray(away)[others].min())
 
 
-def owner_cut(stage: Stage, depth: Depth, labels: Labels, label: int, *, troubled: bool) -> Depth | None:
+def owner_cutout(stage: Stage, depth: Depth, labels: Labels, label: int, *, troubled: bool) -> Depth | None:
     """Return the cut for `label`, 0 elsewhere; None if the robot would not cut.
 
     `troubled`: also accept troubled silhouettes (controls only).
     """
     segmented = segment(depth, stage.background, stage.focal_px)
     silhouette = _silhouette_of(segmented, labels, label)
-    if silhouette is None or (silhouette.trouble and not troubled):
+    if silhouette is None or (silhouette.withhold_reason and not troubled):
         return None
-    return spread(cut_out(depth, stage.background, segmented, silhouette), depth.shape)
+    return spread(extract_cutout(depth, stage.background, segmented, silhouette), depth.shape)
 
 
-def spread(out: CutOut, shape: tuple[int, ...]) -> Depth:
+def spread(out: Cutout, shape: tuple[int, ...]) -> Depth:
     whole = np.zeros(shape, dtype=np.uint16)
     height, width = out.pixels.shape
     whole[out.y : out.y + height, out.x : out.x + width] = out.pixels
@@ -213,7 +214,7 @@ def _silhouette_of(segmented: Segmented, labels: Labels, label: int) -> Silhouet
 
 
 class Timed:
-    """A robot's work per frame, in the hider's order, timed without encoding."""
+    """A robot's work per frame, in the redactor's order, timed without encoding."""
 
     def __init__(self, stage: Stage) -> None:
         self.cpu_ms: list[float] = []
@@ -237,8 +238,8 @@ class Timed:
                 if track is None:
                     continue
                 self._matcher.add_track(track)
-                if not silhouette.trouble:
-                    cut_out(depth, background, segmented, silhouette)
+                if not silhouette.withhold_reason:
+                    extract_cutout(depth, background, segmented, silhouette)
         self._matcher.advance(at_ms)
         if not silhouettes:
             return

@@ -87,8 +87,8 @@ def run_program(program: Program) -> Finding:
     except ContractSourceError as refusal:
         codes = ",".join(sorted({one.code for one in refusal.diagnostics}))
         places = "|".join(f"{one.line}:{one.column} {one.code}" for one in refusal.diagnostics)
-        said = hashlib.sha256(repr(refusal.verdict).encode("utf-8", "backslashreplace")).hexdigest()
-        return Finding(program.name, REFUSED + codes, 0, said, hashlib.sha256(places.encode()).hexdigest())
+        digest = hashlib.sha256(repr(refusal.verdict).encode("utf-8", "backslashreplace")).hexdigest()
+        return Finding(program.name, REFUSED + codes, 0, digest, hashlib.sha256(places.encode()).hexdigest())
     host = call_before(program, contracts, make_state(program))
     host.begin()
     outcome = call_program(program, contracts, host)

@@ -335,7 +335,7 @@ def search(cpu_s: float, seed: int, tell: Callable[[str], None]) -> Search:
     sure = measure_reliably(REFERENCE, SURE_ROUNDS_COUNT, TRIAL_GAS)
     assert sure is not None
     reference_s = sure.seconds_per_million_gas
-    started = told = time.process_time()
+    started = reported_s = time.process_time()
     while (spent := time.process_time() - started) < cpu_s:
         parents = [genome for _, genome in best.values()]
         kind = breeder.chance.random()
@@ -354,8 +354,8 @@ def search(cpu_s: float, seed: int, tell: Callable[[str], None]) -> Search:
             best[genome.kind()] = price, genome
             if len(best) > KEPT_COUNT:
                 del best[min(best, key=lambda kind: best[kind][0])]
-        if time.process_time() - told > 30:
-            told = time.process_time()
+        if time.process_time() - reported_s > 30:
+            reported_s = time.process_time()
             top = max((price for price, _ in best.values()), default=0.0)
             tell(f"{spent / 60:.1f} min of CPU time: {done.tried} programs, the dearest {top:.1f} times the reference")
     done.cpu_s = time.process_time() - started

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
-from clients.robot.hiding.hider import BUFFER_DEFAULT_MS
+from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS
 from clients.robot.hiding.matcher import Matcher
 from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.workers import worker_pool

@@ -11,9 +11,9 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import asdict
 
-from clients.robot.hiding.hider import Kept
+from clients.robot.hiding.frame_redactor import KeptFrame
 from clients.robot.pairing.occupancy import OccupancyMonitor
-from clients.robot.recording.waiting_samples import cut_colour
+from clients.robot.recording.waiting_samples import cut_out_colour
 from clients.robot.sensing.sensor_events import Mask
 from consensus.errors import BlockRobotError
 from network.bench.conditions import Result, measure_conditions
@@ -114,8 +114,8 @@ def judge_pedestrians(
     shown = _look(film, played, first, marked_people() if is_marked_film(film_file) else {})
     figures = PedestrianFigures(
         film_frames=len(film.frames),
-        silhouettes=sum(seen.troubles.values()),
-        silhouettes_taken_for_several_people=seen.troubles["merged"],
+        silhouettes=sum(seen.withhold_reasons.values()),
+        silhouettes_taken_for_several_people=seen.withhold_reasons["merged"],
         people_followed=len(seen.followed),
         tags_drawn=len(bearers),
         pictures_kept_without_depth=keep_without_depth(film),
@@ -170,8 +170,8 @@ def keep_without_depth(film: Film) -> int:
     kept = 0
     for index in range(len(film.frames)):
         at_ms = index * FRAME_MS
-        judged = alone.judge(at_ms, at_ms, final=True)
-        kept += bool(judged and judged.keeper) + bool(alone.silhouettes(at_ms, final=True))
+        judged = alone.assess(at_ms, at_ms, final=True)
+        kept += bool(judged and judged.sole_owner) + bool(alone.silhouettes(at_ms, final=True))
     return kept
 
 
@@ -195,10 +195,10 @@ def _look(film: Film, played: Played, first: int, people: Mapping[int, tuple[Box
     )
 
 
-def _shown(film: Film, kept: Kept) -> Mask:
+def _shown(film: Film, kept: KeptFrame) -> Mask:
     mask = np.zeros(film.shape, dtype=bool)
-    alpha = cut_colour(film.frames[kept.sequence], kept.cut)[..., 3] > 0
-    mask[kept.cut.y : kept.cut.y + alpha.shape[0], kept.cut.x : kept.cut.x + alpha.shape[1]] = alpha
+    alpha = cut_out_colour(film.frames[kept.sequence], kept.cutout)[..., 3] > 0
+    mask[kept.cutout.y : kept.cutout.y + alpha.shape[0], kept.cutout.x : kept.cutout.x + alpha.shape[1]] = alpha
     return mask
 
 
@@ -220,7 +220,7 @@ def draw_shown(film: Film, played: Played, first: int, path: Path) -> None:
     path.write_bytes(data.tobytes())
 
 
-def _rendition(film: Film, kept: Kept) -> Colour:
+def _rendition(film: Film, kept: KeptFrame) -> Colour:
     picture = film.empty.copy()
     shown = _shown(film, kept)
     picture[shown] = film.frames[kept.sequence][shown]

@@ -1,4 +1,4 @@
-"""Plays the film through the robot's hider with drawn tags."""
+"""Plays the film through the robot's redactor with drawn tags."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from clients.robot.hiding.companion_watch import CompanionWatch
-from clients.robot.hiding.hider import Hider, Kept, Output, Withheld
+from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.segmentation import segment
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Sighting
@@ -34,7 +34,7 @@ class Seen:
     """The first pass's followed people, and silhouettes by trouble."""
 
     followed: dict[int, Followed] = field(default_factory=dict)
-    troubles: Counter[str] = field(default_factory=Counter)
+    withhold_reasons: Counter[str] = field(default_factory=Counter)
     in_frame: Counter[int] = field(default_factory=Counter)
 
 
@@ -45,7 +45,7 @@ class Played:
     `whole`: frames with only the bearer in view, which colour, being uncut, may keep.
     """
 
-    kept: dict[str, list[Kept]] = field(default_factory=dict)
+    kept: dict[str, list[KeptFrame]] = field(default_factory=dict)
     withheld: dict[str, Counter[str]] = field(default_factory=dict)
     of_others: Counter[str] = field(default_factory=Counter)
     whole: Counter[str] = field(default_factory=Counter)
@@ -62,7 +62,7 @@ def follow_everybody(film: Film, depths: list[Depth]) -> Seen:
         silhouettes = companions.step(segment(depth, background, FOCAL_PX).silhouettes, at_ms)
         seen.in_frame[index] = len(silhouettes)
         for silhouette, track in zip(silhouettes, tracker.step(silhouettes, at_ms), strict=True):
-            seen.troubles[silhouette.trouble or "clear"] += 1
+            seen.withhold_reasons[silhouette.withhold_reason or "clear"] += 1
             if track is not None:
                 one = seen.followed.setdefault(track.number, Followed(track.number))
                 one.ranges_m[index] = silhouette.range_m
@@ -90,22 +90,22 @@ def draw_readings(bearers: dict[str, Followed], seed: int) -> dict[int, list[tup
 
 
 def play(film: Film, depths: list[Depth], bearers: dict[str, Followed], seed: int) -> Played:
-    hider, readings = Hider(background_of(film), focal_px=FOCAL_PX), draw_readings(bearers, seed)
+    redactor, readings = FrameRedactor(background_of(film), focal_px=FOCAL_PX), draw_readings(bearers, seed)
     played = Played({alias: [] for alias in bearers}, {alias: Counter() for alias in bearers})
     for index, depth in enumerate(depths):
         for alias, sighting in readings.get(index, []):
-            _take(played, bearers, hider.push_sighting(alias, sighting))
-        _take(played, bearers, hider.push_frame(Frame(index * FRAME_MS, index, depth)))
-    _take(played, bearers, hider.flush())
+            _take(played, bearers, redactor.push_sighting(alias, sighting))
+        _take(played, bearers, redactor.push_frame(Frame(index * FRAME_MS, index, depth)))
+    _take(played, bearers, redactor.flush())
     return played
 
 
 def _take(played: Played, bearers: dict[str, Followed], outputs: list[Output]) -> None:
     for output in outputs:
-        if isinstance(output, Withheld):
+        if isinstance(output, WithheldFrame):
             played.withheld[output.alias][output.reason.value] += 1
-        elif isinstance(output, Kept):
+        elif isinstance(output, KeptFrame):
             played.kept[output.alias].append(output)
             played.whole[output.alias] += output.alone
             corner = bearers[output.alias].corners.get(output.sequence)
-            played.of_others[output.alias] += corner != (output.cut.x, output.cut.y)
+            played.of_others[output.alias] += corner != (output.cutout.x, output.cutout.y)

@@ -8,7 +8,7 @@ from network.sim.history import Acknowledged, History
 
 def check_calls_succeed(history: History) -> list[Violation]:
     return [
-        Violation("calls_succeed", told.at_ms, told.node, f"call {told.txid.hex()[:8]} failed with {told.code}")
-        for told in history.of(Acknowledged)
-        if told.node not in history.byzantine and not told.ok and told.code not in told.excused
+        Violation("calls_succeed", answer.at_ms, answer.node, f"call {answer.txid.hex()[:8]} failed with {answer.code}")
+        for answer in history.of(Acknowledged)
+        if answer.node not in history.byzantine and not answer.ok and answer.code not in answer.excused
     ]

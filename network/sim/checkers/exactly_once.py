@@ -9,7 +9,7 @@ from network.sim.history import Acknowledged, BlockFinalized, Ended, History
 def check_exactly_once(history: History) -> list[Violation]:
     found: list[Violation] = []
     places: dict[int, dict[bytes, int]] = {}
-    told: dict[bytes, tuple[int, bytes]] = {}
+    acknowledged: dict[bytes, tuple[int, bytes]] = {}
     for item in history.observations:
         if item.node in history.byzantine:
             continue
@@ -21,21 +21,23 @@ def check_exactly_once(history: History) -> list[Violation]:
                     found.append(Violation("exactly_once", item.at_ms, item.node, text))
         elif isinstance(item, Acknowledged):
             place = (item.height, item.block_id)
-            if told.setdefault(item.txid, place) != place:
+            if acknowledged.setdefault(item.txid, place) != place:
                 text = f"transaction {item.txid.hex()[:8]} was said to be in two places"
                 found.append(Violation("exactly_once", item.at_ms, item.node, text))
     ended = history.of(Ended)
     if ended and ended[-1].settled:
-        found += _lost(places, told, ended[-1])
+        found += _lost(places, acknowledged, ended[-1])
     return found
 
 
-def _lost(places: dict[int, dict[bytes, int]], told: dict[bytes, tuple[int, bytes]], ended: Ended) -> list[Violation]:
+def _lost(
+    places: dict[int, dict[bytes, int]], acknowledged: dict[bytes, tuple[int, bytes]], ended: Ended
+) -> list[Violation]:
     return [
         Violation(
             "exactly_once", ended.at_ms, node, f"acknowledged transaction {txid.hex()[:8]} is not in block {height}"
         )
         for node, chain in places.items()
-        for txid, (height, _) in told.items()
+        for txid, (height, _) in acknowledged.items()
         if chain.get(txid) != height
     ]

@@ -40,13 +40,13 @@ def _rounds_between(history: History, healed: Healed, block: BlockFinalized) -> 
     if block.epoch <= healed.epoch:
         return block.round - healed.round
     last = {healed.epoch: healed.round, block.epoch: block.round}
-    for said in history.observations:
-        if said.at_ms > block.at_ms:
+    for observation in history.observations:
+        if observation.at_ms > block.at_ms:
             break
-        if not isinstance(said, VoteSent | TimeoutSent) or said.node in history.byzantine:
+        if not isinstance(observation, VoteSent | TimeoutSent) or observation.node in history.byzantine:
             continue
-        if healed.epoch <= said.epoch < block.epoch:
-            last[said.epoch] = max(last.get(said.epoch, 0), said.round)
+        if healed.epoch <= observation.epoch < block.epoch:
+            last[observation.epoch] = max(last.get(observation.epoch, 0), observation.round)
     return sum(last.values()) - healed.round
 
 

@@ -7,16 +7,16 @@ from network.sim.history import History, ProposalSent, TimeoutSent, VoteSent
 
 
 def check_only_forward(history: History) -> list[Violation]:
-    said: set[tuple[str, int, int, int]] = set()
+    seen: set[tuple[str, int, int, int]] = set()
     last: dict[tuple[int, int], int] = {}
     found: list[Violation] = []
     for item in history.observations:
         if not isinstance(item, VoteSent | TimeoutSent | ProposalSent) or item.node in history.byzantine:
             continue
         word = (type(item).__name__, item.node, item.epoch, item.round)
-        if word in said:
+        if word in seen:
             continue
-        said.add(word)
+        seen.add(word)
         before = last.get((item.node, item.epoch), 0)
         if item.round < before:
             text = f"spoke of round {item.round} of epoch {item.epoch} anew, after a word of round {before}"

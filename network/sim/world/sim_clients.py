@@ -162,7 +162,7 @@ class SimClient:
                 raise AssertionError("the ledger locates a transaction in a block that it does not hold")
             receipt = decode(receipts, Receipts).receipts[place.index]
             block_id = cluster.id_of(block)
-            told = Acknowledged(
+            answer = Acknowledged(
                 at_ms=cluster.now,
                 node=node.index,
                 txid=transaction.txid,
@@ -172,13 +172,13 @@ class SimClient:
                 code=receipt.code,
                 excused=call.excused,
             )
-            self._travel(lambda: self._hear(node, told))
+            self._travel(lambda: self._hear(node, answer))
 
         cluster.run_on(node.owner, submit)
 
-    def _hear(self, node: SimNode, told: Acknowledged) -> None:
-        self.cluster.history.add(told)
-        if self._open.pop(told.txid, None) is not None:
+    def _hear(self, node: SimNode, answer: Acknowledged) -> None:
+        self.cluster.history.add(answer)
+        if self._open.pop(answer.txid, None) is not None:
             self.acknowledged_count += 1
             if self.dice.random() < READ_SHARE:
                 self._travel(lambda: self._read(node))

@@ -9,7 +9,7 @@ from typing import Any
 
 from consensus.chain.block import Block, Header
 from consensus.primitives.encoding import decode
-from network.byzantine import Accomplices
+from network.byzantine import ColludingNodes
 from network.sim.history import ExecutionDiffered, History, PeerCutOff
 from network.sim.plan import PROFILES, Plan
 from network.sim.world.links import LinkQuality, Wires
@@ -34,7 +34,7 @@ class SimWorld:
             self.chain.machine, shares=not plan.executes_apart, on_difference=self._note_difference
         )
         self.dice = random.Random(f"run {plan.seed}")  # noqa: S311 - a simulation's dice
-        self.accomplices = Accomplices()
+        self.accomplices = ColludingNodes()
         self.owners: list[Owner] = [self.loop.stage]
         self._indexes = {node_name(index): index for index in range(plan.nodes)}
         self.wires = Wires(self.loop, self.own_dice("wires"), self._note_frame, self._note_cut_off)

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from typing import Any, Generic, TypeVar
 
-from node.api.access.rate_limit import Tab
+from node.api.access.rate_limit import ChargedBudgets
 from node.api.services import LedgerReader, LedgerSnapshot
 from node.budgets.token_buckets import Source
 
@@ -29,10 +29,10 @@ class Meter:
     def __init__(self) -> None:
         self._spent_us: float = HTTP_US
         self._paid_us = 0.0
-        self._tab: Tab | None = None
+        self._tab: ChargedBudgets | None = None
         self._is_stream = False
 
-    def pay_by(self, tab: Tab, prepaid_us: int) -> None:
+    def pay_by(self, tab: ChargedBudgets, prepaid_us: int) -> None:
         """Set who pays and what was prepaid; covers earlier spending too."""
         self._tab, self._paid_us = tab, float(prepaid_us)
 

@@ -52,7 +52,7 @@ def _allowance_of(source: Source) -> Allowance:
 
 
 @dataclass(frozen=True, slots=True)
-class Tab:
+class ChargedBudgets:
     """Who pays for one request, and from which budgets."""
 
     source: Source
@@ -90,13 +90,13 @@ class RateLimiter:
     def __len__(self) -> int:
         return max(len(budgets) for budgets in (self._budgets, self._parts, self._reserves))
 
-    def take(self, source: Source, cost_us: int = ROUTE_DEFAULT_US) -> Tab:
+    def take(self, source: Source, cost_us: int = ROUTE_DEFAULT_US) -> ChargedBudgets:
         """Charge a source; return its tab. Raises RATE_LIMITED."""
         shared = source.shared
         if self._budgets.take(shared, cost_us):
-            return Tab(source, ((self._budgets, shared),), self._note_over)
+            return ChargedBudgets(source, ((self._budgets, shared),), self._note_over)
         if source.part and self._take_reserved(source, cost_us):
-            return Tab(source, ((self._parts, source), (self._reserves, shared)), self._note_over)
+            return ChargedBudgets(source, ((self._parts, source), (self._reserves, shared)), self._note_over)
         error = over_budget(str(source), self._budgets.wait_s(shared, cost_us))
         self._note_over(str(source), error)
         raise error
@@ -109,7 +109,7 @@ class RateLimiter:
         return False
 
 
-class Turns:
+class FairQueue:
     """Starts requests round-robin by source, some milliseconds' worth per loop turn.
 
     Parts of one source share its turns; when full, the largest loses its newest.

@@ -75,16 +75,16 @@ class SessionTable:
         """
         self._challenges.require(public_key, challenge)
         verify_session(public_key, signature, self._chain_id, self._node_name, challenge)
-        standing = self._standing(public_key, grant_id)
-        if standing is None:
+        principal = self._resolve_principal(public_key, grant_id)
+        if principal is None:
             raise BlockRobotError("SESSION_REFUSED")
         self._challenges.use_up(public_key, challenge)
         token = secrets.token_bytes(TOKEN_SIZE_BYTES)
         expires_at_ms = self._clock.now_ms() + SESSION_LIFETIME_MS
-        is_of_visit = standing.kind != "member"
-        kept = _Kept(public_key, grant_id, expires_at_ms, standing.account or public_key, is_of_visit)
+        is_of_visit = principal.kind != "member"
+        kept = _Kept(public_key, grant_id, expires_at_ms, principal.account or public_key, is_of_visit)
         self._insert(sha256(token), kept)
-        return token, _session(kept, standing)
+        return token, _session(kept, principal)
 
     def _accounts(self, kept: _Kept) -> dict[bytes, OrderedDict[bytes, None]]:
         return self._of_visits if kept.is_of_visit else self._of_members
@@ -125,19 +125,19 @@ class SessionTable:
         if known.expires_at_ms <= self._clock.now_ms():
             self._forget(digest)
             raise BlockRobotError("SESSION_EXPIRED")
-        standing = self._standing(known.public_key, known.grant_id)
-        if standing is None:
+        principal = self._resolve_principal(known.public_key, known.grant_id)
+        if principal is None:
             self._forget(digest)
             raise BlockRobotError("SESSION_REFUSED")
-        return _session(known, standing)
+        return _session(known, principal)
 
     def close(self, token: bytes) -> None:
         self._forget(sha256(token))
 
-    def _standing(self, public_key: bytes, grant_id: bytes) -> Principal | None:
+    def _resolve_principal(self, public_key: bytes, grant_id: bytes) -> Principal | None:
         with self._ledger.snapshot() as snapshot:
             return resolve_principal(snapshot, public_key, grant_id)
 
 
-def _session(kept: _Kept, standing: Principal) -> Session:
-    return Session(kept.public_key, standing.kind, standing.roles, kept.expires_at_ms, kept.grant_id)
+def _session(kept: _Kept, principal: Principal) -> Session:
+    return Session(kept.public_key, principal.kind, principal.roles, kept.expires_at_ms, kept.grant_id)

@@ -11,7 +11,7 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.pruned import Keepers, require_kept
+from node.api.pruned import PeersWithBlock, require_not_pruned
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.services import BlockHead, LedgerSnapshot
 
@@ -22,9 +22,11 @@ def _summary(head: BlockHead) -> BlockSummary:
     return describe(BlockSummary, header, block_id=block_id, transaction_count=head.transactions_count or 0)
 
 
-def _read_page(snapshot: LedgerSnapshot, keepers: Keepers, first: int, limit: int) -> Steps[web.Response]:
+def _read_page(
+    snapshot: LedgerSnapshot, peers_with_block: PeersWithBlock, first: int, limit: int
+) -> Steps[web.Response]:
     head = snapshot.header.height
-    require_kept(snapshot, first, keepers)
+    require_not_pruned(snapshot, first, peers_with_block)
     blocks: list[BlockSummary] = []
     for height in range(first, min(first + limit, head + 1)):
         found = snapshot.head(height)
@@ -34,8 +36,8 @@ def _read_page(snapshot: LedgerSnapshot, keepers: Keepers, first: int, limit: in
     return json_answer(BlocksAnswer(head=head, earliest_height=snapshot.earliest_height, blocks=blocks))
 
 
-def _read_block(snapshot: LedgerSnapshot, keepers: Keepers, height: int) -> Steps[web.Response]:
-    require_kept(snapshot, height, keepers)
+def _read_block(snapshot: LedgerSnapshot, peers_with_block: PeersWithBlock, height: int) -> Steps[web.Response]:
+    require_not_pruned(snapshot, height, peers_with_block)
     head, block = snapshot.head(height), snapshot.block_bytes(height)
     if head is None or block is None:
         raise BlockRobotError("NOT_FOUND", "There is no finalized block of this height here.")
@@ -54,12 +56,12 @@ def _read_block(snapshot: LedgerSnapshot, keepers: Keepers, height: int) -> Step
 
 async def _list_blocks(call: Call) -> web.StreamResponse:
     first, limit = call.int_of("from_height"), call.int_of("limit")
-    return await call.read(lambda snapshot: _read_page(snapshot, call.services.keepers, first, limit))
+    return await call.read(lambda snapshot: _read_page(snapshot, call.services.peers_with_block, first, limit))
 
 
 async def _get_block(call: Call) -> web.StreamResponse:
     height = call.int_of("height")
-    return await call.read(lambda snapshot: _read_block(snapshot, call.services.keepers, height))
+    return await call.read(lambda snapshot: _read_block(snapshot, call.services.peers_with_block, height))
 
 
 ROUTES = (

@@ -11,7 +11,7 @@ from consensus.chain.block import ContractEvent
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.pruned import require_kept
+from node.api.pruned import require_not_pruned
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.services import LedgerSnapshot
@@ -45,7 +45,7 @@ def _scan(snapshot: LedgerSnapshot, height: int, index: int) -> Iterator[tuple[i
 def _read_page(call: Call, snapshot: LedgerSnapshot) -> Steps[EventsPage]:
     """Raises BLOCK_PRUNED."""
     height, index = _read_place(call.http.query.get("from"), snapshot)
-    require_kept(snapshot, height, call.services.keepers)
+    require_not_pruned(snapshot, height, call.services.peers_with_block)
     contract, name, limit = call.http.query.get("contract"), call.http.query.get("name"), call.int_of("limit")
     head = snapshot.header.height
     found: list[tuple[int, int, ContractEvent]] = []

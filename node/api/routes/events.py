@@ -11,7 +11,7 @@ from aiohttp import web
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.pruned import Keepers, require_kept
+from node.api.pruned import PeersWithBlock, require_not_pruned
 from node.api.routing import SSE, Answer, Call, Parameter, Route
 from node.api.services import LedgerSnapshot
 from node.budgets.work_costs import bytes_cost_us
@@ -40,13 +40,13 @@ class _Part:
     is_behind: bool
 
 
-def _read_part(snapshot: LedgerSnapshot, keepers: Keepers, height: int, after: int) -> Steps[_Part]:
+def _read_part(snapshot: LedgerSnapshot, peers_with_block: PeersWithBlock, height: int, after: int) -> Steps[_Part]:
     """Raises BLOCK_PRUNED and NOT_FOUND."""
     head, size = snapshot.header.height, 0
     messages: list[bytes] = []
     last = min(head, height + BLOCKS_PER_PART_COUNT - 1)
     while height <= last and size < PART_MAX_BYTES:
-        require_kept(snapshot, height, keepers)
+        require_not_pruned(snapshot, height, peers_with_block)
         receipts = snapshot.receipts(height)
         if receipts is None:
             raise BlockRobotError("NOT_FOUND", f"Block {height} is no longer kept here.")
@@ -70,16 +70,16 @@ async def _stream(call: Call) -> web.StreamResponse:
 
 
 async def _send_events(call: Call) -> web.StreamResponse:
-    ledger, keepers = call.services.ledger, call.services.keepers
+    ledger, peers_with_block = call.services.ledger, call.services.peers_with_block
     expires_at_ms = call.session.expires_at_ms if call.session else 0
     with ledger.snapshot() as snapshot:
         height, after = _read_cursor(call, snapshot.header.height)
-        require_kept(snapshot, height, keepers)
+        require_not_pruned(snapshot, height, peers_with_block)
     response = web.StreamResponse(headers={"Content-Type": SSE, "Cache-Control": "no-store"})
     await response.prepare(call.http)
     while call.services.clock.now_ms() < expires_at_ms:
         await call.meter.pace()
-        part = await call.read(partial(_read_part, keepers=keepers, height=height, after=after))
+        part = await call.read(partial(_read_part, peers_with_block=peers_with_block, height=height, after=after))
         height, after = part.height, part.after
         if part.content:
             await response.write(part.content)

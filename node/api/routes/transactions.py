@@ -16,7 +16,7 @@ from node.api.access.metering import Steps
 from node.api.access.route_access import ANYONE
 from node.api.evidence import build_evidence
 from node.api.problems import problem_document
-from node.api.pruned import Keepers, require_kept
+from node.api.pruned import PeersWithBlock, require_not_pruned
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, json_answer
 from node.api.services import LedgerSnapshot, SubmitResult
 
@@ -45,12 +45,12 @@ async def _submit(call: Call) -> web.StreamResponse:
 
 
 def _find(
-    snapshot: LedgerSnapshot, keepers: Keepers, txid: bytes, *, with_evidence: bool
+    snapshot: LedgerSnapshot, peers_with_block: PeersWithBlock, txid: bytes, *, with_evidence: bool
 ) -> Steps[TransactionState | None]:
     place = snapshot.locate(txid)
     if place is None:
         return None
-    require_kept(snapshot, place.height, keepers)
+    require_not_pruned(snapshot, place.height, peers_with_block)
     head, receipt = snapshot.head(place.height), snapshot.receipt(place.height, place.index)
     if head is None or receipt is None:
         raise BlockRobotError("NOT_FOUND", "The block of this transaction is no longer kept here.")
@@ -76,7 +76,9 @@ async def _get_transaction(call: Call) -> web.StreamResponse:
         with services.ledger.snapshot() as snapshot:
             if snapshot.locate(txid) is None:
                 return None  # so cheap that it waits for no other reading
-        return await call.read(lambda snapshot: _find(snapshot, services.keepers, txid, with_evidence=with_evidence))
+        return await call.read(
+            lambda snapshot: _find(snapshot, services.peers_with_block, txid, with_evidence=with_evidence)
+        )
 
     state = await find()
     may_come = state is None and wait_ms > 0 and services.pool.status(txid) != "expired"

@@ -23,31 +23,31 @@ from consensus.rights.notices import (
     PublishedNotice,
     read_published,
     read_row,
-    require_told,
+    require_consent_asked,
 )
 from consensus.state.consent import NOTICE, NOTICE_TEXT
 from consensus.state.identity import CUSTODIAN, organisation_of
-from node.api.pruned import Keepers, require_kept
+from node.api.pruned import PeersWithBlock, require_not_pruned
 from node.api.services import LedgerSnapshot, SignedReceipt
 
 
 class ConsentReceipts:
     """Receipts of one custodian's organisation, built on demand; none is stored."""
 
-    def __init__(self, key: PrivateKey, keepers: Keepers = lambda _: ()) -> None:
+    def __init__(self, key: PrivateKey, peers_with_block: PeersWithBlock = lambda _: ()) -> None:
         self._key = key
-        self._keepers = keepers
+        self._keepers = peers_with_block
 
     def issue(self, snapshot: LedgerSnapshot, txid: bytes, caller: bytes) -> SignedReceipt:
         """Return the signed receipt of a caller's own statement.
 
         Raises CONSENT_RECEIPT_ELSEWHERE (other organisation), NOT_FOUND (not final or not theirs), BLOCK_PRUNED,
-        CONSENT_WORD_MISSING, NOTICE_INVALID, and as `require_told`.
+        CONSENT_WORD_MISSING, NOTICE_INVALID, and as `require_consent_asked`.
         """
         organisation = self._organisation(snapshot, caller)
         place = snapshot.locate(txid)
         if place is not None:
-            require_kept(snapshot, place.height, self._keepers)
+            require_not_pruned(snapshot, place.height, self._keepers)
         block = None if place is None else snapshot.block(place.height)
         receipts = None if place is None else snapshot.receipts(place.height)
         if place is None or block is None or receipts is None:
@@ -64,7 +64,7 @@ class ConsentReceipts:
         )
         published = find_notice(snapshot, organisation, word)
         if word.status == GIVEN and published is not None:
-            require_told(published, word.purposes, word.sensors)
+            require_consent_asked(published, word.purposes, word.sensors)
         document = build_document(word, organisation, published)
         return SignedReceipt(
             document=document,

@@ -30,7 +30,7 @@ from node.custody.chain_facts import ChainFacts, ErasureFacts
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
 from node.custody.repair.rebuild import Rebuild, RebuildReport
-from node.custody.repair.scrub import ScrubReport, Tell, scrub, tell_nobody
+from node.custody.repair.scrub import ScrubReport, Tell, ignore_progress, scrub
 from node.custody.stores.custody_store import Checkpoint, CustodyStore
 from node.storage.ledger_store import LedgerStore
 
@@ -142,14 +142,14 @@ class CustodyAdmin:
             for custodian, missing in ages_ms.items()
         }
 
-    async def scrub(self, tell: Tell = tell_nobody) -> ScrubAnswer:
+    async def scrub(self, tell: Tell = ignore_progress) -> ScrubAnswer:
         """Compare chain and store both ways. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         async with self._one_at_a_time:
             report = await scrub(self._custodian, self._store, self._keys, self.open_facts, tell)
         log.info("custody_scrubbed", clean=report.is_clean, nothing_erased_is_left=report.nothing_erased_is_left)
         return describe_scrub(report)
 
-    async def rebuild(self, tell: Tell = tell_nobody) -> RebuildAnswer:
+    async def rebuild(self, tell: Tell = ignore_progress) -> RebuildAnswer:
         """Rebuild the index and fetch what is missing. Raises as `scrub`."""
 
         async def pause() -> None:

@@ -70,7 +70,7 @@ def add_custody_routes(
 
 async def _stream(request: web.Request, run: Work) -> web.StreamResponse:
     newest: list[tuple[str, int, int]] = []
-    told, told_at_s = ("working", 0, 0), time.monotonic()
+    newest_line, line_at_s = ("working", 0, 0), time.monotonic()
     response = web.StreamResponse(headers={"Content-Type": "application/x-ndjson"})
     await response.prepare(request)
 
@@ -81,11 +81,11 @@ async def _stream(request: web.Request, run: Work) -> web.StreamResponse:
     try:
         while not task.done():
             await asyncio.wait([task], timeout=TELL_EVERY_S)
-            is_due = bool(newest) or time.monotonic() - told_at_s >= HEARTBEAT_S
+            is_due = bool(newest) or time.monotonic() - line_at_s >= HEARTBEAT_S
             if is_due and not task.done():
-                told, told_at_s = newest[-1] if newest else told, time.monotonic()
+                newest_line, line_at_s = newest[-1] if newest else newest_line, time.monotonic()
                 newest.clear()
-                what, done, total = told
+                what, done, total = newest_line
                 await say(WorkLine(progress=Progress(what=what, done=done, total=total)))
         try:
             await say(WorkLine(report=msgspec.Raw(msgspec.json.encode(task.result()))))

@@ -135,13 +135,15 @@ async def describe_uploads(
 
 def render_uploads(report: UploadReport) -> bytes:
     registry, labels = CollectorRegistry(), ("robot", "organisation")
-    told = {
+    gauge_texts = {
         "staged_bytes": "Bytes of a robot's clips that are not recorded yet.",
         "staged_clips": "Their number.",
         "today_bytes": "Bytes that a robot uploaded on this day (UTC, by block times).",
         "refused": "Uploads that were refused to a robot since the custodian's start.",
     }
-    gauges = {name: Gauge(f"blockrobot_uploads_{name}", text, labels, registry=registry) for name, text in told.items()}
+    gauges = {
+        name: Gauge(f"blockrobot_uploads_{name}", text, labels, registry=registry) for name, text in gauge_texts.items()
+    }
     rows = [row for row in report.uploads if row.robot]
     rows.sort(key=lambda row: (-row.today_bytes - row.staged_bytes, -row.refused, row.robot))
     for place, row in enumerate(rows):

@@ -14,14 +14,14 @@ from node.custody.erase_keys import ErasableKeys
 from node.custody.erasure import RECORDS_A_CALL_MAX_COUNT
 from node.custody.repair.scrub import (
     GONE_CODES,
-    Judge,
     OpenFacts,
+    RecordComparer,
     ScrubReport,
     Tell,
+    caught_up,
     find_unclaimed_frames,
     find_unclaimed_keys,
-    settled,
-    tell_nobody,
+    ignore_progress,
 )
 from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, RecordFacts
 
@@ -66,7 +66,7 @@ class Rebuild:
         find_peers: FindPeers,
         *,
         pause: Pause,
-        tell: Tell = tell_nobody,
+        tell: Tell = ignore_progress,
     ) -> None:
         self._custodian = custodian
         self._store = store
@@ -79,7 +79,7 @@ class Rebuild:
 
     async def run(self) -> RebuildReport:
         """Rebuild, then fetch. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
-        async with settled(self._custodian, self._open_facts) as (facts, in_flight):
+        async with caught_up(self._custodian, self._open_facts) as (facts, in_flight):
             self._report.height = facts.point.height
             await self._custodian.eraser.finish()
             await self._set_right(facts)
@@ -90,7 +90,7 @@ class Rebuild:
             await self._store.apply(BlockEffects(checkpoint=facts.point))
         suspects = await self._find_suspects()
         await self._fetch_missing()
-        await self._mend(await self._find_damaged(suspects))
+        await self._repair(await self._find_damaged(suspects))
         self._report.still_missing_count = (await self._store.counts()).missing
         return self._report
 
@@ -153,7 +153,7 @@ class Rebuild:
     async def _find_suspects(self) -> list[bytes]:
         suspects, done, total = [], 0, (await self._store.counts()).confirmed
         with self._open_facts() as facts:
-            judge = Judge(self._custodian, self._store, facts)
+            judge = RecordComparer(self._custodian, self._store, facts)
             async for clip in self._store.all_clips():
                 record = facts.record(clip.record_id)
                 if record is None or clip.status != "confirmed":
@@ -168,8 +168,8 @@ class Rebuild:
     async def _find_damaged(self, suspects: Sequence[bytes]) -> list[bytes]:
         if not suspects:
             return []
-        async with settled(self._custodian, self._open_facts) as (facts, _):
-            judge = Judge(self._custodian, self._store, facts)
+        async with caught_up(self._custodian, self._open_facts) as (facts, _):
+            judge = RecordComparer(self._custodian, self._store, facts)
             clips, damaged = await self._store.clips(suspects), []
             for record_id in suspects:
                 clip, record = clips.get(record_id), facts.record(record_id)
@@ -190,19 +190,19 @@ class Rebuild:
                 await self._pause()
         self._report.fetched_count = total - left
 
-    async def _mend(self, damaged: Sequence[bytes]) -> None:
+    async def _repair(self, damaged: Sequence[bytes]) -> None:
         for number, record_id in enumerate(damaged):
             self._tell("mended", number, len(damaged))
-            is_mended = await self._mend_one(record_id)
+            is_mended = await self._repair_one(record_id)
             (self._report.mended if is_mended else self._report.still_damaged).append(record_id)
 
-    async def _mend_one(self, record_id: bytes) -> bool:
+    async def _repair_one(self, record_id: bytes) -> bool:
         for peer in self._find_peers():
             try:
                 fetched = await peer.fetch(record_id)
                 if fetched is None or fetched.record_id != record_id:
                     continue
-                if await self._custodian.mend(fetched, lambda: self._read_kept(record_id)):
+                if await self._custodian.repair_clip(fetched, lambda: self._read_kept(record_id)):
                     return True
             except BlockRobotError as error:
                 if error.code in _STORE_FAULTS:
@@ -218,7 +218,7 @@ class Rebuild:
             return replace(record.facts, erased_frames=tuple(sorted({*record.facts.erased_frames, *asked})))
 
 
-async def _is_damaged(judge: Judge, record: RecordState, clip: ClipRow) -> bool:
+async def _is_damaged(judge: RecordComparer, record: RecordState, clip: ClipRow) -> bool:
     seen = ScrubReport()
     try:
         await judge.compare(clip.record_id, record, clip, seen)

@@ -15,7 +15,7 @@ from node.custody.block_effects import RELEASED_KIND, BlockApplier, matches_root
 from node.custody.chain_facts import AccessFacts, ChainFacts, ErasureFacts
 from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
-from node.custody.restrictions import settle, with_natural
+from node.custody.restrictions import apply_restrictions, with_natural_expiries
 from node.custody.shares import Shares
 from node.custody.stores.custody_store import BlockEffects, CustodyStore, RecordFacts, VisitRestrictions
 
@@ -92,18 +92,18 @@ class Reconciliation:
         await self._store.apply(BlockEffects(confirmed=tuple(confirmed), missing=tuple(missing)))
 
     async def _take_standings(self) -> None:
-        standing = {row.owner: row for row in await read_in_thread(lambda: list(self._facts.standings()))}
-        for owner, before in (await self._store.standings()).items():
+        standing = {row.owner: row for row in await read_in_thread(lambda: list(self._facts.visit_restrictions()))}
+        for owner, before in (await self._store.visit_restrictions()).items():
             now = standing.get(owner, VisitRestrictions(owner))
             now = structs.replace(now, narrowed_height=max(before.narrowed_height, now.narrowed_height))
-            standing[owner] = with_natural(now, {**dict(before.natural), **dict(now.natural)})
+            standing[owner] = with_natural_expiries(now, {**dict(before.natural), **dict(now.natural)})
         for row in standing.values():
-            await settle(self._store, row)
+            await apply_restrictions(self._store, row)
 
     async def _take_shares(self) -> None:
         standing, ended = await read_in_thread(self._facts.shares)
-        standings = await read_in_thread(lambda: list(self._facts.standings()))
-        denied = {row.owner for row in standings if row.quarantined}
+        visit_restrictions = await read_in_thread(lambda: list(self._facts.visit_restrictions()))
+        denied = {row.owner for row in visit_restrictions if row.quarantined}
         point = await self._store.checkpoint()
         followed = -1 if point is None else point.height
         meanwhile = {owner: height for owner, height in self._facts.denied_heights().items() if height > followed}
@@ -123,8 +123,8 @@ class Reconciliation:
             data["grant"] = access.share
             await self._replay(access.height, access.access_id, "access", "requested", data)
         if self._member in access.refused or self._member in access.released:
-            told = {"access_id": access.access_id, "custodian": self._member}
-            await self._replay(access.height, access.access_id, "access", "refused", told)
+            event_data = {"access_id": access.access_id, "custodian": self._member}
+            await self._replay(access.height, access.access_id, "access", "refused", event_data)
         for row in await self._store.outbox_of(RELEASED_KIND, access.access_id):
             record_ids = decode_value(row.arguments)[1]
             if self._facts.has_released(access.access_id, self._member, record_ids):
@@ -143,8 +143,8 @@ class Reconciliation:
 
     async def _settle_erasure(self, erasure: ErasureFacts) -> None:
         if self._member in erasure.receipts or self._member not in erasure.custodians:
-            told = {"erasure_id": erasure.erasure_id, "custodian": self._member}
-            await self._replay(erasure.height, erasure.erasure_id, "erasure", "receipted", told)
+            event_data = {"erasure_id": erasure.erasure_id, "custodian": self._member}
+            await self._replay(erasure.height, erasure.erasure_id, "erasure", "receipted", event_data)
 
     async def _replay(self, height: int, txid: bytes, contract: str, name: str, data: dict[str, Any]) -> None:
         event = FinalizedEvent(txid, contract, name, data)

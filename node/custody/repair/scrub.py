@@ -30,7 +30,7 @@ _TELL_EVERY_COUNT = 100
 GONE_CODES = frozenset({"CLIP_ERASED", "CLIP_NOT_CONFIRMED", "NOT_FOUND"})
 
 
-def tell_nobody(_what: str, _done: int, _total: int) -> None:
+def ignore_progress(_what: str, _done: int, _total: int) -> None:
     """Take progress and do nothing."""
 
 
@@ -73,7 +73,7 @@ class ScrubReport:
         return self.nothing_erased_is_left and not any((self.missing, self.other_facts, self.corrupted))
 
 
-class Judge:
+class RecordComparer:
     """Compares one record's state with the store."""
 
     def __init__(self, custodian: Custodian, store: CustodyStore, facts: ChainFacts) -> None:
@@ -128,7 +128,7 @@ def _is_same(clip: ClipRow, record: RecordState) -> bool:
 
 
 @asynccontextmanager
-async def settled(
+async def caught_up(
     custodian: Custodian, open_facts: OpenFacts, max_s: float = SETTLE_MAX_S
 ) -> AsyncIterator[tuple[ChainFacts, frozenset[int]]]:
     """Pause the custodian when caught up; yields the state and in-flight slots.
@@ -149,7 +149,7 @@ async def settled(
 
 
 async def scrub(
-    custodian: Custodian, store: CustodyStore, keys: ErasableKeys, open_facts: OpenFacts, tell: Tell = tell_nobody
+    custodian: Custodian, store: CustodyStore, keys: ErasableKeys, open_facts: OpenFacts, tell: Tell = ignore_progress
 ) -> ScrubReport:
     """Compare chain and store, and list absent clips as missing.
 
@@ -157,11 +157,11 @@ async def scrub(
     """
     seen = ScrubReport()
     with open_facts() as facts:
-        suspects = await _look_through(Judge(custodian, store, facts), store, facts, seen, tell)
+        suspects = await _look_through(RecordComparer(custodian, store, facts), store, facts, seen, tell)
     tell("keys", 0, 0)
-    async with settled(custodian, open_facts) as (facts, in_flight):
+    async with caught_up(custodian, open_facts) as (facts, in_flight):
         report = ScrubReport(height=facts.point.height, records_count=seen.records_count)
-        judge = Judge(custodian, store, facts)
+        judge = RecordComparer(custodian, store, facts)
         clips = await store.clips(sorted(suspects))
         for record_id in sorted(suspects):
             await judge.compare(record_id, facts.record(record_id), clips.get(record_id), report)
@@ -188,7 +188,7 @@ async def _not_listed(store: CustodyStore, absent: Iterable[RecordFacts]) -> tup
 
 
 async def _look_through(
-    judge: Judge, store: CustodyStore, facts: ChainFacts, seen: ScrubReport, tell: Tell
+    judge: RecordComparer, store: CustodyStore, facts: ChainFacts, seen: ScrubReport, tell: Tell
 ) -> set[bytes]:
     suspects: set[bytes] = set()
     batch: dict[bytes, RecordState] = {}
@@ -244,7 +244,7 @@ async def find_unclaimed_frames(store: CustodyStore) -> list[bytes]:
 async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple[bytes, bytes]]:
     """Return (grant, record) of parts to be destroyed; only at rest."""
     standing, ended = facts.shares()
-    denied = {row.owner for row in facts.standings() if row.quarantined}
+    denied = {row.owner for row in facts.visit_restrictions() if row.quarantined}
     found: list[tuple[bytes, bytes]] = []
     async for place in store.all_parts():
         was_final = place.status == "confirmed" or place.grant_id in ended

@@ -166,7 +166,7 @@ class BlockEffects:
     missing: tuple[RecordFacts, ...] = ()
     grants: tuple[Grant, ...] = ()
     settled: tuple[tuple[str, bytes, int], ...] = ()
-    standings: tuple[VisitRestrictions, ...] = ()
+    visit_restrictions: tuple[VisitRestrictions, ...] = ()
     expiries: tuple[tuple[bytes, int], ...] = ()
     checkpoint: Checkpoint | None = None
 
@@ -290,7 +290,7 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
 
     async def grants_of_owner(self, owner: bytes) -> list[Grant]: ...
 
-    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
+    async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         """Return standings of these owners' visits, or all; only existing ones."""
         ...
 

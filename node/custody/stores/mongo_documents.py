@@ -109,11 +109,11 @@ def expiry(record_id: bytes, expires_at_ms: int) -> UpdateOne:
     return UpdateOne({"_id": record_id, "status": "confirmed"}, {"$set": {"expires_at_ms": expires_at_ms}})
 
 
-def standing_document(standing: VisitRestrictions) -> Document:
+def restrictions_document(standing: VisitRestrictions) -> Document:
     return {"_id": standing.owner, "standing": encode(standing)}
 
 
-def standing_row(found: Document) -> VisitRestrictions:
+def restrictions_row(found: Document) -> VisitRestrictions:
     return decode(bytes(found["standing"]), VisitRestrictions)
 
 

@@ -67,8 +67,10 @@ class MongoShares:
         ) -> list[Document]: ...
 
     async def put_share(self, share: ShareRow) -> None:
-        told = {"owner": share.owner, "records": list(share.records), "until_ms": share.until_ms}
-        await self._bulk("shares", [ReplaceOne({"_id": share.grant_id}, told | {"height": share.height}, upsert=True)])
+        document = {"owner": share.owner, "records": list(share.records), "until_ms": share.until_ms}
+        await self._bulk(
+            "shares", [ReplaceOne({"_id": share.grant_id}, document | {"height": share.height}, upsert=True)]
+        )
 
     async def share(self, grant_id: bytes) -> ShareRow | None:
         found = rows(_share, await self._many("shares", {"_id": grant_id}))

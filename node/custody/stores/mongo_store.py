@@ -269,8 +269,8 @@ class MongoStore(MongoShares, MongoUploads):
                 for row in effects.outbox
             ],
         )
-        standings = [documents.standing_document(row) for row in effects.standings]
-        await self._bulk("standings", [ReplaceOne({"_id": row["_id"]}, row, upsert=True) for row in standings])
+        visit_restrictions = [documents.restrictions_document(row) for row in effects.visit_restrictions]
+        await self._bulk("standings", [ReplaceOne({"_id": row["_id"]}, row, upsert=True) for row in visit_restrictions])
         await self._bulk("clips", [documents.expiry(*change) for change in effects.expiries])
         await self._bulk("clips", [documents.confirmation(facts) for facts in effects.confirmed])
         await self._bulk("missing", [DeleteOne({"_id": facts.record_id}) for facts in effects.confirmed])
@@ -365,11 +365,11 @@ class MongoStore(MongoShares, MongoUploads):
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
         return rows(documents.grant_row, await self._many("grants", {"owner": owner}))
 
-    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
+    async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         if owners is not None and not owners:
             return {}
         found = await self._many("standings", {} if owners is None else {"_id": {"$in": list(owners)}})
-        return {standing.owner: standing for standing in rows(documents.standing_row, found)}
+        return {standing.owner: standing for standing in rows(documents.restrictions_row, found)}
 
     async def add_outbox(self, row: OutboxRow) -> None:
         await self.apply(BlockEffects(outbox=(row,)))
@@ -437,12 +437,16 @@ class MongoStore(MongoShares, MongoUploads):
             raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
         try:
             with _answering():
-                told = await self._database.command("dbStats")
+                statistics = await self._database.command("dbStats")
         except BlockRobotError as error:
             if isinstance(error.__cause__, OperationFailure):
                 return None
             raise
-        return int(told["storageSize"] + told["indexSize"]) if {"storageSize", "indexSize"} <= set(told) else None
+        return (
+            int(statistics["storageSize"] + statistics["indexSize"])
+            if {"storageSize", "indexSize"} <= set(statistics)
+            else None
+        )
 
     async def _count(self, name: str, where: Document) -> int:
         with _answering():

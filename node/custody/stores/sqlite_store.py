@@ -304,7 +304,7 @@ class SqliteStore(SqliteShares, SqliteUploads):
         query = "SELECT access_id, owner, records, height, share FROM grants WHERE owner = ? ORDER BY access_id"
         return [Grant(row[0], row[1], split(row[2], 16), *row[3:]) for row in await self._read(query, owner)]
 
-    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
+    async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         def read() -> dict[bytes, VisitRestrictions]:
             database, query = self._opened(), "SELECT owner, standing FROM standings"
             if owners is None:

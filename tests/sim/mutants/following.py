@@ -28,7 +28,7 @@ def let_words_span_epochs(patch: pytest.MonkeyPatch) -> None:
         state = JournalState(newest_epoch=epoch)
         for data in records:
             record = decode(data, JournalRecord)
-            state.silence = record.silence
+            state.lockout = record.lockout
             _merge(state, record)
         return state
 

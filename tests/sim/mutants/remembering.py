@@ -88,8 +88,8 @@ def send_before_the_sync(patch: pytest.MonkeyPatch) -> None:
     speak_where_it_may_have_spoken(patch)
 
     def persist(self: Engine, records: tuple[bytes, ...]) -> None:
-        if self._recorder.append(records):
-            self._loop.call_later(0.002, self._recorder.sync)
+        if self._journal_writer.append(records):
+            self._loop.call_later(0.002, self._journal_writer.sync)
 
     patch.setattr(Engine, "_persist", persist)
 
@@ -106,7 +106,7 @@ def forget_final_blocks_early(patch: pytest.MonkeyPatch) -> None:
 
 def trust_a_restored_journal(patch: pytest.MonkeyPatch) -> None:
     """A producer speaks at once, whatever others heard of it."""
-    patch.setattr(SigningGuard, "bars", property(lambda self: False))
+    patch.setattr(SigningGuard, "is_blocking", property(lambda self: False))
 
 
 TWO_WORDS = frozenset({"no_double_vote", "no_double_proposal"})

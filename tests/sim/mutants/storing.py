@@ -11,7 +11,7 @@ from consensus.chain.block import FinalityProof
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext
 from node.components import NodeComponents
-from node.custody.chain.chain_follower import Custody
+from node.custody.chain.custody_coordinator import CustodyCoordinator
 from node.custody.finalized_events import collect_events
 from node.execution import block_executor
 from node.execution.block_executor import ExecutedBlock, _BranchTransactions
@@ -67,7 +67,7 @@ def apply_reversible_blocks(patch: pytest.MonkeyPatch) -> None:
     """The custodian's store follows certified blocks, final or not."""
     make = NodeComponents._make_custody
 
-    def make_custody(self: NodeComponents) -> Custody | None:
+    def make_custody(self: NodeComponents) -> CustodyCoordinator | None:
         custody = make(self)
         note = self.engine._note_certified
 
@@ -80,7 +80,7 @@ def apply_reversible_blocks(patch: pytest.MonkeyPatch) -> None:
         self.engine._note_certified = note_certified  # type: ignore[method-assign]
         return custody
 
-    async def apply(custody: Custody, executed: ExecutedBlock) -> None:
+    async def apply(custody: CustodyCoordinator, executed: ExecutedBlock) -> None:
         header = executed.header
         if header.height == (custody.checkpoint_height or 0) + 1:
             events = collect_events(header.height, executed.block_id, header.timestamp_ms, executed.receipts)

@@ -122,7 +122,7 @@ def test_an_extra_signature_is_looked_at_no_more_than_so_often():
 
     node = OneCore()
     hear(node, PEERS.vote(0, ONE))
-    node.core._witness._check = Counting()
+    node.core._message_log._check = Counting()
     for number in range(10 * WORD_CHECKS_MAX_COUNT):
         hear(node, msgspec.structs.replace(PEERS.vote(0, OTHER), signature=bytes([number]) * 64))
     assert 0 < len(checks) <= WORD_CHECKS_MAX_COUNT
@@ -162,12 +162,12 @@ def test_genuine_words_use_nothing_up_and_words_far_from_the_round_are_not_remem
     node = OneCore()
     for block in (ONE, *[PEERS.block(1, timestamp_ms=NOW_MS + 1 + n) for n in range(WORD_CHECKS_MAX_COUNT)]):
         hear(node, PEERS.vote(0, block), sender=0)
-    assert node.core._witness._rounds[1]["vote", 0].failed_counts == {}
+    assert node.core._message_log._rounds[1]["vote", 0].failed_counts == {}
     node = OneCore()
     far = EVIDENCE_ROUNDS_KEPT_COUNT + 2
     words = [msgspec.structs.replace(PEERS.vote(0, block), round=far) for block in (ONE, OTHER)]
     assert hear(node, *words) == []
-    assert far not in node.core._witness._rounds
+    assert far not in node.core._message_log._rounds
 
 
 @pytest.mark.parametrize(

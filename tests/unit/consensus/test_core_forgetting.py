@@ -92,7 +92,7 @@ def test_neither_silent_producers_nor_later_answers_move_the_mark():
     effects = answered(node, 1, 1)
     assert [word.round for word in said(effects, Timeout)] == []
     assert node.core.round == 3
-    assert node.core.silence is None
+    assert node.core.lockout is None
     node = OneCore(3, answered=False)
     answered(node, 0, 0)
     one = node.block(1)
@@ -136,9 +136,9 @@ def test_who_may_have_left_the_epoch_before_it_forgot_gives_the_first_round_of_t
             node.receive(block)
         assert node.core.finalized_id == boundary.block_id
         core = next_core(node, boundary)
-        assert core.silence is None
+        assert core.lockout is None
         assert core._voter.may_sign(1) is is_safe, told_round
         assert core._voter.may_sign(2)
         others = (*node.schedule.producers[2:], *Peers(6).schedule.producers[4:])
         changed = next_core(node, boundary, others)
-        assert (changed.silence is None) is is_safe
+        assert (changed.lockout is None) is is_safe

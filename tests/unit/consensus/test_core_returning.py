@@ -7,8 +7,8 @@ import pytest
 from consensus.chain.journal_records import (
     JournalRecord,
     SigningLockout,
+    encode_lockout_record,
     encode_restored_record,
-    encode_silence_record,
     read_journal,
 )
 from consensus.chain.messages import (
@@ -64,9 +64,9 @@ def test_nothing_is_signed_before_a_quorum_less_one_has_answered():
     assert said(node.fire("round"), Timeout) == []
     assert said(node.answer_from(0), Vote) == []
     assert said(node.answer_from(0), Vote) == []
-    assert node.core.silence.reason == ASKING
+    assert node.core.lockout.reason == ASKING
     assert said(node.answer_from(1), Vote) == [node.vote(3, ONE)]
-    assert node.core.silence is None
+    assert node.core.lockout is None
 
 
 def test_a_leader_that_asks_proposes_only_when_it_may_speak():
@@ -91,7 +91,7 @@ def test_a_producer_asks_at_its_start_again_every_interval_and_whoever_connects_
 @pytest.mark.parametrize("node", [OneCore(0, count=1), OneCore(None, answered=False)])
 def test_a_lone_producer_and_a_follower_ask_nobody(node):
     assert said(node.started, LastSignedRequest) == []
-    assert node.core.silence is None
+    assert node.core.lockout is None
 
 
 def test_an_answer_counts_only_from_a_producer_to_what_was_asked_in_this_life_and_with_proven_rounds():
@@ -117,10 +117,10 @@ def test_answers_of_silent_producers_do_not_count_but_bring_certificates():
     node = OneCore(answered=False)
     for peer in (0, 1):
         node.answer_from(peer, speech=SILENT)
-    assert node.core.silence is not None
+    assert node.core.lockout is not None
     node.answer_from(2)
     node.answer_from(1, speech=ASKING)
-    assert node.core.silence is None
+    assert node.core.lockout is None
     node = OneCore(answered=False)
     node.answer_from(0, qc=PEERS.qc(ONE), entered_by=node.tc(4, 1), signed_round=5)
     assert (node.core.round, node.core.high_qc) == (5, PEERS.qc(ONE))
@@ -182,7 +182,7 @@ def test_an_old_journal_forgets_a_word_that_the_others_hold():
     for word, reason in [(timeout_word(1), "outdated"), (vote_word(OTHER), "outdated")]:
         after = OneCore(journal=node.journal, answered=False)
         after.answer_from(0, word=word)
-        assert after.core.silence.reason == reason
+        assert after.core.lockout.reason == reason
 
 
 @pytest.mark.parametrize("word", [vote_word(ONE), timeout_word(1), timeout_word(7)])
@@ -190,8 +190,8 @@ def test_a_word_that_is_newer_than_the_journal_silences_its_producer(word):
     node = OneCore(answered=False)
     node.answer_from(0)
     effects = node.answer_from(1, word=word)
-    assert node.core.silence.reason == "outdated"
-    assert read_journal(node.journal, 0).silence == SigningLockout("outdated", 0, None)
+    assert node.core.lockout.reason == "outdated"
+    assert read_journal(node.journal, 0).lockout == SigningLockout("outdated", 0, None)
     assert of_type(effects, LockoutChanged)[0].reason == "outdated"
     assert said(node.receive(OTHER), Vote) == []
     node.work()
@@ -213,16 +213,16 @@ def test_a_word_that_the_journal_knows_or_that_is_forged_silences_nobody():
         after = OneCore(journal=node.journal, answered=False)
         after.answer_from(0, word=word)
         after.answer_from(1)
-        assert after.core.silence is None, word
+        assert after.core.lockout is None, word
 
 
 def test_a_forgotten_timeout_or_word_in_a_certificate_is_as_good_as_told():
     node = OneCore()
     node.notice(PEERS.qc(ONE, (0, 1, 3)))
-    assert node.core.silence.reason == "outdated"
+    assert node.core.lockout.reason == "outdated"
     node = OneCore(1)
     node.receive(ONE)
-    assert node.core.silence.reason == "outdated"
+    assert node.core.lockout.reason == "outdated"
     node = OneCore()
     node.work()
     (timeout,) = said(node.fire("round"), Timeout)
@@ -239,17 +239,17 @@ def test_another_word_of_the_journals_last_round_silences_its_producer_wherever_
     three.receive(ONE)
     other = OneCore(journal=three.journal)
     other.vote_from(3, OTHER)
-    assert other.core.silence.reason == "outdated"
+    assert other.core.lockout.reason == "outdated"
     certified = OneCore(journal=three.journal)
     certified.notice(PEERS.qc(OTHER, (0, 1, 3)))
-    assert certified.core.silence.reason == "outdated"
+    assert certified.core.lockout.reason == "outdated"
     given_up = OneCore(journal=three.journal)
     given_up.notice(GENESIS_QC, PEERS.tc(1, 0, signers=(0, 1, 3)))
-    assert given_up.core.silence.reason == "outdated"
+    assert given_up.core.lockout.reason == "outdated"
     known = OneCore(journal=three.journal)
     known.vote_from(3, ONE)
     known.notice(PEERS.qc(ONE, (0, 1, 3)))
-    assert known.core.silence is None
+    assert known.core.lockout is None
 
 
 def test_what_was_said_where_a_silence_ended_does_not_begin_another_one():
@@ -258,30 +258,30 @@ def test_what_was_said_where_a_silence_ended_does_not_begin_another_one():
     for peer in range(5):
         node.answer_from(peer, signed_round=1, qc=node.qc(node.block(1)))
     finalize(node, 1, 4)
-    assert node.core.silence is None
+    assert node.core.lockout is None
     assert node.core.last_voted_round == 2
     node.vote_from(6, node.chain(1, 2)[1])
-    assert node.core.silence is None
+    assert node.core.lockout is None
 
 
 def test_a_restored_producer_is_silent_until_a_block_above_all_that_it_can_have_signed_is_final():
     """R35: the others signed in round 2 at most, so it signed in round 3 at most: it waits for a block above that."""
     node = OneCore(6, count=7, journal=[RESTORED], answered=False)
-    assert node.core.silence.reason == "restored"
+    assert node.core.lockout.reason == "restored"
     chain = node.chain(1, 2, 3, 4, 5)
     for peer, signed_round in enumerate([1, 2, 0, 2]):
         node.answer_from(peer, signed_round=signed_round, qc=node.qc(chain[0]))
-    assert read_journal(node.journal, 0).silence.above_round is None
+    assert read_journal(node.journal, 0).lockout.above_round is None
     node.answer_from(4, signed_round=1, qc=node.qc(chain[0]))
-    assert read_journal(node.journal, 0).silence == SigningLockout("restored", 0, 3)
-    assert "round 3" in node.core.silence.until
+    assert read_journal(node.journal, 0).lockout == SigningLockout("restored", 0, 3)
+    assert "round 3" in node.core.lockout.until
     assert said(finalize(node, 1, 4), Vote) == []
     assert node.core.finalized.round == 3
     assert said(node.receive(chain[4]), Vote) == []
     effects = node.notice(node.qc(chain[4]))
     assert node.core.finalized.round == 4
     assert of_type(effects, LockoutChanged) == [LockoutChanged(reason="", until="")]
-    assert read_journal(node.journal, 0).silence is None
+    assert read_journal(node.journal, 0).lockout is None
     assert node.core.last_voted_round == 3
     seven = node.block(7, chain[4], tc=node.tc(6, 5))
     assert said(node.receive(seven), Vote) == [node.vote(6, seven)]
@@ -293,20 +293,20 @@ def test_the_rounds_of_producers_that_are_silent_or_ask_themselves_say_nothing_a
         node.answer_from(peer)
     for speech in (ASKING, SILENT):
         node.answer_from(4, speech=speech)
-        assert read_journal(node.journal, 0).silence.above_round is None
+        assert read_journal(node.journal, 0).lockout.above_round is None
     node.answer_from(4)
-    assert read_journal(node.journal, 0).silence.above_round == 1
+    assert read_journal(node.journal, 0).lockout.above_round == 1
 
 
 def test_a_silent_producer_stays_silent_over_a_crash_and_asks_again():
     node = OneCore(journal=[RESTORED], answered=False)
     for after in (node.restarted(), OneCore(journal=list(node.core.journal_snapshot()))):
-        assert after.core.silence.reason == "restored"
+        assert after.core.lockout.reason == "restored"
         assert said(after.receive(ONE), Vote) == []
     for peer in range(3):
         node.answer_from(peer)
     after = OneCore(journal=node.journal, answered=False)
-    assert read_journal(after.journal, 0).silence == SigningLockout("restored", 0, 1)
+    assert read_journal(after.journal, 0).lockout == SigningLockout("restored", 0, 1)
     assert said(after.started, LastSignedRequest)
 
 
@@ -321,15 +321,15 @@ def test_the_mark_stands_before_every_word_of_the_new_life():
 
 def test_with_more_silent_producers_than_the_chain_tolerates_the_report_says_that_it_stands_still():
     node = OneCore(journal=[RESTORED], answered=False)
-    assert "restart" not in node.core.silence.until
+    assert "restart" not in node.core.lockout.until
     node.answer_from(0, speech=SILENT)
-    assert "all organisations must sign a restart" in node.core.silence.until
+    assert "all organisations must sign a restart" in node.core.lockout.until
 
 
 def test_a_lone_producer_that_was_restored_goes_on_above_what_its_ledger_proves():
     node = OneCore(0, count=1, journal=[RESTORED])
-    assert node.core.silence is None
-    assert read_journal(node.journal, 0).silence is None
+    assert node.core.lockout is None
+    assert read_journal(node.journal, 0).lockout is None
     one = node.block(1)
     core = Core(
         node.settings,
@@ -365,22 +365,22 @@ def core_of_next_epoch(node, before, producers=None):
 def test_who_spoke_in_the_epoch_before_speaks_at_once_and_who_did_not_asks():
     """R36."""
     spoke, asked, stranger = OneCore(), OneCore(answered=False), OneCore(None)
-    assert core_of_next_epoch(spoke, spoke.core).silence is None
+    assert core_of_next_epoch(spoke, spoke.core).lockout is None
     for before in (asked.core, stranger.core, None):
-        assert core_of_next_epoch(spoke, before).silence.reason == ASKING
+        assert core_of_next_epoch(spoke, before).lockout.reason == ASKING
 
 
 def test_a_silence_lasts_into_the_next_epoch():
     node = OneCore(journal=[RESTORED], answered=False)
     assert core_of_next_epoch(node, node.core).journal_snapshot()
     unknown = core_of_next_epoch(node, node.core)
-    assert read_journal(unknown.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
+    assert read_journal(unknown.journal_snapshot(), 1).lockout == SigningLockout("restored", 1, None)
     for peer in range(3):
         node.answer_from(peer)
     known = core_of_next_epoch(node, node.core)
-    assert read_journal(known.journal_snapshot(), 1).silence == SigningLockout("restored", 1, 1)
+    assert read_journal(known.journal_snapshot(), 1).lockout == SigningLockout("restored", 1, 1)
     known.handle(Started(now_ms=NOW_MS))
-    assert known.silence.reason == "restored"
+    assert known.lockout.reason == "restored"
 
 
 def test_other_producers_are_asked_anew_how_far_they_are():
@@ -391,17 +391,17 @@ def test_other_producers_are_asked_anew_how_far_they_are():
     keys = Peers(8).schedule.producers
     for producers in (keys[3:7], keys[1:5], keys[:7]):
         other = core_of_next_epoch(node, node.core, producers)
-        assert read_journal(other.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
+        assert read_journal(other.journal_snapshot(), 1).lockout == SigningLockout("restored", 1, None)
         assert said(other.handle(Started(now_ms=NOW_MS)), LastSignedRequest)
     again = core_of_next_epoch(node, node.core, tuple(reversed(keys[:4])))
-    assert read_journal(again.journal_snapshot(), 1).silence == SigningLockout("restored", 1, 1)
+    assert read_journal(again.journal_snapshot(), 1).lockout == SigningLockout("restored", 1, 1)
 
 
 def test_the_mark_is_read_in_every_later_epoch_though_nobody_knows_its_producers():
-    mark = encode_silence_record(0, 0, SigningLockout("restored", 0, 7))
+    mark = encode_lockout_record(0, 0, SigningLockout("restored", 0, 7))
     node = OneCore(journal=[mark], epoch=1, root=ONE)
-    assert read_journal(node.core.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
-    assert read_journal([RESTORED], 5).silence == SigningLockout("restored", 0, None)
+    assert read_journal(node.core.journal_snapshot(), 1).lockout == SigningLockout("restored", 1, None)
+    assert read_journal([RESTORED], 5).lockout == SigningLockout("restored", 0, None)
 
 
 # A ledger that is behind the journal
@@ -431,8 +431,8 @@ def test_in_an_epoch_that_its_journal_has_left_a_producer_signs_nothing():
     assert said(node.receive(ONE), Vote) == []
     node.work()
     assert said(node.fire("round"), Timeout) == []
-    assert "epoch 1" in node.core.silence.until
-    assert LockoutChanged(*node.core.silence) in node.started
+    assert "epoch 1" in node.core.lockout.until
+    assert LockoutChanged(*node.core.lockout) in node.started
     request = LastSignedRequest(epoch=0, asked_at_ms=5)
     (answer,) = told(node.handle(LastSignedRequested(request=request, sender=1, now_ms=NOW_MS)), 1, LastSignedResponse)
     assert answer.speech == SILENT
@@ -441,9 +441,9 @@ def test_in_an_epoch_that_its_journal_has_left_a_producer_signs_nothing():
 def test_a_silence_begun_while_the_ledger_is_behind_outlasts_what_the_later_records_say_of_it():
     journal, _ = words_of_epoch_one()
     node = OneCore(journal=[*journal, RESTORED], answered=False)
-    assert read_journal(node.core.journal_snapshot(), 0).silence == SigningLockout("restored", 0, None)
+    assert read_journal(node.core.journal_snapshot(), 0).lockout == SigningLockout("restored", 0, None)
     after = core_of_next_epoch(node, node.core)
-    assert read_journal(after.journal_snapshot(), 1).silence == SigningLockout("restored", 1, None)
+    assert read_journal(after.journal_snapshot(), 1).lockout == SigningLockout("restored", 1, None)
 
 
 def test_what_a_silent_producer_said_before_may_still_be_said_again():

@@ -13,7 +13,7 @@ from network.provisioning.certificate_authority import create_authority, encode_
 from network.provisioning.network_layout import create_network
 from network.provisioning.node_certificates import (
     DAY_MS,
-    find_authority,
+    get_authority,
     issue_into,
     now_ms,
     parse_serial,
@@ -44,7 +44,7 @@ def test_a_new_network_has_certificates_that_count(config: NodeConfig) -> None:
 
 def test_renewing_keeps_the_key_and_changes_the_serial(folder: Path, config: NodeConfig) -> None:
     before, key = read_report(config), config.tls_key_path.read_bytes()
-    serial = renew(config, find_authority(folder, "hospital"), days=400)
+    serial = renew(config, get_authority(folder, "hospital"), days=400)
     after = read_report(config)
     assert before.facts is not None
     assert after.facts is not None
@@ -56,7 +56,7 @@ def test_renewing_keeps_the_key_and_changes_the_serial(folder: Path, config: Nod
 
 def test_a_new_key_comes_with_a_certificate_that_fits(folder: Path, config: NodeConfig) -> None:
     key = config.tls_key_path.read_bytes()
-    renew(config, find_authority(folder, "hospital"), new_key=True)
+    renew(config, get_authority(folder, "hospital"), new_key=True)
     assert config.tls_key_path.read_bytes() != key
     assert read_report(config).state(now_ms()) == "valid"
     assert stat.S_IMODE(config.tls_key_path.stat().st_mode) == 0o600
@@ -68,12 +68,12 @@ def test_a_new_key_comes_with_a_certificate_that_fits(folder: Path, config: Node
 
 def test_what_is_left_of_a_renewal_that_was_cut_off_does_not_stop_the_next(folder: Path, config: NodeConfig) -> None:
     config.tls_certificate_path.with_name("tls.crt.pem.new").write_bytes(b"half")
-    renew(config, find_authority(folder, "hospital"))
+    renew(config, get_authority(folder, "hospital"))
     assert read_report(config).state(now_ms()) == "valid"
 
 
 def test_the_days_before_the_end_are_named(folder: Path, config: NodeConfig) -> None:
-    renew(config, find_authority(folder, "hospital"), days=20)
+    renew(config, get_authority(folder, "hospital"), days=20)
     report = read_report(config)
     assert report.state(now_ms()) == "expiring"
     assert report.state(now_ms() + 21 * DAY_MS) == "expired"
@@ -98,23 +98,23 @@ def test_a_lost_or_foreign_key_is_named_and_cannot_be_kept(folder: Path, config:
     assert "'node-2'" in read_report(config).trouble
     config.tls_key_path.unlink()
     with pytest.raises(BlockRobotError, match="--new-key"):
-        renew(config, find_authority(folder, "hospital"))
-    renew(config, find_authority(folder, "hospital"), new_key=True)
+        renew(config, get_authority(folder, "hospital"))
+    renew(config, get_authority(folder, "hospital"), new_key=True)
     assert read_report(config).state(now_ms()) == "valid"
 
 
 def test_issuing_never_overwrites_and_names_an_authority_that_is_not_here(tmp_path: Path, folder: Path) -> None:
-    authority = find_authority(folder, "university")
+    authority = get_authority(folder, "university")
     issue_into(tmp_path / "keys", authority, "node-9", "ward.example")
     with pytest.raises(FileExistsError):
         issue_into(tmp_path / "keys", authority, "node-9", "127.0.0.1")
     with pytest.raises(BlockRobotError, match="AUTHORITY_NOT_HERE"):
-        find_authority(folder, "clinic")
+        get_authority(folder, "clinic")
     wrong, other = create_authority("clinic"), create_authority("clinic")
     write_secret(tmp_path / "ca" / "ca.key.pem", encode_private_key(other.key))
     (tmp_path / "ca" / "ca.crt.pem").write_text(wrong.certificate_pem)
     with pytest.raises(BlockRobotError, match="not that of its certificate"):
-        find_authority(folder, "clinic", tmp_path / "ca")
+        get_authority(folder, "clinic", tmp_path / "ca")
 
 
 def test_serial_numbers_are_read_and_written_as_the_contract_takes_them() -> None:

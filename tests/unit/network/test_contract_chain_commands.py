@@ -164,7 +164,7 @@ def test_a_wallet_signs_with_its_own_key(chain: Consortium, tmp_path: Path, monk
     (tmp_path / "passphrase").write_text("correct horse\n", encoding="utf-8")
     monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", str(tmp_path / "passphrase"))
     Keystore.create(tmp_path / "wallets" / "me.wallet", WORDS, "correct horse", PassphraseCost(1, 8192))
-    (signer,) = contract_signers.find_signers(None, None, None, "me")
+    (signer,) = contract_signers.get_signers(None, None, None, "me")
     assert signer.key.public_key == derive_keys(WORDS).identity.public_key
     assert refusal("call", "settings", "approve", "0x00", "--wallet", "me") == "SENDER_NOT_ADMITTED"
 

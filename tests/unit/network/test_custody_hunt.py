@@ -179,7 +179,7 @@ def _hunt_for(
             trace.pieces |= each.pieces
         return [trace]
 
-    monkeypatch.setattr("network.cli.custody.custody_hunt_command.gather", know)
+    monkeypatch.setattr("network.cli.custody.custody_hunt_commands.gather", know)
     told = ["custody", "hunt", trace.record_id.hex(), *arguments, "--dir", str(folder)]
     said = CliRunner().invoke(main, told)
     assert ("Nothing was found" in said.stdout) == (said.exit_code == 0), said.output

@@ -10,17 +10,17 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from clients.robot.hiding.hider import Reason
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.run.run_summary import FrameCounts, Latency, RunLatencies
 from clients.sdk.pictures.picture_names import name_picture
-from clients.wallet.present.record_answers import AuditEvent
+from clients.wallet.presentation.record_answers import AuditEvent
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check, CheckList
 from network.demo.leader_kill import LeaderKill
 from network.demo.processes import parse_answer
 from network.demo.report import PICTURES_A_PERSON_COUNT, build_summary, write_report
 from network.demo.story import DemoState, what_is_left
-from network.demo.words import REASONS, name_person, say_events, say_refusal
+from network.demo.words import REASONS, events_text, name_person, refusal_text
 from tests.unit.clients.robot.run_summaries import summary_of
 
 FRAMES = FrameCounts(published=10, covered=10, kept=7, withheld=3, withheld_reasons={"no-silhouette": 3}, lost=0)
@@ -164,10 +164,10 @@ def test_the_report_says_in_words_what_programs_name_by_codes(tmp_path: Path) ->
 
 
 def test_every_reason_and_kind_of_event_has_its_words() -> None:
-    assert set(REASONS) == set(Reason)
-    assert say_refusal("RECORD_NOT_FOUND") == "“You have no such record” (RECORD_NOT_FOUND)"
-    assert (say_refusal(None), say_refusal("NEW_CODE")) == ("with the record", "“refused” (NEW_CODE)")
-    assert say_events(["recorded", "recorded", "unheard_of"]) == "recorded, unheard_of"
+    assert set(REASONS) == set(WithholdReason)
+    assert refusal_text("RECORD_NOT_FOUND") == "“You have no such record” (RECORD_NOT_FOUND)"
+    assert (refusal_text(None), refusal_text("NEW_CODE")) == ("with the record", "“refused” (NEW_CODE)")
+    assert events_text(["recorded", "recorded", "unheard_of"]) == "recorded, unheard_of"
     assert [name_person(alias) for alias in ("patient-a", "visitor-1")] == ["patient A", "visitor-1"]
 
 

@@ -8,14 +8,14 @@ import pytest
 
 from clients.sdk.network_client import NetworkClient
 from consensus.errors import BlockRobotError
-from network.provisioning.node_adding import Growth, Step
+from network.provisioning.node_adding import NodeAddition, Step
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of, node_fields, producer_of
 
 NEWCOMER = "node-05"
 
 
-def growth_of(chain: Consortium, *names: str) -> tuple[Growth, list[str]]:
+def growth_of(chain: Consortium, *names: str) -> tuple[NodeAddition, list[str]]:
     """The voices of these organisations, and what is told of their steps."""
     told: list[str] = []
     client = cast(NetworkClient, ConsortiumClient(chain))
@@ -24,10 +24,10 @@ def growth_of(chain: Consortium, *names: str) -> tuple[Growth, list[str]]:
     def tell(step: Step) -> None:
         told.append(step.sentence())
 
-    return Growth(client, voices, tell), told
+    return NodeAddition(client, voices, tell), told
 
 
-async def agreed(growth: Growth) -> bool:
+async def agreed(growth: NodeAddition) -> bool:
     return await growth.agree("add_node", node_fields(NEWCOMER, "org-02"), "org-02")
 
 

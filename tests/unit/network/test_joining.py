@@ -14,10 +14,10 @@ from consensus.primitives.keys import verify
 from network.cluster import Cluster
 from network.provisioning.exchange_files import read_node_entry
 from network.provisioning.network_layout import PORTS_PER_NODE, create_network
-from network.provisioning.node_certificates import find_authority, now_ms, read_report
+from network.provisioning.node_certificates import get_authority, now_ms, read_report
 from network.provisioning.node_joining import (
     ENTRY_FILE,
-    Newcomer,
+    JoiningNode,
     init_node,
     newest_directory,
     next_base_port,
@@ -40,14 +40,14 @@ def genesis(folder: Path) -> Genesis:
     return create_network(folder, nodes=2, organisations=2, base_port=BASE_PORT)
 
 
-def newcomer(name: str = "node-3", organisation: str = "hospital", **changes: object) -> Newcomer:
-    return Newcomer(name, organisation, "127.0.0.1", BASE_PORT + 20, **changes)  # type: ignore[arg-type]
+def newcomer(name: str = "node-3", organisation: str = "hospital", **changes: object) -> JoiningNode:
+    return JoiningNode(name, organisation, "127.0.0.1", BASE_PORT + 20, **changes)  # type: ignore[arg-type]
 
 
 def test_a_newcomer_can_be_opened_as_any_node(folder: Path, genesis: Genesis) -> None:
     place = folder / "nodes" / "node-3"
     directory = content_of_genesis(genesis)
-    entry = init_node(place, newcomer(is_custodian=True), genesis, find_authority(folder, "hospital"), directory)
+    entry = init_node(place, newcomer(is_custodian=True), genesis, get_authority(folder, "hospital"), directory)
     config = load_config(place)
     assert load_genesis(config).chain_id == genesis.chain_id
     assert (config.name, config.organisation, config.p2p_port) == ("node-3", "hospital", BASE_PORT + 20)
@@ -60,7 +60,7 @@ def test_a_newcomer_can_be_opened_as_any_node(folder: Path, genesis: Genesis) ->
 
 def test_its_entry_proves_its_key_and_holds_no_secret(folder: Path, genesis: Genesis) -> None:
     place = folder / "nodes" / "node-3"
-    init_node(place, newcomer(), genesis, find_authority(folder, "hospital"), content_of_genesis(genesis))
+    init_node(place, newcomer(), genesis, get_authority(folder, "hospital"), content_of_genesis(genesis))
     arguments = read_node_entry(place / ENTRY_FILE)
     assert arguments["custodian_key"] == b""
     assert verify(arguments["producer_key"], POSSESSION_TAG, arguments["producer_possession"], b"node-3")
@@ -79,11 +79,11 @@ def test_its_entry_proves_its_key_and_holds_no_secret(folder: Path, genesis: Gen
     ],
 )
 def test_what_the_network_would_refuse_is_refused_at_once(
-    folder: Path, genesis: Genesis, wanted: Newcomer, code: str
+    folder: Path, genesis: Genesis, wanted: JoiningNode, code: str
 ) -> None:
     place = folder / "nodes" / "new"
     with pytest.raises(BlockRobotError, match=f"^{code}:"):
-        init_node(place, wanted, genesis, find_authority(folder, "hospital"), content_of_genesis(genesis))
+        init_node(place, wanted, genesis, get_authority(folder, "hospital"), content_of_genesis(genesis))
     assert not place.exists()
 
 
@@ -93,7 +93,7 @@ def test_a_data_directory_is_never_overwritten_and_ports_are_those_behind_all_kn
     place = folder / "nodes" / "node-3"
     place.mkdir()
     with pytest.raises(BlockRobotError, match="NODE_EXISTS"):
-        init_node(place, newcomer(), genesis, find_authority(folder, "hospital"), content_of_genesis(genesis))
+        init_node(place, newcomer(), genesis, get_authority(folder, "hospital"), content_of_genesis(genesis))
     assert list(place.iterdir()) == []
     configs = list(Cluster(folder).configs.values())
     assert next_base_port(content_of_genesis(genesis), configs) == BASE_PORT + 2 * PORTS_PER_NODE
@@ -103,6 +103,6 @@ def test_whose_a_node_is_and_who_is_there_stands_in_genesis_or_its_own_file(fold
     configs = list(Cluster(folder).configs.values())
     assert [organisation_of(config, configs) for config in configs] == ["hospital", "university"]
     place = folder / "nodes" / "node-3"
-    init_node(place, newcomer(), genesis, find_authority(folder, "hospital"), content_of_genesis(genesis))
+    init_node(place, newcomer(), genesis, get_authority(folder, "hospital"), content_of_genesis(genesis))
     assert organisation_of(load_config(place), []) == "hospital"
     assert newest_directory(genesis, Cluster(folder).configs.values()) == content_of_genesis(genesis)

@@ -21,7 +21,7 @@ from network.cli.json_reference import (
     write_json_page,
     write_json_schema,
 )
-from network.cluster_monitor import NodeLook, Observer, changes
+from network.cluster_monitor import NodeObservation, Observer, changes
 from tests.json_answers import answers_of_processes, differences, is_elsewhere, leaves, noted_differences, read_noted
 
 FOLDER = Path(__file__).parents[3] / "docs" / "reference"
@@ -111,10 +111,10 @@ def test_answers_are_held_against_the_page_also_after_a_test_has_undone_its_patc
 def test_a_line_of_the_watcher_is_as_documented_whether_a_node_answers_or_not() -> None:
     status = {"height": 5, "finalized_height": 3, "round": 9, "epoch": 0, "leader": "node-1", "peers": ["node-2"]}
     looks = [
-        NodeLook("node-1", running=True, paused=False, status={**status, "mempool": 2, "ready": True}),
-        NodeLook("node-2", running=False, paused=False, status=None, faults=("journal disk full",)),
+        NodeObservation("node-1", running=True, paused=False, status={**status, "mempool": 2, "ready": True}),
+        NodeObservation("node-2", running=False, paused=False, status=None, faults=("journal disk full",)),
     ]
-    picture = Observer(0.0).take(looks, 1.5)
+    picture = Observer(0.0).update(looks, 1.5)
     assert differences("status --watch", msgspec.to_builtins(picture_answer(picture, changes(None, picture)))) == []
 
 

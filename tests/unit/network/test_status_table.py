@@ -13,7 +13,7 @@ from network.cluster import NodeStatusReport
 from network.provisioning.network_layout import create_network
 from node.config import load_config
 from node.service import Node
-from pages.moments import show_moment
+from pages.time_format import format_time
 from tests.cluster.network_under_test import find_base_port
 
 
@@ -116,6 +116,6 @@ def test_how_far_back_nodes_keep_blocks_is_told_of_those_that_keep_the_same_at_o
     ]
     report(rows, Path("network"), as_json=False)
     lines = capsys.readouterr().out.splitlines()
-    assert f"node-1, node-2: blocks from 7 ({show_moment(1_700_000_000_000)}) on." in lines
-    assert f"node-3: blocks from 0 ({show_moment(1_700_000_000_000)}) on, as an archive." in lines
+    assert f"node-1, node-2: blocks from 7 ({format_time(1_700_000_000_000)}) on." in lines
+    assert f"node-3: blocks from 0 ({format_time(1_700_000_000_000)}) on, as an archive." in lines
     assert any(line.startswith("node-4: blocks from 5 ") and "custodian has not followed" in line for line in lines)

@@ -36,7 +36,7 @@ def make_pool(**changes: Any) -> Mempool:
     fields: dict[str, Any] = {
         "chain_id": CHAIN,
         "cache": TransactionCache(),
-        "has_standing": lambda _: True,
+        "check_admission": lambda _: True,
         "is_spent": lambda _: False,
     }
     return Mempool(**(fields | changes))

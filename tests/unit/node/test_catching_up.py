@@ -23,7 +23,7 @@ from tests.unit.node.written_chain import WritingMachine, WrittenChain
 
 
 @dataclass
-class DistantMachine(WritingMachine):
+class RemoteMachine(WritingMachine):
     """Notes what it is asked for, and gives back at most `gives` results at once."""
 
     gives: int = 1_000
@@ -91,14 +91,14 @@ def roots(chain: WrittenChain) -> list[bytes]:
 
 
 async def test_a_machine_elsewhere_gets_many_blocks_at_once(chain: WrittenChain, ledger: MemoryStore) -> None:
-    machine = DistantMachine()
+    machine = RemoteMachine()
     assert await catch_up(chain, ledger, machine) == roots(chain)
     assert machine.groups == [GROUP_BLOCKS_MAX_COUNT, 6]
     assert machine.singles == []
 
 
 async def test_what_it_does_not_give_back_is_executed_block_by_block(chain: WrittenChain, ledger: MemoryStore) -> None:
-    machine = DistantMachine(gives=5)
+    machine = RemoteMachine(gives=5)
     assert await catch_up(chain, ledger, machine) == roots(chain)
     assert machine.singles == [*range(6, GROUP_BLOCKS_MAX_COUNT + 1), GROUP_BLOCKS_MAX_COUNT + 6]
 
@@ -107,7 +107,7 @@ async def test_what_came_out_otherwise_ahead_is_no_more_believed_than_from_a_sin
     chain: WrittenChain, ledger: MemoryStore
 ) -> None:
     with pytest.raises(BlockRobotError, match=r"^BLOCK_INVALID:"):
-        await catch_up(chain, ledger, DistantMachine(spoils=7))
+        await catch_up(chain, ledger, RemoteMachine(spoils=7))
 
 
 async def test_a_machine_in_the_process_is_asked_block_by_block(chain: WrittenChain, ledger: MemoryStore) -> None:

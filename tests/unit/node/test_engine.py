@@ -26,7 +26,7 @@ class ScriptedCore:
         self.script = list(script)
         self.events: list[Event] = []
         self.halted = ""
-        self.silence = None
+        self.lockout = None
 
     def handle(self, event: Event) -> list[Effect]:
         self.events.append(event)
@@ -169,7 +169,7 @@ async def test_on_a_slow_disk_the_loop_goes_on_and_the_order_is_kept() -> None:
     stage.gate = threading.Event()
     core = ScriptedCore([Persist((b"a",)), Broadcast(NOTICE)], [Broadcast(NOTICE)])
     engine = _engine(core, stage)
-    engine._recorder._sync_ms = 50.0
+    engine._journal_writer._sync_ms = 50.0
     engine.start(stage)  # type: ignore[arg-type]
     engine.submit(WorkChanged(pending=True, now_ms=1))
     await asyncio.sleep(0)
@@ -208,7 +208,7 @@ async def test_an_action_between_events_waits_for_a_running_sync() -> None:
     stage.gate = threading.Event()
     core = ScriptedCore([Persist((b"a",))])
     engine = _engine(core, stage)
-    engine._recorder._sync_ms = 50.0
+    engine._journal_writer._sync_ms = 50.0
     engine.start(stage)  # type: ignore[arg-type]
     engine.call_between_events(lambda: stage.told.append("action"))
     assert "action" not in stage.told

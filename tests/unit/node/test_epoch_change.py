@@ -159,7 +159,7 @@ async def test_whoever_is_first_heard_in_an_epoch_is_greeted_with_the_last_words
     await asyncio.sleep(1)
     node, links = crowd.nodes["a"], crowd.links["a"]
     links.handler.peer_frame("d", FrameKind.HEIGHT, encode(HeightNotice(finalized_height=0, epoch=0)))
-    words = [encode(word) for word in node.core._last_words()]
+    words = [encode(word) for word in node.core._latest_messages()]
     links.sent.clear()
     for _ in range(2):
         height = HeightNotice(finalized_height=node.feed.height, epoch=1)
@@ -186,9 +186,9 @@ async def test_a_ledger_that_was_lost_comes_back_and_the_journal_has_forgotten_n
     await asyncio.sleep(1)
     lost = crowd.nodes["d"]
     assert lost.core.epoch == 0
-    assert lost.core.silence is not None
-    assert "epoch 1" in lost.core.silence.until
-    lost.engine._recorder.rewrite()
+    assert lost.core.lockout is not None
+    assert "epoch 1" in lost.core.lockout.until
+    lost.engine._journal_writer.rewrite()
     assert max(decode(record, JournalRecord).epoch for _, record in journal.records) == 1
     await crowd.start("a", "b", "c")
     await crowd.wait_epoch(1, "d")
@@ -201,7 +201,7 @@ async def test_a_ledger_that_was_lost_comes_back_and_the_journal_has_forgotten_n
 @in_virtual_time
 async def test_words_of_an_epoch_that_is_over_are_answered_with_the_proof_that_ended_it() -> None:
     crowd = await SmallNodes(make_genesis(NAMES)).start()
-    old_notice = encode(crowd.nodes["d"].core._last_words()[0])
+    old_notice = encode(crowd.nodes["d"].core._latest_messages()[0])
     await _change(crowd)
     await crowd.wait_epoch(1)
     await asyncio.sleep(1)

@@ -98,7 +98,7 @@ def test_a_batch_of_foreign_transactions_costs_no_elliptic_curve_operation(count
         assert _codes(await _submit(intake, STRANGER, wires)) == {"SENDER_NOT_ADMITTED"}
         assert counter.count == 0
 
-    _run(make_pool(has_standing=_stands), story)
+    _run(make_pool(check_admission=_stands), story)
 
 
 def test_a_false_registration_costs_one_operation_and_its_source_pays(counter: _Counter) -> None:
@@ -112,7 +112,7 @@ def test_a_false_registration_costs_one_operation_and_its_source_pays(counter: _
         assert counter.count <= 200
 
     over: list[str] = []
-    _run(make_pool(has_standing=_stands), story, over)
+    _run(make_pool(check_admission=_stands), story, over)
     burst = LOOPBACK_ALLOWANCE.burst_us // (3 * EC_OPERATION_US)
     assert 1 <= counter.count <= burst + 1
 
@@ -273,7 +273,7 @@ def test_a_peer_pays_for_what_nobody_signed() -> None:
         assert seen > 0, "what there was budget for was judged"
         assert seen * TRANSACTION_SCREENING_US <= PEER_ALLOWANCE.burst_us + PEER_ALLOWANCE.us_per_s * 0.3
 
-    _run(make_pool(has_standing=_stands), story)
+    _run(make_pool(check_admission=_stands), story)
 
 
 def test_a_fault_in_a_request_whose_client_has_left_stops_nobody_else() -> None:
@@ -291,7 +291,7 @@ def test_a_fault_in_a_request_whose_client_has_left_stops_nobody_else() -> None:
         async with asyncio.timeout(10):
             assert _codes(await _submit(intake, OTHER, [transaction(number).wire for number in range(8)])) == {""}
 
-    _run(make_pool(has_standing=broken), story)
+    _run(make_pool(check_admission=broken), story)
 
 
 def test_a_fault_of_the_node_itself_ends_one_request_and_no_other() -> None:
@@ -305,7 +305,7 @@ def test_a_fault_of_the_node_itself_ends_one_request_and_no_other() -> None:
             await _submit(intake, STRANGER, [transaction(number, by=5).wire for number in range(8)])
         assert _codes(await _submit(intake, OTHER, [transaction(number).wire for number in range(8)])) == {""}
 
-    _run(make_pool(has_standing=broken), story)
+    _run(make_pool(check_admission=broken), story)
 
 
 def test_a_queue_counts_what_waits_in_it_also_after_a_fault_and_knows_no_part_of_which_nothing_waits() -> None:
@@ -329,7 +329,7 @@ def test_a_queue_counts_what_waits_in_it_also_after_a_fault_and_knows_no_part_of
             await asyncio.sleep(0)
         assert ("late",) in seen, "the fault's part is gone, and something waited still"
 
-    _run(make_pool(has_standing=broken), story)
+    _run(make_pool(check_admission=broken), story)
 
 
 def test_a_peer_that_is_gone_is_forgotten_with_all_that_waits_of_it() -> None:

@@ -66,7 +66,7 @@ def test_a_signature_by_somebody_else_or_with_a_high_s_is_refused() -> None:
 
 def test_a_sender_without_standing_is_refused_and_asked_about_again_next_time() -> None:
     members: set[bytes] = set()
-    pool, wanted = make_pool(has_standing=lambda item: item.body.sender in members), transaction(1)
+    pool, wanted = make_pool(check_admission=lambda item: item.body.sender in members), transaction(1)
     with pytest.raises(BlockRobotError, match=r"^SENDER_NOT_ADMITTED:"):
         pool.admit(wanted.wire, NOW_MS)
     members.add(sender(0).public_key)

@@ -12,7 +12,7 @@ import pytest
 import node.service as service
 from network.cluster import Cluster, fetch_status
 from network.provisioning.network_layout import create_network
-from node.p2p.accepting import bind_listener
+from node.p2p.connection_acceptor import bind_listener
 from node.service import Node
 from tests.cluster.network_under_test import find_base_port
 

@@ -32,7 +32,7 @@ class Stage:
         self.recorder.append(words)
         if sync:
             self.recorder.sync()
-            self.recorder.settle()
+            self.recorder.complete_sync()
 
     def survives(self) -> list[bytes]:
         self.disk.crash()

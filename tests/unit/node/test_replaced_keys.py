@@ -14,7 +14,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.state.identity import handle_of, organisation_of
 from consensus.upload_quotas import DAY_MS, MIB_BYTES, read_quotas
-from contracts.execution.sender_admission import find_account, has_standing
+from contracts.execution.sender_admission import find_account, is_admitted
 from contracts.state.view import MemoryState
 from node.api.access.principals import resolve_principal
 from node.custody.uploads import DayUse, UploadTerms, require_quota
@@ -52,7 +52,7 @@ class Story:
         self.pool = Mempool(
             chain_id=hospital.chain_id,
             cache=TransactionCache(),
-            has_standing=lambda item: has_standing(hospital.state, item, hospital.time_ms),
+            check_admission=lambda item: is_admitted(hospital.state, item, hospital.time_ms),
             is_spent=lambda _: False,
             account_of=lambda item: find_account(hospital.state, item),
             byte_budgets=self.budgets,
@@ -117,7 +117,7 @@ def test_no_map_of_limits_knows_a_new_key_from_the_one_before(holder: str) -> No
 
     def names(key: PrivateKey) -> list[Any]:
         state, item = story.hospital.state, story.junk(key, contract)
-        assert has_standing(state, item, story.hospital.time_ms)
+        assert is_admitted(state, item, story.hospital.time_ms)
         account = find_account(state, item)
         standing = resolve_principal(SnapshotOf(story.hospital.state), key.public_key)
         assert standing is not None

@@ -163,11 +163,11 @@ def test_who_says_to_keep_a_block_is_known_without_asking_for_it() -> None:
         behind.sync.note_height("whole", 120, 0)
         behind.sync.note_height("short", 120, 90)
         behind.sync.note_height("silent", 120)
-        assert behind.sync.keepers(7) == ["whole"]
-        assert behind.sync.keepers(90) == ["short", "whole"]
-        assert behind.sync.keepers(121) == []
+        assert behind.sync.peers_with_block(7) == ["whole"]
+        assert behind.sync.peers_with_block(90) == ["short", "whole"]
+        assert behind.sync.peers_with_block(121) == []
         behind.sync.forget("whole")
-        assert behind.sync.keepers(7) == []
+        assert behind.sync.peers_with_block(7) == []
 
     story(120, tell)
 

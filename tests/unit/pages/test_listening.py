@@ -14,7 +14,7 @@ from aiohttp import ClientSession, web
 
 from node import operator
 from node.api import server
-from node.p2p import accepting
+from node.p2p import connection_acceptor
 from node.p2p import network as links
 from pages import local_page
 from pages.listening import open_listener, serve, share_of_descriptors
@@ -139,7 +139,7 @@ def test_all_listeners_of_a_node_together_leave_a_quarter_of_the_descriptors_to_
             for most, part in (
                 (server.CONNECTIONS_MAX_COUNT, server._DESCRIPTORS_PART),
                 (operator.CONNECTIONS_MAX_COUNT, operator._DESCRIPTORS_PART),
-                (accepting.HANDSHAKES_OPEN_MAX_COUNT, accepting._DESCRIPTORS_PART),
+                (connection_acceptor.HANDSHAKES_OPEN_MAX_COUNT, connection_acceptor._DESCRIPTORS_PART),
                 (links.UNGREETED_MAX_COUNT, links._DESCRIPTORS_PART),
             )
         )

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from clients.robot.sensing.sensor_events import Refused, Sighting
+from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
 from consensus.errors import BlockRobotError
 
 CLOSE_MAX_S = 5.0
@@ -45,7 +45,7 @@ class Listener(Protocol):
     def sight(self, sighting: Sighting) -> None:
         """Receive a reading that needs no decoding."""
 
-    def refuse(self, refused: Refused) -> None:
+    def refuse(self, refused: RefusedMessage) -> None:
         """Count input unusable as message or reading."""
 
     def miss(self, topic: str, count: int) -> None:

@@ -11,7 +11,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from clients.robot.sensing.sensor_events import Refused, Sighting
+from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
 from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.message_types import MessageTypes
 
@@ -29,7 +29,7 @@ class Queued:
     """A message with types to decode, or decoded input, counted by `kind`."""
 
     kind: str
-    what: tuple[Message, MessageTypes] | Sighting | Refused = field(repr=False)
+    what: tuple[Message, MessageTypes] | Sighting | RefusedMessage = field(repr=False)
 
     @property
     def size_bytes(self) -> int:

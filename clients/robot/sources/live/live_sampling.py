@@ -8,7 +8,7 @@ import time
 from contextlib import ExitStack
 from typing import Any
 
-from clients.robot.sensing.sensor_events import Depth, Frame, Refused, Sighting
+from clients.robot.sensing.sensor_events import Depth, Frame, RefusedMessage, Sighting
 from clients.robot.sources.live.live_feed import Feed, Message
 from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.messages.decoding import KINDS
@@ -84,7 +84,7 @@ class Sample:
     def sight(self, sighting: Sighting) -> None:
         """Take no notice: a reader has no topics."""
 
-    def refuse(self, refused: Refused) -> None:
+    def refuse(self, refused: RefusedMessage) -> None:
         """Take no notice: it is the listing that matters."""
 
     def miss(self, topic: str, count: int) -> None:
@@ -118,7 +118,7 @@ async def _gather(source: LiveSource, seconds: float) -> tuple[EmptyFrames, dict
     async for event in source.play(StoppableClock(stop, ends_ms)):
         if isinstance(event, Frame):
             gathered.add(event.depth)
-        elif isinstance(event, Refused) and event.kind == KINDS["depth"]:
+        elif isinstance(event, RefusedMessage) and event.kind == KINDS["depth"]:
             refused[event.reason] = refused.get(event.reason, 0) + 1
         if gathered.is_enough:
             break

@@ -11,7 +11,7 @@ from contextlib import ExitStack, suppress
 from types import TracebackType
 from typing import NamedTuple, Self
 
-from clients.robot.sensing.sensor_events import Depth, Refused, Sighting, SourceEvent
+from clients.robot.sensing.sensor_events import Depth, RefusedMessage, Sighting, SourceEvent
 from clients.robot.sources.live.live_feed import Feed, Message
 from clients.robot.sources.live.live_queue import LiveQueue, Queued
 from clients.robot.sources.messages.decoding import (
@@ -48,20 +48,20 @@ class Watch:
     def look(self, advertised: Mapping[str, str] | None) -> list[str]:
         """Return changes; `advertised` None: the feed does not answer."""
         if advertised is None:
-            told = [f"{self._name} does not answer; what is connected goes on."] if self._reachable else []
+            sentences = [f"{self._name} does not answer; what is connected goes on."] if self._reachable else []
             self._reachable = False
-            return told
-        told = [] if self._reachable else [f"{self._name} answers again."]
+            return sentences
+        sentences = [] if self._reachable else [f"{self._name} answers again."]
         self._reachable = True
         for topic in self._wanted:
             is_there = topic in advertised
             if is_there and self._there.get(topic) is False:
-                told.append(f"{topic} is there.")
+                sentences.append(f"{topic} is there.")
             elif not is_there and self._there.get(topic, True):
                 self.gone[topic] += topic in self._there
-                told.append(f"{topic} is not advertised; it is waited for.")
+                sentences.append(f"{topic} is not advertised; it is waited for.")
             self._there[topic] = is_there
-        return told
+        return sentences
 
     def listen(self, now_s: float, heard_s: float) -> list[str]:
         """Return changes, by present and last-heard seconds of one clock."""
@@ -257,7 +257,7 @@ class LiveSource:
                 self._frame_came_s = time.monotonic()
             self._queue.put(Queued(kind, (message, types)))
 
-    def hear_ready(self, kind: str, event: Sighting | Refused) -> None:
+    def hear_ready(self, kind: str, event: Sighting | RefusedMessage) -> None:
         if self._is_playing:
             self._queue.put(Queued(kind, event))
 
@@ -279,7 +279,7 @@ class LiveSource:
         self._say(f"{error.detail} The run goes on without {topic}.")
         if topic in self._kinds:
             kind = self._kinds[topic]
-            self._queue.put(Queued(kind, Refused(SystemClock().now_ms(), kind, "type")))
+            self._queue.put(Queued(kind, RefusedMessage(SystemClock().now_ms(), kind, "type")))
 
     def lose(self, error: BlockRobotError) -> None:
         self._failure = self._failure or BlockRobotError("FEED_LOST", error.detail)
@@ -337,7 +337,7 @@ class _FeedListener:
     def sight(self, sighting: Sighting) -> None:
         self._source.hear_ready("sighting", sighting)
 
-    def refuse(self, refused: Refused) -> None:
+    def refuse(self, refused: RefusedMessage) -> None:
         self._source.hear_ready(refused.kind, refused)
 
     def miss(self, topic: str, count: int) -> None:

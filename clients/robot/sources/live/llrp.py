@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from clients.robot.sensing.sensor_events import Refused, Sighting
+from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
 from clients.robot.sources.live.live_feed import CLOSE_MAX_S, Feed, Listener
 from clients.robot.sources.live.llrp_readings import GATHER_MS, LlrpReadings
 from clients.robot.sources.source import NS_PER_MS
@@ -231,13 +231,13 @@ class _Link:
         received_ms = time.time_ns() // NS_PER_MS
         for one in report.tag_report_datas:
             try:
-                self._tell(self._readings.take(one, received_ms))
+                self._tell(self._readings.convert_report(one, received_ms))
             except Exception:  # noqa: BLE001 - one report that makes no sense is no reason to lose the others
-                self._listener.refuse(Refused(received_ms, "sighting", "undecodable"))
+                self._listener.refuse(RefusedMessage(received_ms, "sighting", "undecodable"))
 
-    def _tell(self, made: Iterable[Sighting | Refused]) -> None:
+    def _tell(self, made: Iterable[Sighting | RefusedMessage]) -> None:
         for one in made:
-            if isinstance(one, Refused):
+            if isinstance(one, RefusedMessage):
                 self._listener.refuse(one)
             else:
                 self._listener.sight(one)
@@ -313,5 +313,5 @@ def _why(error: BaseException) -> str:
 
 
 def _unreachable(reader: LlrpReader, why: str) -> BlockRobotError:
-    said = printable(why, SAID_MAX_CHARS).rstrip(". ")
-    return BlockRobotError("FEED_UNREACHABLE", f"The LLRP reader at {reader.address} does not answer: {said}.")
+    detail = printable(why, SAID_MAX_CHARS).rstrip(". ")
+    return BlockRobotError("FEED_UNREACHABLE", f"The LLRP reader at {reader.address} does not answer: {detail}.")

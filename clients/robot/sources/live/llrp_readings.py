@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from clients.robot.sensing.sensor_clocks import RunClocks
-from clients.robot.sensing.sensor_events import Facing, Refused, Sighting
+from clients.robot.sensing.sensor_events import Facing, RefusedMessage, Sighting
 from clients.robot.sources.messages.field_map import EPC_MAX_CHARS
 from clients.robot.sources.topics import LlrpReader
 
@@ -31,14 +31,14 @@ class LlrpReadings:
         self._clocks = RunClocks()
         self._gathered: dict[tuple[str, int], Sighting] = {}
 
-    def take(self, report: Any, received_ms: int) -> list[Sighting | Refused]:
+    def convert_report(self, report: Any, received_ms: int) -> list[Sighting | RefusedMessage]:
         """Add a TagReportData; return completed sightings or refusals."""
         uid = _uid(report)
         if uid is None:
-            return [Refused(received_ms, _KIND, "tag")]
+            return [RefusedMessage(received_ms, _KIND, "tag")]
         reading = self._reading(uid, report, received_ms)
         if reading is None:
-            return [Refused(received_ms, _KIND, "time")]
+            return [RefusedMessage(received_ms, _KIND, "time")]
         place = (uid, reading.antenna)
         before = self._gathered.get(place)
         if before is None:
@@ -51,17 +51,19 @@ class LlrpReadings:
         self._gathered[place] = _joined(before, reading)
         return []
 
-    def flush(self) -> list[Sighting | Refused]:
+    def flush(self) -> list[Sighting | RefusedMessage]:
         """Return all gathered readings, ordered by last heard."""
         gathered = sorted(self._gathered.values(), key=lambda one: one.received_at_ms or 0)
         self._gathered.clear()
         return [made for one in gathered for made in self._put_on_our_clock(one)]
 
-    def _put_on_our_clock(self, reading: Sighting) -> list[Sighting | Refused]:
+    def _put_on_our_clock(self, reading: Sighting) -> list[Sighting | RefusedMessage]:
         refused_before = sum(self._clocks.refused.values())
-        made: list[Sighting | Refused] = [one for one in self._clocks.admit(reading) if isinstance(one, Sighting)]
+        made: list[Sighting | RefusedMessage] = [
+            one for one in self._clocks.admit(reading) if isinstance(one, Sighting)
+        ]
         refused = sum(self._clocks.refused.values()) - refused_before
-        return [*made, *[Refused(reading.received_at_ms or 0, _KIND, "time")] * refused]
+        return [*made, *[RefusedMessage(reading.received_at_ms or 0, _KIND, "time")] * refused]
 
     def _reading(self, uid: str, report: Any, received_ms: int) -> Sighting | None:
         last = _stamp_ms(report.last_seen_timestamp_utc, report.last_seen_timestamp_uptime)
@@ -93,17 +95,17 @@ class LlrpReadings:
 
 def _uid(report: Any) -> str | None:
     """Return an EPC in upper-case hexadecimal, None if invalid."""
-    told = report.epc_parameter.epc
-    bits = getattr(told, "bit_len", None)
-    data = bytes(told if bits is None else told.data)
+    given = report.epc_parameter.epc
+    bits = getattr(given, "bit_len", None)
+    data = bytes(given if bits is None else given.data)
     if bits is None:
         bits = 8 * len(data)
     text = data.hex().upper()
     return text if 0 < len(text) <= EPC_MAX_CHARS and bits % EPC_WORD_BITS == 0 else None
 
 
-def _stamp_ms(*told: Any) -> int | None:
-    return next((int(stamp.microseconds) // _US_PER_MS for stamp in told if stamp is not None), None)
+def _stamp_ms(*given: Any) -> int | None:
+    return next((int(stamp.microseconds) // _US_PER_MS for stamp in given if stamp is not None), None)
 
 
 def _joined(before: Sighting, reading: Sighting) -> Sighting:

@@ -191,7 +191,7 @@ class Master:
     def _ask(self, read: Callable[[Any], Answer], method: str, *arguments: str) -> Answer:
         try:
             with _proxy(self.uri) as master:
-                code, told, answer = getattr(master, method)(*arguments)
+                code, status_text, answer = getattr(master, method)(*arguments)
             if code == 1:
                 return read(answer)
         except Exception as error:  # what is no master answers in many ways
@@ -199,7 +199,7 @@ class Master:
                 "FEED_UNREACHABLE",
                 f"No ROS 1 master answers at {self.uri}. Start it (roscore), or name it with --ros-master URI.",
             ) from error
-        raise BlockRobotError("FEED_UNREACHABLE", f"The ROS 1 master at {self.uri} refuses: {str(told)[:200]}.")
+        raise BlockRobotError("FEED_UNREACHABLE", f"The ROS 1 master at {self.uri} refuses: {str(status_text)[:200]}.")
 
 
 def _read_topics(answer: Any) -> dict[str, str]:
@@ -234,8 +234,10 @@ def import_rospy(folder: Path) -> Any:
     except ImportError as error:
         for name in added:
             sys.path.remove(name)
-        told = f"Python {sys.version_info.major}.{sys.version_info.minor} cannot import rospy ({error}). {_INSTALL}"
-        raise BlockRobotError("MIDDLEWARE_MISSING", told) from error
+        status_text = (
+            f"Python {sys.version_info.major}.{sys.version_info.minor} cannot import rospy ({error}). {_INSTALL}"
+        )
+        raise BlockRobotError("MIDDLEWARE_MISSING", status_text) from error
     finally:
         logging.setLoggerClass(loggers)
     rospy.core.configure_logging = lambda *_, **__: None  # it would write files, and take the loggers of others over

@@ -252,8 +252,8 @@ class _Subscription:
                 if missed:
                     self._listener.miss(self._topic, missed)
             # Of another definition it is of another type: under a name that says so, the reader refuses it.
-            told = f"{key.type} ({key.hash[:HASH_SHOWN_CHARS]})" if self._feed.differs(key) else key.type
-            self._listener.deliver(Message(self._topic, told, at_ns, bytes(sample.payload)))
+            type_name = f"{key.type} ({key.hash[:HASH_SHOWN_CHARS]})" if self._feed.differs(key) else key.type
+            self._listener.deliver(Message(self._topic, type_name, at_ns, bytes(sample.payload)))
         except Exception:  # noqa: BLE001 - a stranger's sample must end neither the library's thread nor the run
             self._listener.deliver(Message(self._topic, "", at_ns, b""))  # of no type: it is refused and counted
 

@@ -85,10 +85,10 @@ class SequenceGaps:
 
     def take(self, attachment: bytes) -> int:
         """Return the number missing before this message."""
-        told = parse_numbers(attachment)
-        if told is None:
+        parsed = parse_numbers(attachment)
+        if parsed is None:
             return 0
-        publisher, number = told
+        publisher, number = parsed
         before = self._last.pop(publisher, None)
         if len(self._last) >= PUBLISHERS_MAX_COUNT:
             del self._last[next(iter(self._last))]

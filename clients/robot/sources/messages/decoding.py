@@ -1,4 +1,4 @@
-"""Decodes recorded and live messages into events or `Refused`."""
+"""Decodes recorded and live messages into events or `RefusedMessage`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Frame, Label, Refused, SourceEvent
+from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Frame, Label, RefusedMessage, SourceEvent
 from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.field_map import TagMap, header_ms, read_path
 from clients.robot.sources.messages.image_decoding import (
@@ -52,7 +52,7 @@ class MessageReader:
         """By topic, how often antennas were heard that the topics file names neither in `front` nor in `back`."""
 
     def read(self, message: Message, types: MessageTypes, *, shift_ms: int = 0) -> list[SourceEvent]:
-        """Return a message's events or a `Refused`, times shifted by `shift_ms`."""
+        """Return a message's events or a `RefusedMessage`, times shifted by `shift_ms`."""
         kind = self._wanted[message.topic]
         try:
             with refusing_other_fields():
@@ -61,7 +61,7 @@ class MessageReader:
             if error.code != "FRAME_INVALID":
                 raise
             reason = str(error.context.get("reason", "size"))
-            return [Refused(message.at_ns // NS_PER_MS + shift_ms, KINDS[kind], reason, error.detail)]
+            return [RefusedMessage(message.at_ns // NS_PER_MS + shift_ms, KINDS[kind], reason, error.detail)]
 
     def _read(self, kind: str, message: Message, types: MessageTypes, shift_ms: int) -> Iterator[SourceEvent]:
         self._check_type(message, types)
@@ -76,7 +76,7 @@ class MessageReader:
             self._count_antennas(message.topic, tag_map, content)
             yield from sightings
             for reason in reasons:
-                yield Refused(received_ms, KINDS[kind], reason)
+                yield RefusedMessage(received_ms, KINDS[kind], reason)
             return
         if kind == "depth":
             event: SourceEvent = Frame(at_ms + shift_ms, self._sequences[kind], decode_depth(content), received_ms)
@@ -114,8 +114,8 @@ def wrong_type(topics: Topics, topic: str, type_name: str) -> str:
     """Return why a topic cannot carry a type; empty if it can."""
     if topics.wanted[topic] in ("depth", "rgb") and type_name not in IMAGE_TYPES:
         return f"Topic {topic} carries {type_name}, which is no image."
-    told = next((tags.type for tags in topics.tags if tags.topic == topic), "")
-    return f"Topic {topic} carries {type_name}, not {told}." if told and told != type_name else ""
+    given = next((tags.type for tags in topics.tags if tags.topic == topic), "")
+    return f"Topic {topic} carries {type_name}, not {given}." if given and given != type_name else ""
 
 
 def info_topic(topics: Topics) -> str:
@@ -127,20 +127,20 @@ def read_focal_px(info: Any) -> float | None:
     """Return CameraInfo's focal length in px (`k` or `K`), or None."""
     matrix = getattr(info, "k", getattr(info, "K", (0.0,)))
     try:
-        told = float(matrix[0])
+        given = float(matrix[0])
     except (TypeError, ValueError, LookupError, OverflowError):
         return None
-    return told if FOCAL_MIN_PX <= told <= FOCAL_MAX_PX else None
+    return given if FOCAL_MIN_PX <= given <= FOCAL_MAX_PX else None
 
 
 def _label(topic: LabelTopic, content: Any, at_ms: int, sequence: int, received_ms: int) -> Label:
     text = read_path(content, topic.text)
     if not isinstance(text, str) or not 0 < len(text.strip()) <= LABEL_MAX_CHARS:
         raise refuse("field", "A label is no text, empty, or too long.")
-    told = read_path(content, topic.confidence) if topic.confidence else None
-    if told is not None and not (isinstance(told, float | int) and 0 <= float(told) <= 1):
+    given = read_path(content, topic.confidence) if topic.confidence else None
+    if given is not None and not (isinstance(given, float | int) and 0 <= float(given) <= 1):
         raise refuse("field", "A label's confidence is no share from 0 to 1.")
-    return Label(at_ms, sequence, text.strip(), None if told is None else float(told), received_ms)
+    return Label(at_ms, sequence, text.strip(), None if given is None else float(given), received_ms)
 
 
 def _audio(topic: AudioTopic, content: Any, at_ms: int, sequence: int, received_ms: int) -> AudioClip:

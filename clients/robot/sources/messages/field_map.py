@@ -142,8 +142,8 @@ class TagMap:
         return {key: path for key, path in every.items() if path}
 
     def antennas_of(self, message: Any) -> list[Any]:
-        told = read_path(message, self.antenna) if self.antenna else []
-        return told if "[]" in self.antenna else [told] if self.antenna else []
+        value = read_path(message, self.antenna) if self.antenna else []
+        return value if "[]" in self.antenna else [value] if self.antenna else []
 
     def unnamed_antenna(self, antenna: Any) -> str:
         """Return an antenna missing from given `front` and `back`, else ""."""
@@ -203,8 +203,8 @@ class TagMap:
             return None, None
         unit = LENGTH_UNITS_M[self.distance_unit]
         distance = _number(row[self.distance]) * unit
-        told = self.distance_sigma
-        sigma = _number(row[told]) * unit if isinstance(told, str) else told * unit
+        value = self.distance_sigma
+        sigma = _number(row[value]) * unit if isinstance(value, str) else value * unit
         usable = math.isfinite(distance) and math.isfinite(sigma) and distance > 0 and 0 < sigma <= DISTANCE_SIGMA_MAX_M
         return (distance, sigma) if usable else (None, None)
 

@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from clients.robot.sensing.sensor_events import Depth, Refused, SourceEvent
+from clients.robot.sensing.sensor_events import Depth, RefusedMessage, SourceEvent
 from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.decoding import AntennaCounts, MessageReader, info_topic, read_focal_px, wrong_type
 from clients.robot.sources.messages.image_decoding import decode_depth, refusing_other_fields
@@ -58,7 +58,7 @@ class BagSource:
     def start_ms(self) -> int:
         """First usable event's time, shifted. Raises BAG_DAMAGED if none."""
         for event in self.events():
-            if not isinstance(event, Refused):
+            if not isinstance(event, RefusedMessage):
                 return happened_ms(event)
         raise BlockRobotError("BAG_DAMAGED", "The recording holds no frame that can be used.")
 
@@ -101,7 +101,7 @@ class BagSource:
         )
 
     def events(self) -> Iterator[SourceEvent]:
-        """Yield frames (from 0), sightings, senses, and `Refused`."""
+        """Yield frames (from 0), sightings, senses, and `RefusedMessage`."""
         self._reader = MessageReader(self._topics)
         for message in self._recording.messages(self._wanted):
             yield from self.events_of(message)

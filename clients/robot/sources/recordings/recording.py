@@ -27,7 +27,7 @@ from clients.robot.sources.messages.definitions import (
 from clients.robot.sources.messages.message_types import MessageTypes, types_with
 from clients.robot.sources.recordings.bounded_chunks import bound_chunks
 from clients.robot.sources.recordings.database import bound_databases
-from clients.robot.sources.recordings.salvage import BrokenOffError, Channel, Found, scan_file
+from clients.robot.sources.recordings.salvage import BrokenOffError, Channel, SalvagedMessage, scan_file
 from consensus.errors import BlockRobotError
 
 bound_chunks()
@@ -156,7 +156,7 @@ class Recording:
         for figures in self.topics.values():
             figures.rate_hz = round(figures.count / seconds, 2) if seconds > 0 else 0.0
 
-    def _scan(self) -> Iterator[tuple[Path, Channel | Found]]:
+    def _scan(self) -> Iterator[tuple[Path, Channel | SalvagedMessage]]:
         channels: set[tuple[Path, int, str, str]] = set()
         for path in self._salvage:
             for item in scan_file(path):
@@ -211,9 +211,9 @@ class Recording:
         return BlockRobotError("BAG_DAMAGED", f"The recording {self.path.name} cannot be read whole. {detail}")
 
 
-def _require_kinds(*told: tuple[Any, type]) -> None:
+def _require_kinds(*pairs: tuple[Any, type]) -> None:
     """Raise BrokenOffError on a wrong type: SQLite columns are untyped."""
-    if any(type(value) is not kind for value, kind in told):
+    if any(type(value) is not kind for value, kind in pairs):
         raise BrokenOffError("A row holds what no recorder writes.")
 
 

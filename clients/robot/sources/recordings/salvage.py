@@ -44,7 +44,7 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class SalvagedMessage:
     """One whole message: channel number, recording time, bytes."""
 
     channel: int
@@ -52,7 +52,7 @@ class Found:
     data: bytes
 
 
-Scan = Iterator[Channel | Found]
+Scan = Iterator[Channel | SalvagedMessage]
 
 
 def scan_file(path: Path) -> Scan:
@@ -90,11 +90,11 @@ def _read(file: BinaryIO, size: int, *, may_end: bool = False) -> bytes:
 
 
 def _in_time_order(scan: Scan) -> Scan:
-    found: list[Found] = []
+    found: list[SalvagedMessage] = []
     broken: BrokenOffError | None = None
     try:
         for item in _guarded(scan):
-            if isinstance(item, Found):
+            if isinstance(item, SalvagedMessage):
                 found.append(item)
             else:
                 yield item
@@ -135,7 +135,7 @@ def _mcap_records(
             yield Channel(number, topic, name, definition)
         elif opcode == b"\x05":
             number, _, at_ns, _ = struct.unpack("<HIQQ", _read(record, 22))
-            yield Found(number, at_ns, record.read())
+            yield SalvagedMessage(number, at_ns, record.read())
         elif opcode == b"\x06" and not inside:
             _, _, size, crc = struct.unpack("<QQQI", _read(record, 28))
             compression = _mcap_text(record)
@@ -177,7 +177,7 @@ def _ros1_records(file: BinaryIO, *, inside: bool) -> Scan:
         elif opcode == b"\x02":
             (number,) = struct.unpack("<I", header["conn"])
             seconds, rest = struct.unpack("<II", header["time"])
-            yield Found(number, seconds * 10**9 + rest, data)
+            yield SalvagedMessage(number, seconds * 10**9 + rest, data)
         elif opcode == b"\x05" and not inside:
             compression, whole = header["compression"].decode(), len(data) == length
             if not whole and compression != "none":
@@ -216,7 +216,7 @@ def scan_sqlite(path: Path) -> Scan:
         for number, name, kind in base.execute("SELECT id, name, type FROM topics ORDER BY id"):
             yield Channel(int(number), str(name), str(kind), definitions.get(str(kind), _NO_DEFINITION))
         for number, at_ns, data in base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
-            yield Found(int(number), int(at_ns), bytes(data))
+            yield SalvagedMessage(int(number), int(at_ns), bytes(data))
     except (apsw.Error, ValueError, TypeError, OverflowError, MemoryError) as error:
         raise BrokenOffError("The database is damaged or cut off.") from error
     finally:

@@ -29,7 +29,7 @@ LABEL_NAMES = ("emotion", "label", "mood", "affect", "state", "expression", "sen
 AUDIO_NAMES = ("audio", "sound", "mic", "speech", "voice", "wav")
 
 
-class Holding(Protocol):
+class TopicSource(Protocol):
     """Messages by topic: a recording or a live sample."""
 
     topics: dict[str, TopicFigures]
@@ -45,7 +45,7 @@ class Holding(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Listed:
+class ListedTopic:
     """One topic: possible roles (`depth`, `rgb`, `tags`, `labels`, `audio`) and image encoding."""
 
     figures: TopicFigures
@@ -57,11 +57,11 @@ class Listed:
         return not self.could_be and self.figures.type not in {*own_types().types, *ROS_LOG_TYPES}
 
 
-def list_topics(recording: Holding) -> list[Listed]:
+def list_topics(recording: TopicSource) -> list[ListedTopic]:
     return [_listed(recording, figures) for _, figures in sorted(recording.topics.items())]
 
 
-def describe(recording: Holding) -> str:
+def describe(recording: TopicSource) -> str:
     listed = list_topics(recording)
     shown = [
         f"{item.figures.name} ({item.figures.type}"
@@ -75,7 +75,7 @@ def describe(recording: Holding) -> str:
     return f"It has {'; '.join(shown) or 'no topic'}{more}."
 
 
-def _listed(recording: Holding, figures: TopicFigures) -> Listed:
+def _listed(recording: TopicSource, figures: TopicFigures) -> ListedTopic:
     name, kind = figures.name.lower(), figures.type
     if kind in IMAGE_TYPES:
         first = recording.first(figures.name)
@@ -83,12 +83,12 @@ def _listed(recording: Holding, figures: TopicFigures) -> Listed:
         if first is not None:
             guesses += ["depth"] if could_be_depth(first) else []
             guesses += ["rgb"] if could_be_colour(first) else []
-        return Listed(figures, tuple(guesses), "" if first is None else encoding_of(first))
+        return ListedTopic(figures, tuple(guesses), "" if first is None else encoding_of(first))
     if kind == SIGHTING_TYPE:
-        return Listed(figures, ("tags",), "")
+        return ListedTopic(figures, ("tags",), "")
     guesses = []
     if any(_last(path) in TAG_FIELDS for path in _known_json_paths(recording, figures)):
-        return Listed(figures, ("tags",), "")
+        return ListedTopic(figures, ("tags",), "")
     types = recording.types_of(kind)
     fields = {field.lower() for field in types.field_names(kind)} | {_last(path) for path in types.paths(kind)}
     words = kind.lower()
@@ -105,14 +105,14 @@ def _listed(recording: Holding, figures: TopicFigures) -> Listed:
         guesses.append("audio")
     if kind == STRING_TYPE and not guesses:
         guesses = ["tags", "labels"]
-    return Listed(figures, tuple(guesses), "")
+    return ListedTopic(figures, tuple(guesses), "")
 
 
 def _speaks(text: str, words: tuple[str, ...]) -> bool:
     return any(word in text for word in words)
 
 
-def draft_topics(recording: Holding, listed: list[Listed]) -> str:
+def draft_topics(recording: TopicSource, listed: list[ListedTopic]) -> str:
     """Return a draft topics file, guessed by field names."""
     lines = ["# Drafted from what the recording looks like: check every line.", ""]
     depth = [item.figures.name for item in listed if "depth" in item.could_be]
@@ -133,7 +133,7 @@ def draft_topics(recording: Holding, listed: list[Listed]) -> str:
     return "\n".join(lines)
 
 
-def _drafted_focal(recording: Holding, depth: str) -> list[str]:
+def _drafted_focal(recording: TopicSource, depth: str) -> list[str]:
     beside = info_topic(Topics(depth=depth))
     if beside in recording.topics and read_focal_px(recording.first(beside)) is not None:
         return []
@@ -142,22 +142,22 @@ def _drafted_focal(recording: Holding, depth: str) -> list[str]:
     ]
 
 
-def next_steps(recording: Holding, listed: list[Listed]) -> list[str]:
+def next_steps(recording: TopicSource, listed: list[ListedTopic]) -> list[str]:
     """Return what the user must still specify, such as the UID's field."""
-    told, is_found = [], False
+    lines, is_found = [], False
     for item in [item for item in listed if "tags" in item.could_be and item.figures.type != STRING_TYPE]:
         if _guess_epc(recording, item.figures.type, sure=True):
             is_found = True
         else:
-            told.append(
+            lines.append(
                 f"{item.figures.name} could be tags: write into epc in which field the tag's UID stands. "
                 f"It has {_shown(recording, item.figures.type)}."
             )
     unexplained = [] if is_found else [item for item in listed if item.is_unexplained]
-    return told + [_unexplained_step(recording, item.figures) for item in unexplained[:LISTED_MAX_COUNT]]
+    return lines + [_unexplained_step(recording, item.figures) for item in unexplained[:LISTED_MAX_COUNT]]
 
 
-def _unexplained_step(recording: Holding, figures: TopicFigures) -> str:
+def _unexplained_step(recording: TopicSource, figures: TopicFigures) -> str:
     if not recording.types_of(figures.type).knows(figures.type):
         return recording.explain_unknown(figures.name)
     guess = _guess_epc(recording, figures.type)
@@ -169,7 +169,7 @@ def _unexplained_step(recording: Holding, figures: TopicFigures) -> str:
     )
 
 
-def _drafted_guess(recording: Holding, figures: TopicFigures) -> list[str]:
+def _drafted_guess(recording: TopicSource, figures: TopicFigures) -> list[str]:
     if not recording.types_of(figures.type).knows(figures.type):
         table = ["[[tags]]", f'topic = "{figures.name}"', f'type = "{figures.type}"', 'epc = ""']
         return [*textwrap.wrap(recording.explain_unknown(figures.name), DRAFT_LINE_CHARS), *table]
@@ -183,7 +183,7 @@ def _drafted_guess(recording: Holding, figures: TopicFigures) -> list[str]:
     ]
 
 
-def _guess_epc(recording: Holding, type_name: str, *, sure: bool = False) -> str:
+def _guess_epc(recording: TopicSource, type_name: str, *, sure: bool = False) -> str:
     paths = _of_one_list(_own_paths(recording, type_name))
     named = next((path for word in _FIELD_WORDS["epc"] for path in paths if _last(path) == word), "")
     if named or sure:
@@ -208,15 +208,15 @@ def _list_of(path: str) -> str:
     return "[]" if path.endswith("[]") else path.partition("[]")[0]
 
 
-def _own_paths(recording: Holding, type_name: str) -> list[str]:
+def _own_paths(recording: TopicSource, type_name: str) -> list[str]:
     return own_paths(recording.types_of(type_name), type_name)
 
 
-def _shown(recording: Holding, type_name: str) -> str:
+def _shown(recording: TopicSource, type_name: str) -> str:
     return shown_fields(recording.types_of(type_name), type_name)
 
 
-def _known_json_paths(recording: Holding, figures: TopicFigures) -> list[str]:
+def _known_json_paths(recording: TopicSource, figures: TopicFigures) -> list[str]:
     """Return JSON fields with known names only: other names may be UIDs."""
     if figures.type != STRING_TYPE:
         return []

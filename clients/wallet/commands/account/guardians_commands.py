@@ -20,11 +20,11 @@ from clients.sdk.terminal.terminal import (
     json_option,
     print_answer,
 )
-from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.wallet_context import read_passphrase
 from clients.wallet.commands.account.guardians_recover_commands import check, recover
-from clients.wallet.present.guardian_answers import GuardiansAnswer, GuardianShares, GuardiansSplitAnswer
-from clients.wallet.present.translations import WrongUsage, text
+from clients.wallet.presentation.guardian_answers import GuardiansAnswer, GuardianShares, GuardiansSplitAnswer
+from clients.wallet.presentation.translations import WrongUsage, text
 from clients.wallet.recovery.guardian_lines import guardian_lines
 from clients.wallet.recovery.guardian_sheets import require_no_sheets, write_sheets
 from clients.wallet.recovery.mnemonic_handover import show_and_check, show_and_wipe
@@ -41,7 +41,7 @@ from clients.wallet.store.guardian_set import GuardianSet, require_names
 from clients.wallet.store.keystore import Keystore, WalletContent
 from clients.wallet.store.wallet_lock import claim_wallet, lock_or_read_only, require_wallet
 from consensus.errors import BlockRobotError
-from pages.moments import show_moment
+from pages.time_format import format_time
 
 
 def _read(ctx: click.Context) -> WalletContent:
@@ -101,7 +101,7 @@ def list_(ctx: click.Context, as_json: bool) -> None:
         print_answer(GuardiansAnswer(sets=[_shares_answer(one, era) for one in content.guardian_sets]))
         return
     for sentence, at_ms in guardian_lines(content):
-        console.print(escape(sentence if at_ms is None else f"{show_moment(at_ms)}  {sentence}"))
+        console.print(escape(sentence if at_ms is None else f"{format_time(at_ms)}  {sentence}"))
 
 
 def _require_sensible(names: tuple[str, ...], threshold: int | None) -> int:
@@ -127,7 +127,7 @@ def _choose_words(content: WalletContent, former: int | None) -> tuple[str, int]
     return content.words, len(content.former)
 
 
-def _tell_before(content: WalletContent, one: GuardianSet) -> None:
+def _print_before(content: WalletContent, one: GuardianSet) -> None:
     count = len(one.guardians)
     console.print(text("guardians.means", threshold=one.threshold, count=count))
     if one.threshold == count:
@@ -179,11 +179,11 @@ def split(
         identifier = read_share(shares[0]).identifier
         one = GuardianSet(time.time_ns() // 1_000_000, needed, list(names), identifier, era)
         if not as_json:
-            _tell_before(content, one)
+            _print_before(content, one)
         earlier = sum(known.era == era for known in content.guardian_sets)
         if earlier:
             click.echo(text("guardians.again", count=earlier), err=True)
-            ask_or_say(text("guardians.ask_again"), yes=yes, as_json=as_json)
+            confirm_or_print(text("guardians.ask_again"), yes=yes, as_json=as_json)
         content.guardian_sets.append(one)
         sheets = _write(store, one, shares, out) if out else _show(store, one, shares, checked=checked)
     if as_json:
@@ -218,11 +218,13 @@ def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool
             ask_for_enter(text("guardians.turn", name=name, number=number, count=count))
             store.save()
             was_shown = True
-            told = text("guardians.words", name=name, words=SHARE_WORDS_COUNT, identifier=identifier, number=number)
+            instructions = text(
+                "guardians.words", name=name, words=SHARE_WORDS_COUNT, identifier=identifier, number=number
+            )
             if checked:
-                show_and_check(told, share, said="guardians")
+                show_and_check(instructions, share, texts_of="guardians")
             else:
-                show_and_wipe(told, share)
+                show_and_wipe(instructions, share)
             one.handed_count = number
             store.save()
     except BaseException:

@@ -32,19 +32,19 @@ from clients.sdk.terminal.terminal import (
 from clients.wallet.cli.wallet_context import read_new_passphrase, run_made
 from clients.wallet.commands.account.new_commands import guess_cost
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.guardian_answers import GuardiansCheckAnswer, GuardianShare, GuardiansRecoverAnswer
-from clients.wallet.present.translations import WrongUsage, say_error, text
-from clients.wallet.recovery.guardian_sheets import SHEET_MAX_BYTES, read_written, take_written
+from clients.wallet.presentation.guardian_answers import GuardiansCheckAnswer, GuardianShare, GuardiansRecoverAnswer
+from clients.wallet.presentation.translations import WrongUsage, error_text, text
+from clients.wallet.recovery.guardian_sheets import SHEET_MAX_BYTES, extract_share_text, read_written
 from clients.wallet.recovery.mnemonic_handover import print_words, word_lines, write_words
 from clients.wallet.recovery.slip39_shares import (
     SHARE_WORDS_COUNT,
-    Gathering,
+    ShareCollector,
     find_unknown,
     near_words,
     read_share,
     require_of_wallet,
     show_identifier,
-    take_words,
+    split_into_words,
 )
 from clients.wallet.recovery.wallet_restore import CHECK_MAX_S, read_words, require_distinct, restore_wallet
 from clients.wallet.store.guardian_set import GuardianSet
@@ -58,7 +58,7 @@ MEMBER, NOBODY, NOT_ASKED = "member", "nobody", "not_asked"
 _STDIN = Path("-")
 
 
-def _tell_unknown(number: int, word: str) -> None:
+def _print_unknown(number: int, word: str) -> None:
     near = near_words(word)
     shown = printable(word, SHARE_WORDS_COUNT)
     if near:
@@ -70,11 +70,11 @@ def _tell_unknown(number: int, word: str) -> None:
 def _type_words() -> list[str]:
     words: list[str] = []
     while len(words) < SHARE_WORDS_COUNT:
-        typed = take_words(ask_for(text("guardians.word", number=len(words) + 1)))
+        typed = split_into_words(ask_for(text("guardians.word", number=len(words) + 1)))
         unknown = find_unknown(typed)
         words += typed[:unknown]
         if unknown is not None:
-            _tell_unknown(len(words) + 1, typed[unknown])
+            _print_unknown(len(words) + 1, typed[unknown])
     return words
 
 
@@ -89,7 +89,7 @@ def type_share() -> Share:
             return share
         except BlockRobotError as error:
             if share is not None or len(words) != SHARE_WORDS_COUNT:
-                click.echo(say_error(error), err=True)
+                click.echo(error_text(error), err=True)
                 words = _type_words()
                 continue
         console.print(text("guardians.not_whole"))
@@ -100,22 +100,22 @@ def type_share() -> Share:
         if number == 0:
             words = _type_words()
         elif number is not None:
-            (word, *_) = take_words(ask_for(text("guardians.correct_word", number=number))) or [""]
+            (word, *_) = split_into_words(ask_for(text("guardians.correct_word", number=number))) or [""]
             if find_unknown([word]) is None:
                 words[number - 1] = word
             else:
-                _tell_unknown(number, word)
+                _print_unknown(number, word)
 
 
 def _read_file(path: Path, *, as_json: bool) -> Share:
     try:
-        written = take_written(sys.stdin.read(SHEET_MAX_BYTES)) if path == _STDIN else read_written(path)
+        written = extract_share_text(sys.stdin.read(SHEET_MAX_BYTES)) if path == _STDIN else read_written(path)
         share = read_share(written)
         require_of_wallet(share)
     except BlockRobotError as error:
         if error.code == "SHARE_WORD_UNKNOWN" and not as_json and console.is_terminal:
             place = int(error.context["number"])
-            _tell_unknown(place, take_words(written)[place - 1])
+            _print_unknown(place, split_into_words(written)[place - 1])
         raise BlockRobotError(error.code, f"{path.name}: {error.detail}", **error.context) from None
     return share
 
@@ -146,18 +146,18 @@ def check(file: Path, as_json: bool) -> None:
         number = share.index + 1
         print_answer(GuardiansCheckAnswer(identifier=share.identifier, sheet=number, threshold=share.member_threshold))
         return
-    _tell_whole(share)
+    _print_complete(share)
     console.print(text("guardians.checked", threshold=share.member_threshold))
 
 
-def _tell_whole(share: Share) -> None:
+def _print_complete(share: Share) -> None:
     identifier = show_identifier(share.identifier)
     console.print(text("guardians.whole", number=share.index + 1, identifier=identifier))
 
 
-def _tell_progress(gathering: Gathering) -> None:
+def _print_progress(gathering: ShareCollector) -> None:
     if gathering.last is not None:
-        _tell_whole(gathering.last)
+        _print_complete(gathering.last)
     if gathering.is_complete:
         return
     if gathering.needed:
@@ -167,7 +167,7 @@ def _tell_progress(gathering: Gathering) -> None:
         console.print(text("guardians.groups_needed", count=further))
 
 
-def _gather_typed(gathering: Gathering) -> None:
+def _gather_typed(gathering: ShareCollector) -> None:
     """Read one share; inconsistent ones are kept, since others may be wrong."""
     is_first = gathering.last is None
     console.print(text("guardians.type", words=SHARE_WORDS_COUNT) if is_first else text("guardians.type_next"))
@@ -176,16 +176,16 @@ def _gather_typed(gathering: Gathering) -> None:
     finally:
         clear_screen()
     try:
-        _tell_difference(gathering.add(share))
+        _print_difference(gathering.add(share))
     except BlockRobotError as error:
-        click.echo(say_error(error), err=True)
+        click.echo(error_text(error), err=True)
         return
-    _tell_progress(gathering)
+    _print_progress(gathering)
 
 
-def _tell_difference(difference: BlockRobotError | None) -> None:
+def _print_difference(difference: BlockRobotError | None) -> None:
     if difference is not None:
-        click.echo(say_error(difference), err=True)
+        click.echo(error_text(difference), err=True)
         click.echo(text("guardians.kept"), err=True)
 
 
@@ -196,21 +196,21 @@ def _sheets(shares: Sequence[Share]) -> str:
     )
 
 
-def _tell_joined(gathering: Gathering, *, may_ask: bool) -> None:
+def _print_joined(gathering: ShareCollector, *, may_ask: bool) -> None:
     console.print(text("guardians.enough"))
     left_out = gathering.misfits()
     if left_out:
-        said = gathering.joined[0].member_threshold
+        threshold = gathering.joined[0].member_threshold
         click.echo(text("guardians.left_out", left=_sheets(left_out), used=_sheets(gathering.joined)), err=True)
-        click.echo(text("guardians.said", threshold=said), err=True)
+        click.echo(text("guardians.said", threshold=threshold), err=True)
         if may_ask:
             ask(text("guardians.go_on"))
 
 
-def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
+def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[ShareCollector, str]:
     """Collect shares until they yield 24 words. Raises SHARES_TOO_FEW and file errors."""
     may_ask = is_at_terminal() and not as_json
-    gathering = Gathering()
+    gathering = ShareCollector()
     for file in files:
         share = _read_file(file, as_json=as_json)
         try:
@@ -218,8 +218,8 @@ def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
         except BlockRobotError as error:
             raise BlockRobotError(error.code, f"{file.name}: {error.detail}") from None
         if not as_json:
-            _tell_difference(difference)
-            _tell_progress(gathering)
+            _print_difference(difference)
+            _print_progress(gathering)
     while True:
         try:
             with status_line(text("guardians.joining"), as_json=as_json or not gathering.is_complete):
@@ -231,11 +231,11 @@ def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
                 )
                 raise BlockRobotError(error.code, detail) from None
             if gathering.is_complete:
-                click.echo(say_error(error), err=True)
+                click.echo(error_text(error), err=True)
         _gather_typed(gathering)
 
 
-def _ask_network(path: Path, passphrase: str, genesis_path: Path, gathering: Gathering) -> str:
+def _ask_network(path: Path, passphrase: str, genesis_path: Path, gathering: ShareCollector) -> str:
     store = Keystore.open(path, passphrase)
     share = gathering.joined[0]
     made = GuardianSet(0, share.member_threshold, [], share.identifier, len(store.content.former))
@@ -336,7 +336,7 @@ def recover(
         gathering, words = _gather(files, as_json=as_json)
         require_distinct(words, replaced)
         if not as_json:
-            _tell_joined(gathering, may_ask=is_at_terminal())
+            _print_joined(gathering, may_ask=is_at_terminal())
         if not only:
             passphrase = read_new_passphrase()
         if words_file is not None:
@@ -361,10 +361,10 @@ def recover(
     if show:
         print_words(text("new.words"), words)
     if not only:
-        _tell_recovered(path, standing, has_former=bool(former))
+        _print_recovered(path, standing, has_former=bool(former))
 
 
-def _tell_recovered(path: Path, standing: str, *, has_former: bool) -> None:
+def _print_recovered(path: Path, standing: str, *, has_former: bool) -> None:
     console.print(text("guardians.recovered", path=escape(str(path))))
     if standing == MEMBER:
         console.print(text("guardians.member"))

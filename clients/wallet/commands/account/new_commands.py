@@ -20,8 +20,8 @@ from clients.sdk.terminal.terminal import (
     print_answer,
 )
 from clients.wallet.cli.wallet_context import on_abort, read_new_passphrase
-from clients.wallet.present.translations import WrongUsage, say_error, text
-from clients.wallet.present.wallet_answers import NewWalletAnswer, RestoreAnswer
+from clients.wallet.presentation.translations import WrongUsage, error_text, text
+from clients.wallet.presentation.wallet_answers import NewWalletAnswer, RestoreAnswer
 from clients.wallet.recovery.mnemonic_handover import print_words, show_and_check, write_words
 from clients.wallet.recovery.wallet_restore import read_words, require_distinct, restore_wallet
 from clients.wallet.store.keystore import Keystore
@@ -152,7 +152,7 @@ def _ask_for_words() -> str:
         except BlockRobotError as error:
             if not left:
                 raise
-            console.print(say_error(error), markup=False)
+            console.print(error_text(error), markup=False)
     raise AssertionError("the last try returns or raises")
 
 

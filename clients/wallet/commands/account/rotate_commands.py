@@ -11,15 +11,15 @@ import click
 
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import FILE, command_output, console, is_at_terminal, print_answer
-from clients.wallet.cli.prompts import ask_or_say
+from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.former_text import _stuck_lines, _taken_lines, exposed, words_lines
-from clients.wallet.present.linking_notice import tell_linked_moves
-from clients.wallet.present.translations import WrongUsage, text
-from clients.wallet.present.wallet_answers import LeaveAnswer, RotateAnswer, TransferAnswer
-from clients.wallet.recovery.key_rotation import Rotating, Transferred
+from clients.wallet.presentation.former_text import _stuck_lines, _taken_lines, exposed, words_lines
+from clients.wallet.presentation.linking_notice import print_linked_moves
+from clients.wallet.presentation.translations import WrongUsage, text
+from clients.wallet.presentation.wallet_answers import LeaveAnswer, RotateAnswer, TransferAnswer
+from clients.wallet.recovery.key_rotation import KeyRotation, Transferred
 from clients.wallet.recovery.mnemonic_handover import show_and_check, write_words
 from clients.wallet.store.keystore import WalletContent
 from consensus.errors import BlockRobotError
@@ -51,21 +51,21 @@ def _hand_over(words: str, words_file: Path | None) -> None:
     if words_file is not None:
         write_words(words_file, words)
     else:
-        show_and_check(text("rotate.words"), words, CHECKED_COUNT, said="rotate")
+        show_and_check(text("rotate.words"), words, CHECKED_COUNT, texts_of="rotate")
 
 
-def _tell_progress(number: int, count: int, pause_s: float) -> None:
+def _print_progress(number: int, count: int, pause_s: float) -> None:
     click.echo(text("rotate.progress", number=number + 1, count=count, seconds=f"{pause_s:.0f}"), err=True)
 
 
 async def _transfer(
-    rotating: Rotating, over_minutes: int, *, now: bool, keep_shares: bool, with_member: bool, as_json: bool
+    rotating: KeyRotation, over_minutes: int, *, now: bool, keep_shares: bool, with_member: bool, as_json: bool
 ) -> Transferred:
     count = len(await rotating.exposed_visits())
     if now and not as_json:
-        tell_linked_moves(count, with_member=with_member)
+        print_linked_moves(count, with_member=with_member)
     over_s = 0.0 if now else over_minutes * 60.0
-    return await rotating.transfer_all(over_s, _tell_progress, keep_shares=keep_shares)
+    return await rotating.transfer_all(over_s, _print_progress, keep_shares=keep_shares)
 
 
 def _transfer_answer(done: Transferred) -> TransferAnswer:
@@ -77,7 +77,7 @@ def _transfer_answer(done: Transferred) -> TransferAnswer:
     )
 
 
-def _tell_transferred(done: Transferred) -> None:
+def _print_transferred(done: Transferred) -> None:
     console.print(text("rotate.moved", count=len(done.done)))
     if done.ended:
         console.print(text("rotate.shares_ended", count=len(done.ended)))
@@ -169,7 +169,7 @@ def rotate(
     found = _Before()
 
     async def action(opened: Wallet) -> Transferred:
-        rotating, content = Rotating(opened), opened.store.content
+        rotating, content = KeyRotation(opened), opened.store.content
         found.note(content)
         if not content.next_words and not content.transfers_due:
             if words_file is None and not is_at_terminal():
@@ -177,7 +177,7 @@ def rotate(
             await opened.scan()
             if opened.member_gone:
                 raise BlockRobotError("MEMBER_NO_MORE")
-            ask_or_say(text("rotate.ask"), yes=yes, as_json=as_json)
+            confirm_or_print(text("rotate.ask"), yes=yes, as_json=as_json)
             rotating.prepare()
         if rotating.must_show:
             if words_file is None and not is_at_terminal():
@@ -199,7 +199,7 @@ def rotate(
         file = str(words_file) if words_file else None
         print_answer(extend(RotateAnswer, _transfer_answer(done), words_file=file))
         return
-    _tell_transferred(done)
+    _print_transferred(done)
     console.print(text("rotate.done"))
 
 
@@ -216,7 +216,7 @@ def transfer(ctx: click.Context, over_minutes: int, now: bool, keep_shares: bool
     """
 
     async def action(opened: Wallet) -> Transferred:
-        rotating = Rotating(opened)
+        rotating = KeyRotation(opened)
         return await _transfer(
             rotating, over_minutes, now=now, keep_shares=keep_shares, with_member=False, as_json=as_json
         )
@@ -227,7 +227,7 @@ def transfer(ctx: click.Context, over_minutes: int, now: bool, keep_shares: bool
             raise done.refusal
         print_answer(_transfer_answer(done))
         return
-    _tell_transferred(done)
+    _print_transferred(done)
 
 
 @click.command()
@@ -241,8 +241,8 @@ def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
     """
     if not as_json:
         console.print(text("leave.means"))
-    ask_or_say(text("leave.ask"), yes=yes, as_json=as_json)
-    height = run_with_wallet(ctx, lambda opened: Rotating(opened).leave())
+    confirm_or_print(text("leave.ask"), yes=yes, as_json=as_json)
+    height = run_with_wallet(ctx, lambda opened: KeyRotation(opened).leave())
     if as_json:
         print_answer(LeaveAnswer(height=height or None))
     elif height:

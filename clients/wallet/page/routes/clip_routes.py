@@ -10,14 +10,14 @@ from aiohttp import web
 from clients.sdk.pictures.depth_colours import Depth
 from clients.wallet.ledger.visit_audit import audit_visit, findings_of
 from clients.wallet.ledger.wallet import RecordEntry
+from clients.wallet.page.access_requests import LOOK_NAME_MAX_CHARS
 from clients.wallet.page.jobs import Job, Result
-from clients.wallet.page.meeting_looks import LOOK_NAME_MAX_CHARS
 from clients.wallet.page.open_clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT, OpenClip, little_endian, size_of
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, query_of, route
-from clients.wallet.page.record_seals import Seal, tell_seal, verified_block
+from clients.wallet.page.record_seals import Seal, page_seal, verified_block
 from clients.wallet.page.session import PageSession
-from clients.wallet.present.translations import refusal
-from clients.wallet.records.viewing import RecordView, Viewing, finding_of
+from clients.wallet.presentation.translations import refusal
+from clients.wallet.records.viewing import RecordView, RecordViewer, finding_of
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_PNG16
 from pages.local_page import LocalRoute
@@ -57,7 +57,7 @@ async def _open(session: PageSession, request: web.Request) -> web.Response:
         now = await _as_of_now(session, entries)
         wanted = [entry for entry in now.values() if entry.state.status == "active"]
         wanted = wanted if whole else [now[entry.record_id] for entry in entries]
-        viewing = Viewing(session.wallet)
+        viewing = RecordViewer(session.wallet)
         access = await session.looks.request(viewing, look, purpose, wanted)
         try:
             return await open_records(session, job, viewing, [now[record_id] for record_id in ids], access, language)
@@ -72,7 +72,7 @@ async def _open(session: PageSession, request: web.Request) -> web.Response:
 async def open_records(
     session: PageSession,
     job: Job,
-    viewing: Viewing,
+    viewing: RecordViewer,
     entries: list[RecordEntry],
     access: Mapping[bytes, bytes],
     language: str,
@@ -92,8 +92,8 @@ async def open_records(
     block, now_ms = verified_block(session.wallet), session.now_ms()
     seals = [Seal(view, block, now_ms) for view in views]
     clip = session.clips.add(seals, rooms, viewing.missing_rooms)
-    told = [tell_seal(seal, language) for seal in seals]
-    return {"clip": clip.name, "seals": told, "frames": len(clip.frames), "records": len(views)}
+    answers = [page_seal(seal, language) for seal in seals]
+    return {"clip": clip.name, "seals": answers, "frames": len(clip.frames), "records": len(views)}
 
 
 async def _judge(session: PageSession, request: web.Request) -> web.Response:
@@ -103,16 +103,16 @@ async def _judge(session: PageSession, request: web.Request) -> web.Response:
     async def work(job: Job) -> Result:
         job.tell("asking on the ledger", 0, len(clip.views))
         visit = clip.views[0].entry.visit
-        await Viewing(session.wallet).put_verdicts(visit, [finding_of(view) for view in clip.views])
+        await RecordViewer(session.wallet).put_verdicts(visit, [finding_of(view) for view in clip.views])
         trail = await audit_visit(session.wallet, visit)
         heights = {found[0]: entry.height for entry in trail for found in findings_of(entry)}
         clip.note_verdicts(heights)
-        return {"clip": clip.name, "seals": [tell_seal(seal, language) for seal in clip.seals]}
+        return {"clip": clip.name, "seals": [page_seal(seal, language) for seal in clip.seals]}
 
     return accepted(session.jobs.start("verify", work, stoppable=False))
 
 
-async def _add_rooms(viewing: Viewing, view: RecordView, rooms: dict[bytes, bytes]) -> None:
+async def _add_rooms(viewing: RecordViewer, view: RecordView, rooms: dict[bytes, bytes]) -> None:
     for frame in view.frames:
         room = frame.rendition
         if room is None or room.encoding != ENCODING_PNG16 or not room.pixels or room.background_id in rooms:
@@ -150,7 +150,7 @@ def _clip_of(session: PageSession, request: web.Request) -> OpenClip:
 
 
 async def _clip(session: PageSession, request: web.Request) -> web.Response:
-    return answer_json(_clip_of(session, request).told(language_of(request)))
+    return answer_json(_clip_of(session, request).page_clip(language_of(request)))
 
 
 async def _forget(session: PageSession, request: web.Request) -> web.Response:

@@ -6,14 +6,14 @@ import msgspec
 from aiohttp import web
 
 from clients.sdk.terminal.json_answers import extend
-from clients.wallet.consent.consent_choices import ConsentDecision, Consenting, choice_answer, round_period
+from clients.wallet.consent.consent_choices import ConsentClient, ConsentDecision, choice_answer, round_period
 from clients.wallet.consent.notice_reading import Notices, NoticeView
-from clients.wallet.consent.receipt_fetching import ConsentReceipts, take_receipt
+from clients.wallet.consent.receipt_fetching import ConsentReceipts, try_fetch_receipt
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.session import PageSession
-from clients.wallet.present.consent_answers import ConsentChoice, NoticeAnswer
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.consent_answers import ConsentChoice, NoticeAnswer
+from clients.wallet.presentation.translations import refusal
 from consensus.errors import BlockRobotError
 from consensus.rights.consents import GIVEN
 from consensus.rights.purposes import PURPOSES
@@ -34,42 +34,42 @@ def routes(session: PageSession) -> list[LocalRoute]:
     ]
 
 
-class ToldNotice(NoticeAnswer, frozen=True, kw_only=True):
+class PageNotice(NoticeAnswer, frozen=True, kw_only=True):
     """A notice, for the page."""
 
     must_show: bool
 
 
-class ToldChoice(ConsentChoice, frozen=True, kw_only=True):
+class PageChoice(ConsentChoice, frozen=True, kw_only=True):
     """The last word on a purpose and a sensor, for the page."""
 
     lacks_depth: bool
 
 
-def _told(notices: Notices, told: NoticeView, request: web.Request) -> ToldNotice:
-    answer = extend(ToldNotice, told.answer(), must_show=notices.is_new(told))
-    return msgspec.structs.replace(answer, lines=told.words(language_of(request)))
+def _page_notice(notices: Notices, notice_view: NoticeView, request: web.Request) -> PageNotice:
+    answer = extend(PageNotice, notice_view.answer(), must_show=notices.is_new(notice_view))
+    return msgspec.structs.replace(answer, lines=notice_view.words(language_of(request)))
 
 
 async def _consents(session: PageSession, request: web.Request) -> web.Response:
     async with session.hold() as wallet:
         notices = Notices(wallet)
-        found, told = await Consenting(wallet).choices(), await notices.current()
+        found, notice_view = await ConsentClient(wallet).choices(), await notices.current()
     known = [code for code in wallet.genesis.purposes if code not in OWN_PURPOSES]
-    askable = told.askable(known)
-    grounds = {code: ground for code, ground in told.other_grounds().items() if code in known}
+    askable = notice_view.askable(known)
+    grounds = {code: ground for code, ground in notice_view.other_grounds().items() if code in known}
     spoken = {row.purpose for row in found.rows}
     lacking = found.lacking_depth
     shown = [code for code in known if code in askable or code in grounds or code in spoken]
     return answer_json(
         {
             "height": found.height,
-            "choices": [extend(ToldChoice, choice_answer(row), lacks_depth=row in lacking) for row in found.rows],
+            "choices": [extend(PageChoice, choice_answer(row), lacks_depth=row in lacking) for row in found.rows],
             "purposes": {code: PURPOSES.get(code, code) for code in shown},
             "askable": askable,
             "grounds": grounds,
             "sensors": SENSORS,
-            "notice": _told(notices, told, request),
+            "notice": _page_notice(notices, notice_view, request),
         }
     )
 
@@ -77,7 +77,7 @@ async def _consents(session: PageSession, request: web.Request) -> web.Response:
 async def _notice(session: PageSession, request: web.Request) -> web.Response:
     async with session.hold() as wallet:
         notices = Notices(wallet)
-        return answer_json(_told(notices, await notices.current(), request))
+        return answer_json(_page_notice(notices, await notices.current(), request))
 
 
 async def _shown(session: PageSession, request: web.Request) -> web.Response:
@@ -86,11 +86,11 @@ async def _shown(session: PageSession, request: web.Request) -> web.Response:
     asked.end()
     async with session.hold() as wallet:
         notices = Notices(wallet)
-        told = await notices.current()
-        if told.version == version:
-            notices.note_shown(told)
+        notice_view = await notices.current()
+        if notice_view.version == version:
+            notices.note_shown(notice_view)
     session.look_again()
-    return answer_json(_told(notices, told, request))
+    return answer_json(_page_notice(notices, notice_view, request))
 
 
 async def _give(session: PageSession, request: web.Request) -> web.Response:
@@ -109,17 +109,17 @@ async def _give(session: PageSession, request: web.Request) -> web.Response:
         wallet = session.wallet
         notices = Notices(wallet)
         job.tell("reading what you are told")
-        told = await notices.current()
-        if told.version != version:
+        notice_view = await notices.current()
+        if notice_view.version != version:
             raise BlockRobotError("NOTICE_NOT_SHOWN")
-        told.require_named(purposes, sensors)
-        notices.note_shown(told)
+        notice_view.require_named(purposes, sensors)
+        notices.note_shown(notice_view)
         job.tell("writing it into the ledger")
-        word = await Consenting(wallet).give(
-            purposes, sensors, from_ms=period[0], until_ms=period[1], seen_height=told.height
+        word = await ConsentClient(wallet).give(
+            purposes, sensors, from_ms=period[0], until_ms=period[1], seen_height=notice_view.height
         )
         answer = await _said(session, job, word, GIVEN)
-        notices.note_consented(told)
+        notices.note_consented(notice_view)
         return answer
 
     return accepted(session.jobs.start("consent", work))
@@ -134,7 +134,7 @@ async def _refuse(session: PageSession, request: web.Request) -> web.Response:
 
     async def work(job: Job) -> Result:
         job.tell("writing it into the ledger")
-        return await _said(session, job, await Consenting(session.wallet).refuse(purposes, sensors), "refused")
+        return await _said(session, job, await ConsentClient(session.wallet).refuse(purposes, sensors), "refused")
 
     return accepted(session.jobs.start("consent", work))
 
@@ -146,14 +146,14 @@ async def _withdraw(session: PageSession, request: web.Request) -> web.Response:
 
     async def work(job: Job) -> Result:
         job.tell("writing it into the ledger")
-        return await _said(session, job, await Consenting(session.wallet).withdraw(purposes, sensors), "withdrawn")
+        return await _said(session, job, await ConsentClient(session.wallet).withdraw(purposes, sensors), "withdrawn")
 
     return accepted(session.jobs.start("consent", work))
 
 
 async def _said(session: PageSession, job: Job, word: ConsentDecision, status: str) -> Result:
     job.tell("fetching the receipt")
-    receipted = await take_receipt(session.wallet, word.txid)
+    receipted = await try_fetch_receipt(session.wallet, word.txid)
     return {
         "txid": word.txid.hex(),
         "height": word.height,

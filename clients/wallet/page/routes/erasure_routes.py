@@ -13,14 +13,14 @@ from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.record_days import kind_of, kinds_json, read_zone, select
 from clients.wallet.page.request_fields import RequestFields
-from clients.wallet.page.routes.reading_routes import told_erasure, told_share
+from clients.wallet.page.routes.reading_routes import page_erasure, page_share
 from clients.wallet.page.session import PageSession
-from clients.wallet.present.record_answers import CustodianWord
-from clients.wallet.present.translations import refusal
-from clients.wallet.records.erasure import Erasing, missing_pictures, split_erased
+from clients.wallet.presentation.record_answers import CustodianWord
+from clients.wallet.presentation.translations import refusal
+from clients.wallet.records.erasure import ErasureClient, missing_pictures, split_erased
 from clients.wallet.records.erasure_status import ErasureProgress, erasure_row, find_erasures_of
 from clients.wallet.records.viewing import name_places
-from clients.wallet.sharing.outgoing_shares import Sharing
+from clients.wallet.sharing.outgoing_shares import SharingClient
 from clients.wallet.store.keystore import KnownVisit
 from pages.local_page import LocalRoute
 
@@ -80,7 +80,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
             "frames": frames,
             "kinds": kinds,
             "visits": visits,
-            "recipients": [told_share(share, now_ms, language) for share in recipients],
+            "recipients": [page_share(share, now_ms, language) for share in recipients],
         }
     )
 
@@ -103,8 +103,8 @@ async def _erase_and_follow(
 ) -> Result:
     wallet = session.wallet
     job.tell("writing it into the ledger")
-    recipients = await Sharing(wallet).recipients(entries)
-    asked = await Erasing(wallet).request_each(entries, frames)
+    recipients = await SharingClient(wallet).recipients(entries)
+    asked = await ErasureClient(wallet).request_each(entries, frames)
     session.clips.forget_records({entry.record_id for entry in entries})
     loop = asyncio.get_running_loop()
     over_at = loop.time() + WAIT_MAX_S
@@ -118,8 +118,8 @@ async def _erase_and_follow(
     now_ms = session.now_ms()
     return {
         "complete": is_complete,
-        "erasures": [told_erasure(each) for each in found],
-        "recipients": [told_share(share, now_ms, language) for share in recipients],
+        "erasures": [page_erasure(each) for each in found],
+        "recipients": [page_share(share, now_ms, language) for share in recipients],
         "sentence": "It is erased everywhere."
         if is_complete
         else "It is asked for, and not confirmed by all yet: custodians go on by themselves.",
@@ -134,7 +134,7 @@ async def _read_asked(session: PageSession, asked: list[tuple[KnownVisit, list[b
     return found
 
 
-class ToldWord(CustodianWord, frozen=True, kw_only=True):
+class PageCustodianWord(CustodianWord, frozen=True, kw_only=True):
     """What a custodian said of an erasure, for the page."""
 
     erasure_id: Hex
@@ -142,7 +142,7 @@ class ToldWord(CustodianWord, frozen=True, kw_only=True):
 
 def _tell_receipts(job: Job, found: list[ErasureProgress]) -> None:
     rows = [
-        extend(ToldWord, word, erasure_id=each.erasure_id)
+        extend(PageCustodianWord, word, erasure_id=each.erasure_id)
         for each in map(erasure_row, found)
         for word in each.custodians
     ]

@@ -16,15 +16,15 @@ from clients.bundle.checks.bundle_check import Verdict
 from clients.bundle.proving import Heard
 from clients.bundle.writing import Contents, write_bundle
 from clients.wallet.cli.invocation import verify_command
-from clients.wallet.export.export_building import ExportChoice, Exporting
+from clients.wallet.export.export_building import ExportChoice, Exporter
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import KeptFile, PageSession
-from clients.wallet.present.export_text import bundle_warning, export_answer, say_problem
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.export_text import bundle_warning, export_answer, problem_text
+from clients.wallet.presentation.translations import refusal
 from pages.local_page import LocalRoute
-from pages.moments import show_day
+from pages.time_format import format_date
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
@@ -54,7 +54,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     wanted, now = _read_wanted(asked)
     asked.end()
     async with session.hold() as wallet:
-        plan = await Exporting(wallet, at_once=now).plan(wanted)
+        plan = await Exporter(wallet, at_once=now).plan(wanted)
     lines = [line.strip() for line in bundle_warning(plan, now=now)]
     return answer_json({"visits": len(plan.visits), "records": plan.record_count, "lines": lines})
 
@@ -83,32 +83,32 @@ async def _write(session: PageSession, job: Job, wanted: ExportChoice, language:
     def heard(what: str, done: int, of: int) -> None:
         loop.call_soon_threadsafe(job.tell, what, done, of)
 
-    exporting, now_ms = Exporting(session.wallet, heard, at_once=at_once), session.now_ms()
+    exporting, now_ms = Exporter(session.wallet, heard, at_once=at_once), session.now_ms()
     plan = await exporting.plan(wanted)
     contents = await exporting.collect(plan, now_ms)
     name = secrets.token_hex(8)
     path = session.folder / f"export-{name}.zip"
     verdict = await _write_until_stopped(path, contents, heard)
-    told = export_answer(path, verdict)
+    answer = export_answer(path, verdict)
     session.keep_export(name, path)
-    day = show_day(now_ms)
+    day = format_date(now_ms)
     saved = f"blockrobot-{day}.zip"
     return {
         "export": name,
         "name": saved,
         "check": verify_command(saved),
-        "bytes": told.bytes,
-        "is_complete": told.is_complete,
-        "visits": told.visits,
-        "records": told.records,
-        "pictures": told.pictures,
-        "audit_entries": told.audit_entries,
-        "proved_until_height": told.proved_until_height,
+        "bytes": answer.bytes,
+        "is_complete": answer.is_complete,
+        "visits": answer.visits,
+        "records": answer.records,
+        "pictures": answer.pictures,
+        "audit_entries": answer.audit_entries,
+        "proved_until_height": answer.proved_until_height,
         "problems": [
-            msgspec.structs.replace(each, sentence=say_problem(each.code, each.sentence, language))
-            for each in told.problems
+            msgspec.structs.replace(each, sentence=problem_text(each.code, each.sentence, language))
+            for each in answer.problems
         ],
-        "lines": [f"Missing: {problem.sentence}" for problem in told.problems],
+        "lines": [f"Missing: {problem.sentence}" for problem in answer.problems],
     }
 
 

@@ -6,17 +6,17 @@ from aiohttp import web
 
 from clients.sdk.terminal.json_answers import Answer, Hex, extend
 from clients.wallet.page.page_answers import answer_json, language_of, route
-from clients.wallet.page.routes.reading_routes import told_erasure
+from clients.wallet.page.routes.reading_routes import page_erasure
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
-from clients.wallet.present.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
-from clients.wallet.present.sharing_answers import ReceivedShare, UnreadShare, VisitAlarm
-from clients.wallet.present.translations import DEFAULT_LANGUAGE
+from clients.wallet.presentation.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
+from clients.wallet.presentation.sharing_answers import ReceivedShare, UnreadShare, VisitAlarm
+from clients.wallet.presentation.translations import DEFAULT_LANGUAGE
 from clients.wallet.sharing.inbox import read_inbox
 from pages.local_page import LocalRoute
 
 
-class ToldLook(Answer, frozen=True, kw_only=True):
+class PageLook(Answer, frozen=True, kw_only=True):
     """One time that somebody looked at shared records, for the page."""
 
     time_ms: int
@@ -27,19 +27,19 @@ class ToldLook(Answer, frozen=True, kw_only=True):
     sentence: str
 
 
-class ToldReceived(ReceivedShare, frozen=True, kw_only=True):
+class PageReceivedShare(ReceivedShare, frozen=True, kw_only=True):
     """A grant that one received, for the page."""
 
     lines: list[str]
 
 
-class ToldUnread(UnreadShare, frozen=True, kw_only=True):
+class PageUnreadShare(UnreadShare, frozen=True, kw_only=True):
     """A grant that could not be read, for the page."""
 
     line: str
 
 
-class ToldAlarm(VisitAlarm, frozen=True, kw_only=True):
+class PageVisitAlarm(VisitAlarm, frozen=True, kw_only=True):
     """What is wrong with a visit, for the page."""
 
     corrupted_records: list[Hex]
@@ -56,7 +56,7 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
         found = await read_inbox(wallet)
     snapshot = session.snapshot
     looks = [
-        ToldLook(
+        PageLook(
             time_ms=look.time_ms,
             who=share.name_in(language),
             records=look.records_count,
@@ -75,24 +75,24 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
             "looks": sorted(looks, key=lambda look: look.time_ms, reverse=True),
             "alarms": alarms,
             "received": [
-                extend(ToldReceived, received_share(each), lines=receipt_lines(each, language))
+                extend(PageReceivedShare, received_share(each), lines=receipt_lines(each, language))
                 for each in found.receipts
             ],
             "unread": [
-                extend(ToldUnread, unread_share(each), line=unread_line(each, language)) for each in found.unread
+                extend(PageUnreadShare, unread_share(each), line=unread_line(each, language)) for each in found.unread
             ],
-            "overdue": [told_erasure(each) for each in erasures if any(word.overdue for word in each.custodians)],
+            "overdue": [page_erasure(each) for each in erasures if any(word.overdue for word in each.custodians)],
         }
     )
 
 
-def _alarm(part: VisitPart) -> ToldAlarm:
+def _alarm(part: VisitPart) -> PageVisitAlarm:
     report, corrupted = part.report, [record_id.hex() for record_id in part.corrupted_ids]
-    told = []
+    answers = []
     if report.missing_count:
-        told.append(f"{report.missing_count} records are missing. Ask the hospital why.")
+        answers.append(f"{report.missing_count} records are missing. Ask the hospital why.")
     if report.unreadable_ids:
-        told.append(f"{len(report.unreadable_ids)} records do not open with your keys. Ask the hospital why.")
+        answers.append(f"{len(report.unreadable_ids)} records do not open with your keys. Ask the hospital why.")
     if corrupted:
-        told.append(f"{len(corrupted)} records are not as the robot took them, as you found. Ask the hospital why.")
-    return extend(ToldAlarm, visit_alarm(report), corrupted_records=corrupted, sentence=" ".join(told))
+        answers.append(f"{len(corrupted)} records are not as the robot took them, as you found. Ask the hospital why.")
+    return extend(PageVisitAlarm, visit_alarm(report), corrupted_records=corrupted, sentence=" ".join(answers))

@@ -13,7 +13,7 @@ from clients.wallet.ledger.record_filter import Filter
 from clients.wallet.ledger.visit_audit import AuditEntry, findings_of, records_of
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.jobs import WAIT_MAX_MS
-from clients.wallet.page.page_answers import answer_json, language_of, query_of, route, tell_job, tell_problem
+from clients.wallet.page.page_answers import answer_json, language_of, page_job, page_problem, query_of, route
 from clients.wallet.page.record_days import (
     RecordShown,
     kinds_json,
@@ -29,12 +29,12 @@ from clients.wallet.page.record_seals import verified_block
 from clients.wallet.page.request_fields import RequestFields, read_id
 from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
-from clients.wallet.present.audit_story import ToldEvent, tell_event
-from clients.wallet.present.former_text import member_gone_line, words_lines
-from clients.wallet.present.record_answers import ErasureRow, VisitStanding
-from clients.wallet.present.share_text import own_share, share_lines
-from clients.wallet.present.sharing_answers import OwnShare
-from clients.wallet.present.translations import LANGUAGES, language_in_use, section
+from clients.wallet.presentation.audit_story import PageEvent, page_event
+from clients.wallet.presentation.former_text import member_gone_line, words_lines
+from clients.wallet.presentation.record_answers import ErasureRow, VisitStanding
+from clients.wallet.presentation.share_text import own_share, share_lines
+from clients.wallet.presentation.sharing_answers import OwnShare
+from clients.wallet.presentation.translations import LANGUAGES, language_in_use, section
 from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, erasure_lines, erasure_row
 from clients.wallet.recovery.guardian_lines import guardian_lines
 from clients.wallet.sharing.outgoing_shares import Share
@@ -92,11 +92,11 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
                 "purposes": {code: PURPOSES.get(code, code) for code in genesis.purposes},
                 "sensors": SENSORS,
                 "custodians": [node.name for node in wallet.network.custody.custodians],
-                "nodes": _tell_nodes(session, language),
+                "nodes": _page_nodes(session, language),
             },
             "verified": {"height": block.height, "time_ms": block.time_ms, "block_id": block.block_id.hex()},
             "state": session.state,
-            "problem": None if session.problem is None else tell_problem(session.problem, language),
+            "problem": None if session.problem is None else page_problem(session.problem, language),
             "refreshed_at_ms": snapshot.read_at_ms or None,
             "warnings": [*member_gone_line(wallet, language), *words_lines(content, language)],
             "counts": _counts(session),
@@ -121,7 +121,7 @@ def _node_state(error: BlockRobotError) -> str:
     return {"NODE_UNREACHABLE": "unreachable", UNKNOWN_YET: "behind"}.get(error.code, "refused")
 
 
-class ToldNode(Answer, frozen=True, kw_only=True):
+class PageNode(Answer, frozen=True, kw_only=True):
     """How a node answers, for the page."""
 
     name: str
@@ -130,14 +130,14 @@ class ToldNode(Answer, frozen=True, kw_only=True):
     sentence: str | None
 
 
-def _tell_nodes(session: PageSession, language: str) -> list[ToldNode]:
+def _page_nodes(session: PageSession, language: str) -> list[PageNode]:
     troubles, rows = session.node_troubles(), []
     for node in session.wallet.network.nodes:
         error = troubles.get(node.name)
         state = "fine" if error is None else _node_state(error)
-        sentence = None if error is None or state == "behind" else tell_problem(error, language).detail
+        sentence = None if error is None or state == "behind" else page_problem(error, language).detail
         code = None if error is None else error.code
-        rows.append(ToldNode(name=node.name, state=state, code=code, sentence=sentence))
+        rows.append(PageNode(name=node.name, state=state, code=code, sentence=sentence))
     return rows
 
 
@@ -180,7 +180,7 @@ async def _changes(session: PageSession, request: web.Request) -> web.Response:
             "state": session.state,
             "refreshed_at_ms": session.snapshot.read_at_ms or None,
             "new_records": [record_id.hex() for record_id in new[-NEW_RECORDS_MAX_COUNT:]],
-            "problem": None if session.problem is None else tell_problem(session.problem, language_of(request)),
+            "problem": None if session.problem is None else page_problem(session.problem, language_of(request)),
         }
     )
 
@@ -200,7 +200,7 @@ async def _job(session: PageSession, request: web.Request) -> web.Response:
     after, wait_ms = asked.number("after", 0), asked.number("wait_ms", 0, most=WAIT_MAX_MS)
     asked.end()
     job = await session.jobs.wait(request.match_info["job"], after, wait_ms)
-    return answer_json(tell_job(job, language_of(request)))
+    return answer_json(page_job(job, language_of(request)))
 
 
 async def _cancel(session: PageSession, request: web.Request) -> web.Response:
@@ -210,7 +210,7 @@ async def _cancel(session: PageSession, request: web.Request) -> web.Response:
 # Records
 
 
-def read_wanted(asked: RequestFields) -> tuple[Filter, str]:
+def read_query(asked: RequestFields) -> tuple[Filter, str]:
     day, zone = asked.text("day", "", max_chars=10), asked.text("zone", "")
     robot, sensor = asked.text("robot", "", max_chars=66).lower(), asked.text("sensor", "", max_chars=64)
     first = asked.number("from_minute", 0, most=_DAY_MINUTES)
@@ -230,14 +230,14 @@ def read_wanted(asked: RequestFields) -> tuple[Filter, str]:
 
 async def _days(session: PageSession, request: web.Request) -> web.Response:
     asked = query_of(request)
-    wanted, zone = read_wanted(asked)
+    wanted, zone = read_query(asked)
     asked.end()
     return answer_json(show_days(session.snapshot, wanted, zone, language_of(request)))
 
 
 async def _records(session: PageSession, request: web.Request) -> web.Response:
     asked = query_of(request)
-    wanted, _ = read_wanted(asked)
+    wanted, _ = read_query(asked)
     limit = asked.number("limit", PAGE_RECORDS_COUNT, least=1, most=RECORDS_MAX_COUNT)
     start = asked.number("cursor", 0)
     asked.end()
@@ -249,7 +249,7 @@ async def _records(session: PageSession, request: web.Request) -> web.Response:
     return answer_json({"total": len(found), "next": str(end) if end < len(found) else None, "records": rows})
 
 
-class WithheldReason(Answer, frozen=True, kw_only=True):
+class WithheldCount(Answer, frozen=True, kw_only=True):
     """Why frames were kept back, for the page."""
 
     reason: str
@@ -265,13 +265,13 @@ class RecordDetails(RecordShown, frozen=True, kw_only=True):
     ciphertext_root: Hex | None
     width: int
     height_px: int
-    withheld_reasons: list[WithheldReason]
+    withheld_reasons: list[WithheldCount]
     standing: VisitStanding
     standing_lines: list[str]
     previous: Hex | None
     next: Hex | None
-    shares: list[ToldShare]
-    events: list[ToldEvent]
+    shares: list[PageShare]
+    events: list[PageEvent]
     clip: str | None
 
 
@@ -292,12 +292,12 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
             width=meta.width,
             height_px=meta.height,
             withheld_reasons=[
-                WithheldReason(reason=reason, count=count, sentence=reason) for reason, count in meta.withheld
+                WithheldCount(reason=reason, count=count, sentence=reason) for reason, count in meta.withheld
             ],
             standing=visit.standing,
             standing_lines=visit.standing_lines,
             **_neighbours(part, entry),
-            shares=[told_share(share, now_ms, language_of(request)) for share in shares],
+            shares=[page_share(share, now_ms, language_of(request)) for share in shares],
             events=_events(session, trail, language_of(request)),
             clip=session.clips.with_record(entry.record_id),
         )
@@ -339,10 +339,10 @@ def _neighbours(part: VisitPart, entry: RecordEntry) -> dict[str, str | None]:
 # What happened
 
 
-def _events(session: PageSession, trail: Sequence[AuditEntry], language: str) -> list[ToldEvent]:
+def _events(session: PageSession, trail: Sequence[AuditEntry], language: str) -> list[PageEvent]:
     names = custodian_names(session.wallet, language)
     ordered = sorted(trail, key=lambda entry: (entry.height, entry.index), reverse=True)
-    return [tell_event(entry, names, language) for entry in ordered]
+    return [page_event(entry, names, language) for entry in ordered]
 
 
 async def _story(session: PageSession, request: web.Request) -> web.Response:
@@ -364,7 +364,7 @@ async def _story(session: PageSession, request: web.Request) -> web.Response:
     return answer_json({"total": len(trail), "next": str(end) if end < len(trail) else None, "events": events})
 
 
-class ToldShare(OwnShare, frozen=True, kw_only=True):
+class PageShare(OwnShare, frozen=True, kw_only=True):
     """A grant of one's own, for the page."""
 
     who: str
@@ -372,10 +372,10 @@ class ToldShare(OwnShare, frozen=True, kw_only=True):
     lines: list[str]
 
 
-def told_share(share: Share, now_ms: int, language: str) -> ToldShare:
+def page_share(share: Share, now_ms: int, language: str) -> PageShare:
     purpose = share.grant.row.purpose
     return extend(
-        ToldShare,
+        PageShare,
         own_share(share, now_ms),
         who=share.name_in(language),
         purpose_sentence=PURPOSES.get(purpose, purpose),
@@ -388,22 +388,22 @@ async def _shares(session: PageSession, request: web.Request) -> web.Response:
     people = {given.handle: given.label for given in session.wallet.store.content.given_grants}
     return answer_json(
         {
-            "shares": [told_share(share, now_ms, language) for share in session.snapshot.shares()],
+            "shares": [page_share(share, now_ms, language) for share in session.snapshot.shares()],
             "people": [{"handle": handle.hex(), "name": label} for handle, label in people.items()],
         }
     )
 
 
-class ToldErasure(ErasureRow, frozen=True, kw_only=True):
+class PageErasure(ErasureRow, frozen=True, kw_only=True):
     """A request to erase, for the page."""
 
     lines: list[str]
 
 
-def told_erasure(erasure: ErasureProgress) -> ToldErasure:
-    return extend(ToldErasure, erasure_row(erasure), lines=erasure_lines(erasure))
+def page_erasure(erasure: ErasureProgress) -> PageErasure:
+    return extend(PageErasure, erasure_row(erasure), lines=erasure_lines(erasure))
 
 
 async def _erasures(session: PageSession, _request: web.Request) -> web.Response:
     found = session.snapshot.erasures(session.wallet, session.now_ms())
-    return answer_json({"erasures": [told_erasure(each) for each in found]})
+    return answer_json({"erasures": [page_erasure(each) for each in found]})

@@ -52,14 +52,18 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     asked.end()
     role = decode_card_code(code).role
     async with session.hold() as wallet:
-        told = await Notices(wallet).for_card(code)
-    notice = msgspec.structs.replace(told.answer(), lines=told.words(language_of(request)))
+        notice_view = await Notices(wallet).for_card(code)
+    notice = msgspec.structs.replace(notice_view.answer(), lines=notice_view.words(language_of(request)))
     return answer_json({"role": role, "notice": notice})
 
 
-def _what_is(told: NoticeView) -> tuple[str, int, str]:
+def _what_is(notice_view: NoticeView) -> tuple[str, int, str]:
     """Return a notice's organisation, version and hash (empty if unpublished)."""
-    return told.organisation, told.version, "" if told.published is None else told.published.row.digest.hex()
+    return (
+        notice_view.organisation,
+        notice_view.version,
+        "" if notice_view.published is None else notice_view.published.row.digest.hex(),
+    )
 
 
 async def _register(session: PageSession, request: web.Request) -> web.Response:
@@ -77,13 +81,13 @@ async def _register(session: PageSession, request: web.Request) -> web.Response:
     async def work(job: Job) -> Result:
         notices = Notices(session.wallet)
         job.tell("reading what you are told")
-        told = await notices.for_card(code)
+        notice_view = await notices.for_card(code)
         # Versions count per organisation: another card has another notice under the same number.
-        if shown != _what_is(told):
+        if shown != _what_is(notice_view):
             raise BlockRobotError("NOTICE_NOT_SHOWN")
         job.tell("writing it into the ledger")
         done = await session.wallet.register(code, [])
-        notices.note_shown(told)
-        return {"txid": done.txid.hex(), "member": done.member.hex(), "organisation": told.organisation}
+        notices.note_shown(notice_view)
+        return {"txid": done.txid.hex(), "member": done.member.hex(), "organisation": notice_view.organisation}
 
     return accepted(session.jobs.start("register", work))

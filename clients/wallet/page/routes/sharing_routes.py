@@ -13,11 +13,11 @@ from clients.wallet.page.page_answers import accepted, answer_json, body_of, lan
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import Snapshot
-from clients.wallet.present.share_text import explain, made_share
-from clients.wallet.present.translations import refusal
+from clients.wallet.presentation.share_text import explain, made_share
+from clients.wallet.presentation.translations import refusal
 from clients.wallet.sharing.outgoing_shares import (
     Grantee,
-    Sharing,
+    SharingClient,
     place_end,
     require_purpose_to_share,
     select_shareable,
@@ -45,11 +45,11 @@ class ShareRequest:
     purpose: str
     until_ms: int
 
-    async def find(self, wallet: Wallet, snapshot: Snapshot) -> tuple[Sharing, Grantee, list[RecordEntry]]:
+    async def find(self, wallet: Wallet, snapshot: Snapshot) -> tuple[SharingClient, Grantee, list[RecordEntry]]:
         """Resolve grantee and records. Raises as the command."""
         require_purpose_to_share(self.purpose, wallet.genesis.purposes)
-        sharing = Sharing(wallet)
-        grantee = await sharing.find_grantee(self.wanted, self.label)
+        sharing = SharingClient(wallet)
+        grantee = await sharing.resolve_grantee(self.wanted, self.label)
         reports = [part.report for part in snapshot.visits]
         return sharing, grantee, select_shareable(reports, choose(reports, self.records, self.visits), self.purpose)
 
@@ -115,7 +115,7 @@ async def _revoke(session: PageSession, request: web.Request) -> web.Response:
 
     async def work(job: Job) -> Result:
         job.tell("writing it into the ledger")
-        txid = await Sharing(session.wallet).revoke(found[0])
+        txid = await SharingClient(session.wallet).revoke(found[0])
         return {"txid": txid.hex(), "looks": len(found[0].looks), "sentence": "This share is ended."}
 
     return accepted(session.jobs.start("revoke", work))

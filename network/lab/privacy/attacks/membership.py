@@ -69,8 +69,8 @@ def attack_presence(
     """
     came, acts = _presence(played), _acts_by_day(view)
     marks = {number: (holder.handle, holder.keys.identity.public_key) for number, holder in played.holders.items()}
-    said = {(day_of(word.at_ms), word.handle) for word in view.words if word.entry in SPEAKING_ENTRIES}
-    spoke = {(day, number) for number, (handle, _) in marks.items() for day, known in said if known == handle}
+    spoken = {(day_of(word.at_ms), word.handle) for word in view.words if word.entry in SPEAKING_ENTRIES}
+    spoke = {(day, number) for number, (handle, _) in marks.items() for day, known in spoken if known == handle}
     traces = _traces(played, came, scheme) if scheme is not None else {}
     rng = np.random.default_rng([seed, 0x9E5E])
     hits: dict[int, list[float]] = defaultdict(list)
@@ -149,7 +149,7 @@ def probe_standing(played: Played, *, seed: int) -> Rate:
     pool = Mempool(
         chain_id=chain.chain_id,
         cache=TransactionCache(),
-        has_standing=lambda transaction: _is_admitted(chain, transaction.body.sender),
+        check_admission=lambda transaction: _is_admitted(chain, transaction.body.sender),
         is_spent=lambda _: False,
     )
     members = [holder.keys.identity.public_key for holder in played.holders.values()]

@@ -86,7 +86,7 @@ class RobotDay:
             self.spool,
             link,
             on_delivered=_heard,
-            may_record=self._may_record,
+            decide_recording=self._may_record,
             on_dropped=self._dropped,
             at_once=at_once,
         )

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from clients.bundle.writing import Contents, write_bundle
-from clients.wallet.export.export_building import ExportChoice, Exporting
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.export.export_building import ExportChoice, Exporter
+from clients.wallet.records.viewing import RecordViewer
 from consensus.chain.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
 from tests.unit.clients.bundle.repacking import Files, list_anew, pack, sign_anew, unpack
@@ -38,7 +38,7 @@ class Made:
 
 
 async def collect(ward: Ward, wanted: ExportChoice | None = None, now_ms: int = NOW_MS) -> Contents:
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
+    exporting = Exporter(ward.wallet, viewing=RecordViewer(ward.wallet, follow_max_ms=0), at_once=True)
     return await exporting.collect(await exporting.plan(wanted or ExportChoice()), now_ms)
 
 

@@ -18,13 +18,13 @@ from click.testing import CliRunner
 from clients.bundle import documents, layout
 from clients.bundle.checks.bundle_check import Verdict, unproved, verify_bundle
 from clients.bundle.cli import verify
+from clients.bundle.document_building import open_corrections
 from clients.bundle.documents import read_document
-from clients.bundle.telling import open_corrections
 from clients.bundle.writing import write_bundle
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.export import export_building as exporting_module
-from clients.wallet.export.export_building import ExportChoice, Exporting
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.export.export_building import ExportChoice, Exporter
+from clients.wallet.records.viewing import RecordViewer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_data_key
@@ -87,7 +87,7 @@ async def test_access_is_asked_for_on_the_chain_with_a_purpose_and_stands_in_the
 async def test_looking_what_there_is_asks_for_nothing(ward: Ward) -> None:
     ward.record(ward.open_visit())
     height = ward.chain.height
-    plan = await Exporting(ward.wallet).plan(ExportChoice())
+    plan = await Exporter(ward.wallet).plan(ExportChoice())
     assert (plan.record_count, ward.chain.height) == (1, height)
 
 
@@ -110,7 +110,7 @@ async def test_visits_are_asked_for_after_pauses_and_not_side_by_side(ward: Ward
     async def sleep(seconds: float) -> None:
         pauses.append(seconds)
 
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), sleep=sleep)
+    exporting = Exporter(ward.wallet, viewing=RecordViewer(ward.wallet, follow_max_ms=0), sleep=sleep)
     contents = await exporting.collect(await exporting.plan(ExportChoice()), NOW_MS)
     assert len(pauses) == 3
     assert all(0 <= pause < exporting_module.SPREAD_MAX_MS / 1000 for pause in pauses)
@@ -220,7 +220,7 @@ async def test_a_record_of_somebody_else_and_an_empty_choice_are_told(ward: Ward
     ward.record(ward.open_visit())
     for wanted in (ExportChoice(records=(bytes(16),)), ExportChoice(from_ms=NOW_MS)):
         with pytest.raises(BlockRobotError, match=r"^RECORD_NOT_FOUND:"):
-            await Exporting(ward.wallet).plan(wanted)
+            await Exporter(ward.wallet).plan(wanted)
 
 
 async def test_a_person_of_whom_nothing_was_recorded_takes_her_consents_along(ward: Ward, tmp_path: Path) -> None:
@@ -250,11 +250,11 @@ async def test_words_by_a_mandate_are_named_so_and_are_nobodys_own(ward: Ward, t
     )
     until_ms = chain.bucket() + 86_400_000
 
-    def give_mandate(represented: bytes, representative: bytes, accepting: PrivateKey) -> bytes:
+    def give_mandate(represented: bytes, representative: bytes, connection_acceptor: PrivateKey) -> bytes:
         arguments = [represented, representative, bytes(32), ["consent"], until_ms]
         mandate_id = chain.must(eva.identity, "mandates", "propose", *arguments).txid
         chain.must(other.identity, "mandates", "approve", mandate_id)
-        chain.must(accepting, "mandates", "accept", mandate_id)
+        chain.must(connection_acceptor, "mandates", "accept", mandate_id)
         return mandate_id
 
     own = give_mandate(child.handle, handle, key)
@@ -337,7 +337,7 @@ async def test_a_record_that_is_erased_while_the_export_runs_is_left_out_and_nam
     visit = ward.open_visit()
     gone, kept = ward.record(visit), ward.record(visit)
     key = await ward.owner_key(visit.owner)
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
+    exporting = Exporter(ward.wallet, viewing=RecordViewer(ward.wallet, follow_max_ms=0), at_once=True)
     plan = await exporting.plan(ExportChoice())
     pending = [gone]
 
@@ -357,7 +357,7 @@ async def test_a_record_that_is_erased_while_the_export_runs_is_left_out_and_nam
 async def test_an_access_that_the_chain_refuses_for_one_record_keeps_back_no_other(ward: Ward, tmp_path: Path) -> None:
     visit = ward.open_visit()
     gone, kept = ward.record(visit), ward.record(visit)
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
+    exporting = Exporter(ward.wallet, viewing=RecordViewer(ward.wallet, follow_max_ms=0), at_once=True)
     plan = await exporting.plan(ExportChoice())
     await ward.erase(visit, [gone])
     verdict = write_bundle(tmp_path / "mine.zip", await exporting.collect(plan, NOW_MS))

@@ -11,8 +11,8 @@ import pytest
 from clients.bundle import documents as doc
 from clients.bundle.checks.bundle_check import verify_bundle
 from clients.bundle.checks.chain_proofs import ProvedChain
-from clients.wallet.consent.consent_choices import Consenting
-from clients.wallet.records.erasure import Erasing
+from clients.wallet.consent.consent_choices import ConsentClient
+from clients.wallet.records.erasure import ErasureClient
 from clients.wallet.store import kept_proofs
 from clients.wallet.store.kept_proofs import CheckedProof, KeptProof, check_all, check_kept, keep_receipt, read_kept
 from clients.wallet.store.keystore import Keystore
@@ -27,7 +27,7 @@ async def erase_one(ward: Ward) -> bytes:
     ward.record(ward.open_visit(), frames=1)
     (visit,) = await ward.wallet.scan()
     (report,) = await ward.wallet.records()
-    erasing = Erasing(ward.wallet)
+    erasing = ErasureClient(ward.wallet)
     (erasure_id,) = await erasing.request(visit, [report.records[0].record_id], [])
     assert not (await erasing.report(visit, erasure_id)).complete
     ward.chain.receipts_of_all(erasure_id)
@@ -55,7 +55,7 @@ async def test_an_erasures_receipts_hold_after_the_network_is_gone(tmp_path: Pat
 async def test_a_proof_that_was_changed_or_is_of_another_transaction_is_refused(tmp_path: Path) -> None:
     ward = Ward(tmp_path)
     erasure_id = await erase_one(ward)
-    await Consenting(ward.wallet).refuse(["care"], [])
+    await ConsentClient(ward.wallet).refuse(["care"], [])
     content, chain_id = ward.wallet.store.content, ward.genesis.chain_id
     kept, other = read_kept(content, erasure_id), read_kept(content, next(t for t in content.proofs if t != erasure_id))
     assert kept is not None
@@ -92,7 +92,7 @@ async def test_only_the_proofs_of_the_contract_that_is_asked_for_are_checked(
 ) -> None:
     ward, checked = Ward(tmp_path), list[bytes]()
     erasure_id = await erase_one(ward)
-    await Consenting(ward.wallet).refuse(["care"], [])
+    await ConsentClient(ward.wallet).refuse(["care"], [])
     proofs, check = ward.wallet.store.content.proofs, kept_proofs.check_kept
 
     def count(chain: ProvedChain, chain_id: bytes, txid: bytes, kept: KeptProof) -> CheckedProof:
@@ -111,7 +111,7 @@ async def test_an_erasure_that_is_not_complete_is_never_kept_as_complete(tmp_pat
     ward.record(ward.open_visit(), frames=1)
     (visit,) = await ward.wallet.scan()
     (report,) = await ward.wallet.records()
-    (erasure_id,) = await Erasing(ward.wallet).request(visit, [report.records[0].record_id], [])
+    (erasure_id,) = await ErasureClient(ward.wallet).request(visit, [report.records[0].record_id], [])
     state = await ward.network.state_values([REQUEST.key(erasure_id)], ward.wallet.owner_key(visit))
     kept_proofs.keep_erasure(ward.wallet.store.content, erasure_id, state)
     (found,) = check_all(ward.wallet.store.content, chain_of(ward), ward.genesis.chain_id)
@@ -156,7 +156,7 @@ async def test_rotations_and_words_whose_blocks_every_node_dropped_are_proved_in
     for _ in range(2):
         ward.record(ward.open_visit(), frames=1)
         await rotate(ward)
-    await Consenting(ward.wallet).refuse(["care"], [])
+    await ConsentClient(ward.wallet).refuse(["care"], [])
     ward.record(ward.open_visit(), frames=1)
     ward.network.pruned_below = len(ward.chain.receipts) + 1
     with pytest.raises(BlockRobotError, match=r"^BLOCK_PRUNED:"):

@@ -18,7 +18,7 @@ from clients.bundle.proving import schema_text
 from clients.bundle.writing import Contents, write_bundle
 from clients.sdk.chain.block_reader import read_transaction
 from clients.wallet.export.export_building import ExportChoice
-from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.store.kept_proofs import receipt_proof
 from consensus.errors import BlockRobotError
 from tests.unit.clients.bundle.conftest import make
@@ -31,7 +31,7 @@ NO_PICTURES = ExportChoice(pictures=False)
 
 async def rotate(ward: Ward) -> None:
     """New words, for the membership and each visit."""
-    rotating = Rotating(ward.wallet)
+    rotating = KeyRotation(ward.wallet)
     rotating.prepare()
     rotating.confirm_shown()
     assert await rotating.rotate()

@@ -12,7 +12,7 @@ from clients.bundle.checks.bundle_check import Verdict, verify_bundle
 from clients.wallet.export.export_building import ExportChoice
 from clients.wallet.export.proof_collection import StateCollector
 from clients.wallet.ledger.visit_scan import find_own_visits
-from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.recovery.key_rotation import KeyRotation
 from consensus.errors import BlockRobotError
 from consensus.state.audit import ENTRY
 from consensus.state.records import CURRENT
@@ -49,7 +49,7 @@ async def steal(ward: Ward) -> Thief:
     ward.close_visit(visit)
     thief = Thief(ward, ward.wallet.store.content.words)
     await thief.learn()
-    rotating = Rotating(ward.wallet)
+    rotating = KeyRotation(ward.wallet)
     rotating.prepare()
     rotating.confirm_shown()
     await rotating.rotate()

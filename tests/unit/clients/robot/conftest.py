@@ -1,4 +1,4 @@
-"""The small scene, its recording, and the published run seen by a hider, each made once."""
+"""The small scene, its recording, and the published run seen by a redactor, each made once."""
 
 from __future__ import annotations
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from clients.robot.hiding.cut import Cut
-from clients.robot.hiding.hider import Kept
+from clients.robot.hiding.cutouts import EncodedCutout
+from clients.robot.hiding.frame_redactor import KeptFrame
 from clients.robot.recording.batching import Batcher, ReadyClip
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 
 
-def kept(sequence: int, at_ms: int, alias: str = "ann", size_bytes: int = 10) -> Kept:
-    return Kept(sequence, at_ms, alias, Cut(0, 0, 1, 1, bytes(size_bytes)))
+def kept(sequence: int, at_ms: int, alias: str = "ann", size_bytes: int = 10) -> KeptFrame:
+    return KeptFrame(sequence, at_ms, alias, EncodedCutout(0, 0, 1, 1, bytes(size_bytes)))
 
 
 def sequences(clips: list[ReadyClip]) -> list[list[int]]:

@@ -19,7 +19,7 @@ from clients.robot.sensing.sensor_clocks import (
     ClockEstimate,
     ClockEstimator,
     RunClocks,
-    Standing,
+    TimestampStatus,
 )
 from clients.robot.sensing.sensor_events import Event, Frame, Sighting
 
@@ -50,7 +50,7 @@ class Device:
     def true_offset_ms(self) -> float:
         return self.offset_ms + self.drift_ppm * 1e-6 * self.now_ms
 
-    def send(self, seconds: float, rate: float = 2.0) -> list[Standing]:
+    def send(self, seconds: float, rate: float = 2.0) -> list[TimestampStatus]:
         standings = []
         for _ in range(int(seconds * rate)):
             self.now_ms += 1000 / rate
@@ -73,7 +73,7 @@ class Device:
 def test_offset_and_drift_are_found_within_the_stated_uncertainty(delay: Delay, drift_ppm: float) -> None:
     device = Device(delay, drift_ppm=drift_ppm)
     for _ in range(20):
-        assert set(device.send(60)) == {Standing.FITS}
+        assert set(device.send(60)) == {TimestampStatus.FITS}
         assert abs(device.error_ms()) <= device.estimate().uncertainty_ms
     assert abs(device.error_ms()) < 20
     assert device.estimate().drift_ppm == pytest.approx(drift_ppm, abs=60)
@@ -104,7 +104,7 @@ def test_a_clock_that_was_set_is_found_after_as_many_reports_as_stated(jump_ms: 
     device = Device(DELAYS["exponential"])
     device.send(120)
     device.offset_ms += jump_ms
-    expected = [Standing.DOUBTFUL] * (CONFIRM_COUNT - 1) + [Standing.CLOCK_SET]
+    expected = [TimestampStatus.DOUBTFUL] * (CONFIRM_COUNT - 1) + [TimestampStatus.CLOCK_SET]
     assert device.send(CONFIRM_COUNT / 2) == expected
     device.send(120)
     assert abs(device.error_ms()) <= device.estimate().uncertainty_ms
@@ -115,7 +115,7 @@ def test_a_small_step_forward_is_found_after_as_many_reports_and_one_back_within
     ahead = Device(DELAYS["exponential"])
     ahead.send(120)
     ahead.offset_ms -= 800
-    assert ahead.send(CONFIRM_COUNT / 2)[-1] is Standing.CLOCK_SET
+    assert ahead.send(CONFIRM_COUNT / 2)[-1] is TimestampStatus.CLOCK_SET
     assert abs(ahead.error_ms()) < 100
     assert ahead.estimate().started_anew_count == 1
     behind = Device(DELAYS["exponential"])
@@ -132,9 +132,9 @@ def test_one_wrong_stamp_changes_nothing(off_ms: int) -> None:
     device.send(120)
     before = device.estimate()
     now = START_MS + int(device.now_ms)
-    assert device.estimator.observe(now - int(device.offset_ms) - off_ms, now) is Standing.DOUBTFUL
+    assert device.estimator.observe(now - int(device.offset_ms) - off_ms, now) is TimestampStatus.DOUBTFUL
     assert device.estimate() == before
-    assert set(device.send(60)) == {Standing.FITS}
+    assert set(device.send(60)) == {TimestampStatus.FITS}
 
 
 @pytest.mark.parametrize("rate", [1.0, 2.0, 5.0])
@@ -144,9 +144,9 @@ def test_one_stamp_a_little_ahead_moves_no_clock(ahead_ms: int, rate: float) -> 
     device.send(120, rate)
     before = device.estimate()
     now = START_MS + int(device.now_ms)
-    assert device.estimator.observe(now - int(device.offset_ms) + ahead_ms, now) is Standing.DOUBTFUL
+    assert device.estimator.observe(now - int(device.offset_ms) + ahead_ms, now) is TimestampStatus.DOUBTFUL
     assert device.estimate() == before
-    assert set(device.send(20, rate)) == {Standing.FITS}
+    assert set(device.send(20, rate)) == {TimestampStatus.FITS}
     assert abs(device.error_ms()) < 50
 
 
@@ -165,7 +165,7 @@ def test_wrong_stamps_that_do_not_agree_with_one_another_are_never_believed() ->
     device.send(60)
     now = START_MS + int(device.now_ms)
     for number in range(50):
-        assert device.estimator.observe(now - (number + 2) * DAY_MS, now) is Standing.DOUBTFUL
+        assert device.estimator.observe(now - (number + 2) * DAY_MS, now) is TimestampStatus.DOUBTFUL
     assert device.estimate().started_anew_count == 0
 
 
@@ -308,8 +308,8 @@ def test_a_host_clock_set_by_less_than_a_minute_is_followed_after_the_time_to_ca
     device.offset_ms += 30_000
     device.now_ms += 30_000  # the host's clock jumps, the device's stamps go on
     standings = device.send(20, rate=30)
-    assert Standing.CLOCK_SET in standings
-    assert set(standings[: 9 * 30]) == {Standing.FITS}
+    assert TimestampStatus.CLOCK_SET in standings
+    assert set(standings[: 9 * 30]) == {TimestampStatus.FITS}
     assert abs(device.error_ms()) <= device.estimate().uncertainty_ms
 
 

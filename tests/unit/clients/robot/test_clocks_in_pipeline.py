@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from clients.robot.hiding.hider import Hider, Output
+from clients.robot.hiding.frame_redactor import FrameRedactor, Output
 from clients.robot.run.event_log import Event as LoggedEvent
 from clients.robot.run.event_log import read_events
 from clients.robot.sensing.sensor_events import Event, Frame, Sighting
@@ -199,7 +199,7 @@ def test_what_fails_while_a_live_stream_is_silent_ends_the_run(
     def full(*_arguments: object) -> list[Output]:
         raise BlockRobotError("SPOOL_FULL")
 
-    monkeypatch.setattr(Hider, "advance", full)
+    monkeypatch.setattr(FrameRedactor, "advance", full)
     robot = LiveRobot(tmp_path, small_bag, roster())
     robot.change = lambda events: events
     with pytest.raises(BlockRobotError, match="SPOOL_FULL"):

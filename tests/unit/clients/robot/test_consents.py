@@ -16,9 +16,9 @@ from clients.robot.consent.consent_view import (
     SETTLED_AFTER_MS,
     STALE_AFTER_MS,
     Consents,
-    Refusal,
     compute_stale_after_ms,
 )
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.recording.spool import SpooledClip
 from consensus.errors import BlockRobotError
 from consensus.members.roster import ROSTER_VERSION, Roster, RosterRow
@@ -58,9 +58,9 @@ class Ward:
 
     def refusal(
         self, handle: bytes = ANN, purpose: str = "demo", sensor: str = "depth", taken_at_ms: int | None = None
-    ) -> Refusal | None:
+    ) -> WithholdReason | None:
         at_ms = virtual_now_ms() if taken_at_ms is None else taken_at_ms
-        return self.consents.find_refusal(handle, purpose, sensor, at_ms)
+        return self.consents.find_withhold_reason(handle, purpose, sensor, at_ms)
 
     def clip(self, handle: bytes = ANN, from_ms: int | None = None, until_ms: int | None = None) -> SpooledClip:
         now = virtual_now_ms()
@@ -92,7 +92,7 @@ def story(*handles: bytes) -> Callable[[Callable[[Ward], Any]], Callable[[], Non
 @story()
 async def test_before_the_first_reading_everything_is_refused(ward: Ward) -> None:
     ward.registry.say(ANN)
-    assert ward.refusal() is Refusal.STALE
+    assert ward.refusal() is WithholdReason.STALE
 
 
 @story()
@@ -101,7 +101,7 @@ async def test_only_a_consent_to_this_purpose_and_this_sensor_is_one(ward: Ward)
     await ward.consents.refresh()
     assert ward.refusal() is None
     for other in ({"purpose": "care"}, {"sensor": "rgb"}, {"handle": BEN}, {"handle": b"?" * 32}):
-        assert ward.refusal(**other) is Refusal.NO_CONSENT  # type: ignore[arg-type]
+        assert ward.refusal(**other) is WithholdReason.NO_CONSENT  # type: ignore[arg-type]
 
 
 @story()
@@ -111,7 +111,7 @@ async def test_a_person_of_whom_the_chain_says_otherwise_than_the_roster_is_not_
     member = ward.registry.state[b"identity\x00handle/" + ANN]
     ward.registry.state[MEMBER.key(member)]["sealing"] = b"?" * 32
     await ward.consents.refresh()
-    assert (len(ward.consents), ward.refusal(ANN), ward.refusal(BEN)) == (1, Refusal.NO_CONSENT, None)
+    assert (len(ward.consents), ward.refusal(ANN), ward.refusal(BEN)) == (1, WithholdReason.NO_CONSENT, None)
 
 
 @story()
@@ -121,7 +121,7 @@ async def test_who_left_or_never_registered_is_refused_whatever_stands_in_her_ro
     ward.registry.leave(ANN)
     del ward.registry.state[b"identity\x00handle/" + BEN]
     await ward.consents.refresh()
-    assert (ward.refusal(ANN), ward.refusal(BEN)) == (Refusal.NO_CONSENT, Refusal.NO_CONSENT)
+    assert (ward.refusal(ANN), ward.refusal(BEN)) == (WithholdReason.NO_CONSENT, WithholdReason.NO_CONSENT)
 
 
 @pytest.mark.parametrize("no", ["withdrawn", "refused"])
@@ -136,8 +136,8 @@ async def test_a_no_counts_from_the_reading_that_sees_it_for_every_picture_that_
     assert ward.refusal(taken_at_ms=taken_ms) is None, "the robot cannot know yet"
     ward.registry.idle = True
     await ward.consents.refresh()
-    assert ward.refusal(taken_at_ms=taken_ms) is Refusal.NO_CONSENT, "though it holds by the next block only"
-    assert ward.refusal(taken_at_ms=taken_ms + 60_000) is Refusal.NO_CONSENT
+    assert ward.refusal(taken_at_ms=taken_ms) is WithholdReason.NO_CONSENT, "though it holds by the next block only"
+    assert ward.refusal(taken_at_ms=taken_ms + 60_000) is WithholdReason.NO_CONSENT
 
 
 @story()
@@ -151,7 +151,7 @@ async def test_a_break_between_two_readings_is_not_slept_through(ward: Ward) -> 
     ward.registry.say(ANN)
     again_ms = virtual_now_ms()
     await ward.consents.refresh()
-    assert ward.refusal(taken_at_ms=taken_ms) is Refusal.OUTSIDE
+    assert ward.refusal(taken_at_ms=taken_ms) is WithholdReason.OUTSIDE
     assert ward.refusal(taken_at_ms=again_ms) is None
 
 
@@ -166,7 +166,7 @@ async def test_a_view_that_no_block_renews_goes_stale_and_comes_back(ward: Ward)
     assert ward.refusal() is None
     await asyncio.sleep(2)
     await ward.consents.refresh()
-    assert ward.refusal() is Refusal.STALE
+    assert ward.refusal() is WithholdReason.STALE
     assert ward.registry.caught_up >= 1, "other nodes were asked for a newer header"
     ward.registry.idle = False
     await ward.consents.refresh()
@@ -182,7 +182,7 @@ async def test_a_registry_that_cannot_be_reached_closes_and_opens_again(ward: Wa
     await asyncio.sleep(STALE_AFTER_MS / 1000 - 10)
     assert ward.refusal() is None
     await asyncio.sleep(70)
-    assert ward.refusal() is Refusal.STALE
+    assert ward.refusal() is WithholdReason.STALE
     ward.registry.failure = ""
     await asyncio.sleep(2)
     assert ward.refusal() is None
@@ -196,15 +196,15 @@ async def test_a_registry_that_cannot_be_reached_closes_and_opens_again(ward: Wa
 @pytest.mark.parametrize(
     ("off_ms", "expected"),
     [
-        (3_600_000, Refusal.STALE),
-        (-3_600_000, Refusal.STALE),
-        (-CLOCK_AHEAD_MAX_MS - 500, Refusal.STALE),
-        (STALE_AFTER_MS + 1, Refusal.STALE),
+        (3_600_000, WithholdReason.STALE),
+        (-3_600_000, WithholdReason.STALE),
+        (-CLOCK_AHEAD_MAX_MS - 500, WithholdReason.STALE),
+        (STALE_AFTER_MS + 1, WithholdReason.STALE),
         (-CLOCK_AHEAD_MAX_MS + 100, None),
     ],
 )
 @in_virtual_time
-async def test_a_robot_whose_clock_is_wrong_keeps_nothing(off_ms: int, expected: Refusal | None) -> None:
+async def test_a_robot_whose_clock_is_wrong_keeps_nothing(off_ms: int, expected: WithholdReason | None) -> None:
     ward = Ward()
     ward.registry.say(ANN, since_ms=virtual_now_ms() - DAY_MS)
     await ward.consents.refresh()
@@ -249,7 +249,7 @@ async def test_now_and_then_everything_is_read_though_no_number_says_so(ward: Wa
     assert ward.refusal() is None
     await asyncio.sleep(READ_WHOLE_EVERY_MS / 1000)
     await ward.consents.refresh()
-    assert ward.refusal() is Refusal.NO_CONSENT
+    assert ward.refusal() is WithholdReason.NO_CONSENT
 
 
 @story(*(bytes([number]) * 32 for number in range(200)))
@@ -269,7 +269,7 @@ async def test_a_clip_waits_for_a_look_at_the_registry_after_its_last_picture(wa
     await asyncio.sleep(0.5)
     sealed = ward.clip()
     ward.registry.say(ANN, "withdrawn")
-    asked = asyncio.create_task(ward.consents.may_record(sealed))
+    asked = asyncio.create_task(ward.consents.decide_recording(sealed))
     await asyncio.sleep(0.1)
     assert not asked.done(), "the view is older than the picture"
     watch = asyncio.create_task(ward.consents.watch())
@@ -287,11 +287,11 @@ async def test_on_an_idle_chain_a_clip_waits_until_a_no_of_its_time_would_be_fin
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(0.1)
     sealed, started_ms = ward.clip(), virtual_now_ms()
-    assert await ward.consents.may_record(sealed) is True
+    assert await ward.consents.decide_recording(sealed) is True
     assert SETTLED_AFTER_MS <= virtual_now_ms() - started_ms <= SETTLED_AFTER_MS + 2 * REFRESH_EVERY_MS
     ward.registry.idle = False
     started_ms = virtual_now_ms()
-    assert await ward.consents.may_record(ward.clip()) is True
+    assert await ward.consents.decide_recording(ward.clip()) is True
     assert virtual_now_ms() - started_ms <= 2 * REFRESH_EVERY_MS
     watch.cancel()
 
@@ -304,10 +304,10 @@ async def test_a_look_for_one_clip_is_not_late_enough_for_the_next(ward: Ward) -
     ward.registry.idle = True
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(0.1)
-    first = asyncio.create_task(ward.consents.may_record(ward.clip()))
+    first = asyncio.create_task(ward.consents.decide_recording(ward.clip()))
     await asyncio.sleep(SETTLED_AFTER_MS / 1000 - 0.5)
     second, started_ms = ward.clip(), virtual_now_ms()
-    assert await ward.consents.may_record(second) is True
+    assert await ward.consents.decide_recording(second) is True
     assert virtual_now_ms() - started_ms >= SETTLED_AFTER_MS
     assert await first is True
     watch.cancel()
@@ -322,7 +322,7 @@ async def test_what_a_node_says_that_is_cut_off_brings_no_clip_to_the_chain(ward
     ward.registry.cut_off = ward.registry.idle = True
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(2)
-    asked = asyncio.create_task(ward.consents.may_record(ward.clip()))
+    asked = asyncio.create_task(ward.consents.decide_recording(ward.clip()))
     await asyncio.sleep(60 - 2)
     assert not asked.done()
     assert ward.consents.is_fresh(), "nor is the view old yet"
@@ -338,11 +338,11 @@ async def test_others_are_asked_only_while_a_clip_waits_that_no_block_came_for(w
     ward.registry.say(ANN)
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(30)
-    assert await ward.consents.may_record(ward.clip()) is True
+    assert await ward.consents.decide_recording(ward.clip()) is True
     ward.registry.idle = True
     await asyncio.sleep(30)
     assert ward.registry.quorums_asked == 0
-    assert await ward.consents.may_record(ward.clip()) is True
+    assert await ward.consents.decide_recording(ward.clip()) is True
     assert ward.registry.quorums_asked == 1
     watch.cancel()
 
@@ -353,7 +353,7 @@ async def test_one_node_that_takes_the_robot_for_no_member_ends_nothing(ward: Wa
     await ward.consents.refresh()
     watch = asyncio.create_task(ward.consents.watch())
     ward.registry.failure, ward.registry.others_serve = "SESSION_REFUSED", True
-    asked = asyncio.create_task(ward.consents.may_record(ward.clip()))
+    asked = asyncio.create_task(ward.consents.decide_recording(ward.clip()))
     await asyncio.sleep(5)
     assert not asked.done()
     assert ward.refusal() is None
@@ -373,7 +373,7 @@ async def test_a_robot_that_is_a_member_again_goes_on(ward: Ward) -> None:
     ward.registry.failure = ""
     await asyncio.sleep(2)
     ward.consents.raise_failure()
-    assert await ward.consents.may_record(ward.clip()) is True
+    assert await ward.consents.decide_recording(ward.clip()) is True
     watch.cancel()
 
 
@@ -382,9 +382,9 @@ async def test_a_view_that_turns_stale_while_a_clip_is_judged_destroys_nothing(w
     ward.registry.say(ANN, since_ms=virtual_now_ms() - DAY_MS)
     await ward.consents.refresh()
     sealed = ward.clip(until_ms=virtual_now_ms() - 1_000)
-    find, times = ward.consents.find_refusal, [Refusal.STALE]
-    ward.consents.find_refusal = lambda *told: times.pop() if times else find(*told)  # type: ignore[method-assign]
-    asked = asyncio.create_task(ward.consents.may_record(sealed))
+    find, times = ward.consents.find_withhold_reason, [WithholdReason.STALE]
+    ward.consents.find_withhold_reason = lambda *told: times.pop() if times else find(*told)  # type: ignore[method-assign]
+    asked = asyncio.create_task(ward.consents.decide_recording(sealed))
     await asyncio.sleep(0.1)
     assert not asked.done()
     watch = asyncio.create_task(ward.consents.watch())
@@ -400,7 +400,7 @@ async def test_a_clip_waits_out_a_registry_that_is_away_and_is_then_judged(ward:
     ward.registry.failure = "NODE_UNREACHABLE"
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(0.5)
-    asked = [asyncio.create_task(ward.consents.may_record(ward.clip(handle))) for handle in (ANN, BEN)]
+    asked = [asyncio.create_task(ward.consents.decide_recording(ward.clip(handle))) for handle in (ANN, BEN)]
     await asyncio.sleep(600)
     assert not any(task.done() for task in asked)
     ward.registry.failure = ""
@@ -413,7 +413,7 @@ async def test_a_clip_waits_out_a_registry_that_is_away_and_is_then_judged(ward:
 async def test_a_clip_of_nobody_on_the_roster_is_not_recorded(ward: Ward) -> None:
     ward.registry.say(ANN)
     await ward.consents.refresh()
-    assert await ward.consents.may_record(ward.clip(b"?" * 32, until_ms=virtual_now_ms() - 100)) is False
+    assert await ward.consents.decide_recording(ward.clip(b"?" * 32, until_ms=virtual_now_ms() - 100)) is False
 
 
 @story()
@@ -422,7 +422,7 @@ async def test_a_clip_that_reaches_out_of_the_consent_at_either_end_is_not_recor
     ward.registry.say(ANN)
     await ward.consents.refresh()
     now = virtual_now_ms()
-    assert await ward.consents.may_record(ward.clip(from_ms=now - 5_000, until_ms=now - 100)) is False
+    assert await ward.consents.decide_recording(ward.clip(from_ms=now - 5_000, until_ms=now - 100)) is False
 
 
 @story()
@@ -431,9 +431,9 @@ async def test_at_its_end_a_consent_holds_no_more_nor_for_a_clip_that_reaches_th
     ward.registry.say(ANN, until_ms=end_ms)
     await asyncio.sleep((end_ms - virtual_now_ms()) / 1000 + 1)
     await ward.consents.refresh()
-    assert [ward.refusal(taken_at_ms=at_ms) for at_ms in (end_ms - 1, end_ms)] == [None, Refusal.OUTSIDE]
-    assert await ward.consents.may_record(ward.clip(from_ms=end_ms - 200, until_ms=end_ms - 100)) is True
-    assert await ward.consents.may_record(ward.clip(from_ms=end_ms - 200, until_ms=end_ms)) is False
+    assert [ward.refusal(taken_at_ms=at_ms) for at_ms in (end_ms - 1, end_ms)] == [None, WithholdReason.OUTSIDE]
+    assert await ward.consents.decide_recording(ward.clip(from_ms=end_ms - 200, until_ms=end_ms - 100)) is True
+    assert await ward.consents.decide_recording(ward.clip(from_ms=end_ms - 200, until_ms=end_ms)) is False
 
 
 @story()
@@ -445,7 +445,7 @@ async def test_a_recording_that_is_played_faster_than_time_is_judged_when_it_is_
     sealed = ward.clip(from_ms=later, until_ms=later)
     watch = asyncio.create_task(ward.consents.watch())
     started = virtual_now_ms()
-    assert await ward.consents.may_record(sealed) is True
+    assert await ward.consents.decide_recording(sealed) is True
     assert virtual_now_ms() - started <= 2 * REFRESH_EVERY_MS
     watch.cancel()
 
@@ -458,8 +458,8 @@ async def test_a_robot_that_was_revoked_stops_rather_than_wait_for_ever(ward: Wa
     ward.registry.failure = "SESSION_REFUSED"
     await asyncio.sleep(0.1)
     with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
-        await ward.consents.may_record(ward.clip())
-    assert ward.refusal() is Refusal.STALE
+        await ward.consents.decide_recording(ward.clip())
+    assert ward.refusal() is WithholdReason.STALE
     watch.cancel()
 
 

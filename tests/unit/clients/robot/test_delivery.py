@@ -147,7 +147,7 @@ class Run:
         self.refused: set[bytes] = set()
         self.asked = 0
 
-    async def may_record(self, clip: SpooledClip) -> bool:
+    async def decide_recording(self, clip: SpooledClip) -> bool:
         self.asked += 1
         return clip.upload.record_id not in self.refused
 
@@ -159,7 +159,7 @@ class Run:
             self.spool,
             self.network,
             on_delivered=self.done.append,
-            may_record=self.may_record,
+            decide_recording=self.decide_recording,
             on_dropped=self.note_dropped,
             at_once=at_once,
         )
@@ -345,11 +345,11 @@ async def test_a_spool_that_filled_up_over_days_is_not_held_in_memory(tmp_path: 
     run.spool.get = lambda name: loaded.append(name) or get(name)  # type: ignore[method-assign,func-returns-value]
     heard = asyncio.Event()
 
-    async def may_record(_: SpooledClip) -> bool:
+    async def decide_recording(_: SpooledClip) -> bool:
         await heard.wait()
         return True
 
-    run.may_record = may_record  # type: ignore[method-assign]
+    run.decide_recording = decide_recording  # type: ignore[method-assign]
     delivery = run.delivery()
     for name in run.names:
         delivery.start(name)

@@ -141,7 +141,7 @@ def test_killed_at_any_sync_of_a_run_a_robot_counts_what_was_ever_spooled_and_no
             plain.setattr(os, "fsync", sync)
             spool, visits = Spool(left / "spool", KEY), OpenVisits(left / "open-visits", KEY)
             counted, spooled = sum(visits.counts.values()), len(spool.names()) + len(delivered)
-            visits.take_up(spool)
+            visits.recover_spooled(spool)
         assert sum(visits.counts.values()) == spooled
         return counted, spooled
 

@@ -15,7 +15,7 @@ from clients.robot.backgrounds.background_banks import (
     approve_scene,
     approved_frames,
     check_empty,
-    find_scene,
+    get_scene,
     list_scenes,
     moved_px,
     published_frames,
@@ -98,7 +98,7 @@ def test_a_frame_that_was_changed_after_the_approval_is_not_used(tmp_path: Path)
     scene = record_scene(tmp_path, "ward-3", empty_frames(), NOW_MS)
     approve_scene(tmp_path, "ward-3", by="A. Nurse", days=1, now_ms=NOW_MS)
     (scene.folder / "003.png").write_bytes((scene.folder / "004.png").read_bytes())
-    assert find_scene(tmp_path, "ward-3").state(NOW_MS) == "changed"
+    assert get_scene(tmp_path, "ward-3").state(NOW_MS) == "changed"
     assert code_of(approved_frames, tmp_path, "ward-3", NOW_MS) == "BACKGROUND_NOT_APPROVED"
 
 
@@ -128,9 +128,9 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     scene = record_scene(tmp_path, "ward-3", empty_frames(), NOW_MS)
     assert code_of(approve_scene, tmp_path, "ward-3", by=" ", days=1, now_ms=NOW_MS) == "BACKGROUND_INVALID"
     (scene.folder / "003.png").unlink()
-    assert code_of(find_scene, tmp_path, "ward-3") == "BACKGROUND_INVALID"
+    assert code_of(get_scene, tmp_path, "ward-3") == "BACKGROUND_INVALID"
     (scene.folder / "scene.json").write_bytes(b"{")
-    assert code_of(find_scene, tmp_path, "ward-3") == "BACKGROUND_INVALID"
+    assert code_of(get_scene, tmp_path, "ward-3") == "BACKGROUND_INVALID"
 
 
 @pytest.mark.parametrize("count", [1, 3, 30])
@@ -154,12 +154,12 @@ def test_an_approval_without_a_terminal_says_what_to_give(tmp_path: Path) -> Non
     done = CliRunner().invoke(background, arguments, obj=place)
     assert done.exit_code == 2
     assert "look at it, and give --yes" in done.output
-    assert str(find_scene(tmp_path, "ward-3").preview) in done.output.replace("\n", "")
-    assert not find_scene(tmp_path, "ward-3").approved_by
+    assert str(get_scene(tmp_path, "ward-3").preview) in done.output.replace("\n", "")
+    assert not get_scene(tmp_path, "ward-3").approved_by
     assert (
         CliRunner()
         .invoke(background, [*arguments, "--yes"], obj=RobotPlace(tmp_path, tmp_path / "genesis.json"))
         .exit_code
         == 0
     )
-    assert find_scene(tmp_path, "ward-3").approved_by == "A. Nurse"
+    assert get_scene(tmp_path, "ward-3").approved_by == "A. Nurse"

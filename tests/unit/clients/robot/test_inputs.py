@@ -15,7 +15,7 @@ from clients.robot.sensing.input_checks import (
     REFUSED_IN_A_ROW_MAX_COUNT,
     Inputs,
 )
-from clients.robot.sensing.sensor_events import ColourFrame, Frame, Refused, Sighting, SourceEvent
+from clients.robot.sensing.sensor_events import ColourFrame, Frame, RefusedMessage, Sighting, SourceEvent
 from clients.robot.sources.live.llrp_readings import LlrpReadings
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.test_llrp_readings import NOW_MS, READER, report
@@ -40,10 +40,17 @@ async def drain(inputs: Inputs, events: Sequence[SourceEvent], end: BlockRobotEr
 
 
 async def test_what_can_be_used_comes_through_and_the_rest_is_counted_and_noted() -> None:
-    noted: list[Refused] = []
+    noted: list[RefusedMessage] = []
     inputs = Inputs(SHAPE, lambda refused, _: noted.append(refused))
     wrong = frame(1, (4, 5))
-    events = [frame(0), wrong, Refused(3, "frame", "step"), SIGHTING, Refused(4, "sighting", "tag"), frame(2)]
+    events = [
+        frame(0),
+        wrong,
+        RefusedMessage(3, "frame", "step"),
+        SIGHTING,
+        RefusedMessage(4, "sighting", "tag"),
+        frame(2),
+    ]
     assert await drain(inputs, events) == [events[0], SIGHTING, events[5]]
     assert inputs.summarise_refused() == {"frame": {"size": 1, "step": 1}, "sighting": {"tag": 1}}
     assert (inputs.first_detail, inputs.summarise_fault()) == ({}, None)
@@ -67,13 +74,13 @@ async def test_registered_colour_has_the_size_of_depth_and_other_colour_any() ->
 
 async def test_too_many_bad_frames_in_a_row_end_the_stream_and_a_good_one_begins_the_count_anew() -> None:
     inputs = Inputs(SHAPE)
-    events = [frame(0), *[Refused(1, "frame", "encoding")] * REFUSED_IN_A_ROW_MAX_COUNT, frame(1)]
+    events = [frame(0), *[RefusedMessage(1, "frame", "encoding")] * REFUSED_IN_A_ROW_MAX_COUNT, frame(1)]
     assert await drain(inputs, events) == events[:1]
     assert inputs.fault is not None
     assert inputs.fault.code == "FRAMES_UNUSABLE"
     assert "encoding" in inputs.fault.detail
     inputs = Inputs(SHAPE)
-    bad: list[SourceEvent] = [Refused(1, "frame", "size")] * (REFUSED_IN_A_ROW_MAX_COUNT - 1)
+    bad: list[SourceEvent] = [RefusedMessage(1, "frame", "size")] * (REFUSED_IN_A_ROW_MAX_COUNT - 1)
     assert len(await drain(inputs, [*bad, frame(0), *bad])) == 1
     assert inputs.fault is None
     assert len(await drain(Inputs(SHAPE), [*bad, SIGHTING, *bad])) == 1
@@ -82,7 +89,7 @@ async def test_too_many_bad_frames_in_a_row_end_the_stream_and_a_good_one_begins
 @pytest.mark.parametrize("kind", ["sighting", "rgb", "label", "audio"])
 async def test_what_strangers_send_never_ends_a_live_run_and_is_counted(kind: str) -> None:
     inputs = Inputs(SHAPE, live=True)
-    events = [*[Refused(1, kind, "tag")] * (5 * REFUSED_IN_A_ROW_MAX_COUNT), frame(1)]
+    events = [*[RefusedMessage(1, kind, "tag")] * (5 * REFUSED_IN_A_ROW_MAX_COUNT), frame(1)]
     assert await drain(inputs, events) == events[-1:]
     assert inputs.summarise_refused() == {kind: {"tag": 5 * REFUSED_IN_A_ROW_MAX_COUNT}}
     assert (inputs.first_detail, inputs.fault) == ({}, None)
@@ -96,7 +103,7 @@ async def test_an_odd_tag_before_a_reader_does_not_end_a_live_run() -> None:
     readings, inputs = LlrpReadings(READER), Inputs(SHAPE, live=True)
     events: list[SourceEvent] = []
     for number in range(1_000):
-        events += readings.take(report(epc=bytes(62)), NOW_MS + number * 10)
+        events += readings.convert_report(report(epc=bytes(62)), NOW_MS + number * 10)
         events += [frame(number)] if number % 100 == 99 else []
     assert [event for event in await drain(inputs, events) if isinstance(event, Frame)] == events[100::101]
     assert inputs.summarise_refused() == {"sighting": {"tag": 1_000}}
@@ -105,7 +112,7 @@ async def test_an_odd_tag_before_a_reader_does_not_end_a_live_run() -> None:
 
 async def test_a_live_camera_of_which_nothing_can_be_used_ends_the_run_whatever_else_comes() -> None:
     inputs = Inputs(SHAPE, live=True)
-    events = [Refused(1, "frame", "encoding"), SIGHTING] * REFUSED_IN_A_ROW_MAX_COUNT
+    events = [RefusedMessage(1, "frame", "encoding"), SIGHTING] * REFUSED_IN_A_ROW_MAX_COUNT
     assert len(await drain(inputs, [*events, SIGHTING])) == REFUSED_IN_A_ROW_MAX_COUNT - 1
     assert inputs.fault is not None
     assert inputs.fault.code == "FRAMES_UNUSABLE"
@@ -114,7 +121,7 @@ async def test_a_live_camera_of_which_nothing_can_be_used_ends_the_run_whatever_
 async def test_a_storm_of_bad_messages_does_not_fill_the_log_and_none_is_lost_from_it() -> None:
     noted: list[int] = []
     inputs = Inputs(SHAPE, lambda _, count: noted.append(count), live=True)
-    await drain(inputs, [Refused(1, "sighting", "tag")] * (NOTED_EACH_COUNT + 2 * NOTED_TOGETHER_COUNT + 5))
+    await drain(inputs, [RefusedMessage(1, "sighting", "tag")] * (NOTED_EACH_COUNT + 2 * NOTED_TOGETHER_COUNT + 5))
     assert noted == [1] * NOTED_EACH_COUNT + [NOTED_TOGETHER_COUNT] * 2
     inputs.close()
     assert sum(noted) == NOTED_EACH_COUNT + 2 * NOTED_TOGETHER_COUNT + 5

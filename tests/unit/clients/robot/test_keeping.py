@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from clients.robot.consent.consent_view import STALE_AFTER_MS
-from clients.robot.hiding.cut import Cut
-from clients.robot.hiding.hider import Kept, Reason, Withheld
+from clients.robot.hiding.cutouts import EncodedCutout
+from clients.robot.hiding.frame_redactor import KeptFrame, WithheldFrame
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.recording.batching import ReadyClip
 from clients.robot.recording.sensor_track import RunContext, SensorTrack
 from clients.robot.recording.unclosed_visits import OpenVisits
@@ -65,10 +66,10 @@ class Desk:
 
     def kept(self, sequence: int, alias: str = "ann", taken_at_ms: int | None = None) -> list[ReadyClip]:
         at_ms = virtual_now_ms() if taken_at_ms is None else taken_at_ms
-        return self.track.take(Kept(sequence, at_ms, alias, Cut(0, 0, 1, 1, b"png")))
+        return self.track.process(KeptFrame(sequence, at_ms, alias, EncodedCutout(0, 0, 1, 1, b"png")))
 
     def withheld(self, sequence: int, alias: str = "ann") -> list[ReadyClip]:
-        return self.track.take(Withheld(sequence, virtual_now_ms(), alias, Reason.CONTACT))
+        return self.track.process(WithheldFrame(sequence, virtual_now_ms(), alias, WithholdReason.CONTACT))
 
     def flush(self) -> dict[str, tuple[list[int], dict[str, int]]]:
         """What may be sealed now of all that waits: sequences and withheld counts by alias."""

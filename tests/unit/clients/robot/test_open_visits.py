@@ -84,7 +84,7 @@ class Life:
     def __init__(self, folder: Path) -> None:
         self.visits = OpenVisits(folder / "open-visits", KEY)
         self.spool = Spool(folder / "spool", KEY)
-        self.visits.take_up(self.spool)
+        self.visits.recover_spooled(self.spool)
 
     def store(self, number: int, owner: bytes, *, is_saved: bool = True) -> str:
         """Seal and spool one clip, and count it, unless the robot is killed before."""

@@ -14,7 +14,7 @@ from nacl.public import PrivateKey as SealingPrivateKey
 from clients.robot.consent.consent_view import Consents
 from clients.robot.delivery.delivery import Delivered, Delivery
 from clients.robot.hiding.background import empty_bank, learn_background
-from clients.robot.hiding.hider import FOCAL_DEFAULT_PX, Hider
+from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX, FrameRedactor
 from clients.robot.pairing.rosters import RosterBook
 from clients.robot.recording.sensor_track import RunContext
 from clients.robot.recording.spool import Spool
@@ -119,14 +119,14 @@ class Robot:
                 self.spool,
                 self.network,
                 on_delivered=note,
-                may_record=self.consents.may_record,
+                decide_recording=self.consents.decide_recording,
                 on_dropped=lambda clip: note_dropped(clip, run, self.statistics),
                 at_once=True,
             )
             pipeline = Pipeline(
                 run=run,
                 empty_frames=tuple(empty_bank(empty)),
-                hider=Hider(learn_background(empty), focal_px=self.source.focal_px or FOCAL_DEFAULT_PX),
+                redactor=FrameRedactor(learn_background(empty), focal_px=self.source.focal_px or FOCAL_DEFAULT_PX),
                 roster=RosterBook(self.known),
                 spool=self.spool,
                 delivery=delivery,

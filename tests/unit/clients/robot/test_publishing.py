@@ -85,12 +85,12 @@ async def test_what_is_approved_becomes_public(tmp_path: Path, approver: Private
 
 def test_the_admins_key_is_looked_for_beside_the_genesis_file(tmp_path: Path) -> None:
     place = RobotPlace(tmp_path / "robot", tmp_path / "genesis.json")
-    assert place.find_approver(None) is None
+    assert place.get_approver(None) is None
     with pytest.raises(BlockRobotError, match="ORGANISATION_KEY_NOT_FOUND"):
-        place.find_approver("hospital")
+        place.get_approver("hospital")
     folder = tmp_path / "organisations" / "hospital"
     folder.mkdir(parents=True)
     (folder / "admin.key").write_bytes(ADMIN.secret)
-    found = place.find_approver("hospital")
+    found = place.get_approver("hospital")
     assert found is not None
     assert found.public_key == ADMIN.public_key

@@ -24,7 +24,7 @@ from clients.robot.synthetic.scenario import Scenario, parse_scenario
 from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.records.picture_files import write_pictures
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.records.viewing import RecordViewer
 from consensus.members.roster import Roster
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record, stamp
 from tests.unit.clients.robot.test_pipeline import ROBOT, UID, Robot, roster
@@ -159,7 +159,7 @@ async def files_of(world: World, robot: Robot, out: Path) -> dict[str, list[Path
 
 
 async def _written(world: World, entry: RecordEntry, out: Path) -> list[Path]:
-    viewing = Viewing(world.wallet)
+    viewing = RecordViewer(world.wallet)
     view = await viewing.view(entry, await viewing.request_access([entry], "own-access"))
     assert view.corrupted == []
     return [] if entry.metadata.sensor == "depth" else await write_pictures(viewing, view, out)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from clients.sdk.chain.governance import Governor, find_proposal, read_membership, read_producers, settings_in_force
+from clients.sdk.chain.governance import Governor, read_membership, read_producers, resolve_proposal, settings_in_force
 from consensus.errors import BlockRobotError
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import (
@@ -45,7 +45,7 @@ async def test_a_proposal_is_read_approved_and_told(client: Any) -> None:
     (row,) = view.proposals
     assert (row.id, row.kind, row.approvals) == (opened.proposal_id, "set", ["org-01"])
     assert view.majority == 2
-    found = find_proposal(view.proposals, row.id.hex()[:8].upper())
+    found = resolve_proposal(view.proposals, row.id.hex()[:8].upper())
     decided = await governor(client, "org-02").approve(found)
     assert (decided.executed, decided.epoch, decided.height) == (True, 1, 2)
     producers = await read_producers(client, READER)
@@ -143,4 +143,4 @@ async def test_an_id_that_names_no_open_proposal_is_refused(client: Any, text: s
     await governor(client, "org-01").propose("settings", "set", {"name": "heartbeat_ms", "value": 9000})
     view = await read_membership(client, READER)
     with pytest.raises(BlockRobotError, match="GOVERNANCE_PROPOSAL_CLOSED"):
-        find_proposal(view.proposals, text)
+        resolve_proposal(view.proposals, text)

@@ -13,8 +13,8 @@ from rich.console import Console
 from clients.sdk.terminal import terminal_pictures
 from clients.sdk.terminal.terminal_pictures import (
     ROWS_MAX,
-    Way,
-    find_way,
+    PictureProtocol,
+    find_picture_protocol,
     half_blocks,
     iterm,
     kitty,
@@ -42,26 +42,28 @@ def speaks_utf8(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("environment", "way"),
     [
-        ({"TERM": "xterm-256color"}, Way.BLOCKS),
-        ({"TERM": "xterm-kitty"}, Way.KITTY),
-        ({"TERM": "xterm-ghostty"}, Way.KITTY),
-        ({"TERM": "foot"}, Way.SIXEL),
-        ({"TERM": "xterm-256color", "TERM_PROGRAM": "iTerm.app"}, Way.ITERM),
-        ({"TERM": "xterm-256color", "KITTY_WINDOW_ID": "1"}, Way.BLOCKS),
-        ({"TERM": "xterm-kitty", "TMUX": "/run/x"}, Way.BLOCKS),
-        ({"TERM": "screen", "TERM_PROGRAM": "iTerm.app"}, Way.BLOCKS),
-        ({"TERM": "xterm-kitty", "NO_COLOR": "1"}, Way.LETTERS),
-        ({"TERM": "dumb"}, Way.NONE),
-        ({}, Way.NONE),
+        ({"TERM": "xterm-256color"}, PictureProtocol.BLOCKS),
+        ({"TERM": "xterm-kitty"}, PictureProtocol.KITTY),
+        ({"TERM": "xterm-ghostty"}, PictureProtocol.KITTY),
+        ({"TERM": "foot"}, PictureProtocol.SIXEL),
+        ({"TERM": "xterm-256color", "TERM_PROGRAM": "iTerm.app"}, PictureProtocol.ITERM),
+        ({"TERM": "xterm-256color", "KITTY_WINDOW_ID": "1"}, PictureProtocol.BLOCKS),
+        ({"TERM": "xterm-kitty", "TMUX": "/run/x"}, PictureProtocol.BLOCKS),
+        ({"TERM": "screen", "TERM_PROGRAM": "iTerm.app"}, PictureProtocol.BLOCKS),
+        ({"TERM": "xterm-kitty", "NO_COLOR": "1"}, PictureProtocol.LETTERS),
+        ({"TERM": "dumb"}, PictureProtocol.NONE),
+        ({}, PictureProtocol.NONE),
     ],
 )
-def test_a_protocol_is_used_only_where_the_terminal_names_itself(environment: dict[str, str], way: Way) -> None:
-    assert find_way(a_console(), environment) is way
+def test_a_protocol_is_used_only_where_the_terminal_names_itself(
+    environment: dict[str, str], way: PictureProtocol
+) -> None:
+    assert find_picture_protocol(a_console(), environment) is way
 
 
 def test_nothing_is_shown_but_on_a_terminal_nor_on_one_too_narrow() -> None:
-    assert find_way(a_console(terminal=False), {"TERM": "xterm-kitty"}) is Way.NONE
-    assert find_way(a_console(width=19), {"TERM": "xterm-kitty"}) is Way.NONE
+    assert find_picture_protocol(a_console(terminal=False), {"TERM": "xterm-kitty"}) is PictureProtocol.NONE
+    assert find_picture_protocol(a_console(width=19), {"TERM": "xterm-kitty"}) is PictureProtocol.NONE
     piped = a_console(terminal=False)
     show_picture(piped, half_red())
     assert isinstance(piped.file, io.StringIO)
@@ -70,14 +72,14 @@ def test_nothing_is_shown_but_on_a_terminal_nor_on_one_too_narrow() -> None:
 
 def test_without_utf8_letters_take_the_place_of_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(terminal_pictures, "is_utf8", lambda *_: False)
-    assert find_way(a_console(), {"TERM": "xterm"}) is Way.LETTERS
+    assert find_picture_protocol(a_console(), {"TERM": "xterm"}) is PictureProtocol.LETTERS
 
 
 def test_a_half_block_holds_two_pixels_in_their_colours() -> None:
     rows = list(half_blocks(half_red(), 8))
     assert [row.plain for row in rows] == ["▀" * 8] * 4
     console = a_console()
-    show_picture(console, half_red(), Way.BLOCKS)
+    show_picture(console, half_red(), PictureProtocol.BLOCKS)
     assert isinstance(console.file, io.StringIO)
     assert "38;2;255;0;0" in console.file.getvalue()
 
@@ -119,8 +121,10 @@ def test_sixels_are_bands_of_six_rows_for_each_colour() -> None:
     assert "O" * 8 not in said.split("-")[1], "the second band has two rows, both black"
 
 
-@pytest.mark.parametrize("way", [Way.KITTY, Way.ITERM, Way.SIXEL, Way.LETTERS])
-def test_every_way_writes_something(way: Way) -> None:
+@pytest.mark.parametrize(
+    "way", [PictureProtocol.KITTY, PictureProtocol.ITERM, PictureProtocol.SIXEL, PictureProtocol.LETTERS]
+)
+def test_every_way_writes_something(way: PictureProtocol) -> None:
     console = a_console()
     show_picture(console, half_red(), way)
     assert isinstance(console.file, io.StringIO)

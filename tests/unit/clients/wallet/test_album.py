@@ -16,7 +16,13 @@ from clients.wallet.commands.view_commands import _print_views
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.records import contact_sheet
 from clients.wallet.records.album import Album
-from clients.wallet.records.contact_sheet import FRAMES_MAX_COUNT, TILES_MAX_COUNT, Collection, draw_animation, evenly
+from clients.wallet.records.contact_sheet import (
+    FRAMES_MAX_COUNT,
+    TILES_MAX_COUNT,
+    PictureSampler,
+    draw_animation,
+    evenly,
+)
 from clients.wallet.records.picture_files import write_frames
 from clients.wallet.records.viewing import FrameView, RecordView
 from clients.wallet.store.keystore import KnownVisit
@@ -93,7 +99,7 @@ def test_of_five_thousand_pictures_few_are_made_and_kept_at_equal_distances() ->
         made.append(number)
         return Image.new("RGB", (64, 48))
 
-    collection = Collection()
+    collection = PictureSampler()
     for number in range(5_000):
         collection.take("", BEGAN_MS + number, lambda number=number: make(number))
         assert len(collection._kept) < 2 * FRAMES_MAX_COUNT
@@ -118,7 +124,7 @@ def test_never_more_are_taken_than_are_wanted_and_first_and_last_are_among_them(
 
 @pytest.mark.parametrize("size", [(1, 8192), (8192, 1), (64, 48), (48, 64)])
 def test_a_picture_of_any_shape_is_as_wide_as_a_tile_and_never_far_higher(size: tuple[int, int]) -> None:
-    collection = Collection()
+    collection = PictureSampler()
     collection.take("1", BEGAN_MS, lambda: Image.new("RGB", size, (200, 0, 0)))
     (tile,) = collection.some(1)
     assert tile.picture.width == contact_sheet.TILE_WIDTH_PX

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.wallet.cli.invocation import WALLET_COMMAND, called, with_command_prefix
-from clients.wallet.present.translations import LANGUAGES, describe_error, refusal
+from clients.wallet.presentation.translations import LANGUAGES, describe_error, refusal
 from consensus.errors import BlockRobotError
 from tests.world.dicts import typed_for
 

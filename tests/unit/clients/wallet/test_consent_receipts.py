@@ -20,9 +20,9 @@ from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.cli import verify
 from clients.wallet.commands import consent_commands
 from clients.wallet.consent import receipt_fetching as wallet_receipts
-from clients.wallet.consent.consent_choices import Consenting
+from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.consent.notice_reading import Notices
-from clients.wallet.consent.receipt_fetching import ConsentReceipts, take_receipt
+from clients.wallet.consent.receipt_fetching import ConsentReceipts, try_fetch_receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.rights.consent_receipts import sign_as_controller, sign_as_person
@@ -46,7 +46,7 @@ def other_words() -> Notice:
 
 
 async def say(ward: NoticeWard, entry: str = "give", purposes: tuple[str, ...] = ("care",)) -> bytes:
-    saying = Consenting(ward.wallet)
+    saying = ConsentClient(ward.wallet)
     if entry == "give":
         return (await saying.give(list(purposes), ["depth"])).txid
     return (await getattr(saying, entry)(list(purposes), [])).txid
@@ -174,12 +174,12 @@ async def test_nobody_countersigns_a_consent_beyond_the_notice(
     ward: NoticeWard, purpose: str, sensor: str, code: str
 ) -> None:
     """Whoever has a program of her own can write it into the chain: the organisation does not sign it, nor does she."""
-    txid = (await Consenting(ward.wallet).give([purpose], [sensor])).txid
+    txid = (await ConsentClient(ward.wallet).give([purpose], [sensor])).txid
     issuer, member = ward.network.issuer, ward.wallet.keys.identity.public_key
     with pytest.raises(BlockRobotError, match=rf"^{code}:"):
         issuer.issue(ward.network.ledger, txid, member)
     with pytest.MonkeyPatch.context() as node_of_before:
-        node_of_before.setattr("node.custody.chain.consent_receipts.require_told", lambda *_: None)
+        node_of_before.setattr("node.custody.chain.consent_receipts.require_consent_asked", lambda *_: None)
         with pytest.raises(BlockRobotError) as caught:
             await ConsentReceipts(ward.wallet).obtain(txid)
     assert caught.value.code == code
@@ -219,7 +219,7 @@ async def test_the_notice_is_the_one_that_she_knew_though_another_came_in_betwee
     notices = Notices(ward.wallet)
     told = await notices.current()
     ward.publish(other_words())
-    word = await Consenting(ward.wallet).give(["care"], ["rgb"], seen_height=told.height)
+    word = await ConsentClient(ward.wallet).give(["care"], ["rgb"], seen_height=told.height)
     receipt = await ConsentReceipts(ward.wallet).obtain(word.txid)
     assert receipt.published is not None
     assert (told.version, receipt.published.row.version) == (1, 1)
@@ -257,7 +257,7 @@ async def test_what_is_no_key_of_any_state_is_refused_and_stands_in_no_words_way
 ) -> None:
     txid = await say(ward, "withdraw", ())
     ward.network.forge = changed(**changes)
-    taken = await take_receipt(ward.wallet, txid)
+    taken = await try_fetch_receipt(ward.wallet, txid)
     assert taken.refusal is not None
     assert taken.refusal.code == "CONSENT_RECEIPT_INVALID"
     assert "form" in await refused(ward, txid)
@@ -270,7 +270,7 @@ async def test_a_wallet_that_cannot_be_written_hides_no_word(ward: NoticeWard, m
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(ward.wallet.store, "save", full)
-    taken = await take_receipt(ward.wallet, txid)
+    taken = await try_fetch_receipt(ward.wallet, txid)
     assert taken.refusal is not None
     assert taken.refusal.code == "FILE_UNUSABLE"
     assert "No space left on device" in taken.line()
@@ -294,7 +294,7 @@ async def test_a_custodian_that_keeps_silent_keeps_no_word_waiting(
     monkeypatch.setattr(wallet_receipts, longest, 0.01)
     monkeypatch.setattr(ward.network.custody, "custodians", (silent, node))
     async with asyncio.timeout(30):
-        taken = await take_receipt(ward.wallet, txid)
+        taken = await try_fetch_receipt(ward.wallet, txid)
     assert asked == ["/v1/consent-receipts"]
     if longest == "ASK_NODE_MAX_S":
         assert taken.receipt is not None

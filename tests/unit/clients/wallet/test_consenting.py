@@ -14,8 +14,8 @@ from clients.sdk.chain.receipts import FinalReceipt
 from clients.wallet.cli import main
 from clients.wallet.commands import consent_commands
 from clients.wallet.commands.consent_commands import consent
-from clients.wallet.consent.consent_choices import Consenting, round_period
-from clients.wallet.present.translations import LANGUAGE_VARIABLE, LANGUAGES
+from clients.wallet.consent.consent_choices import ConsentClient, round_period
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, LANGUAGES
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from consensus.rights.sensors import SENSORS, require_sensor
@@ -32,8 +32,8 @@ class House:
         self.hospital, self.wallet = ward.chain, ward.come_in("bea", purposes=())
 
     @property
-    def consenting(self) -> Consenting:
-        return Consenting(self.wallet)
+    def consenting(self) -> ConsentClient:
+        return ConsentClient(self.wallet)
 
     async def rows(self) -> dict[tuple[str, str], tuple[bool, str]]:
         return {

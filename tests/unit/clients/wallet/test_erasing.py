@@ -13,18 +13,18 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from clients.wallet.commands import erase_commands
+from clients.wallet.commands.erase_commands import erasures
 from clients.wallet.ledger.visit_audit import AuditEntry
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.translations import LANGUAGE_VARIABLE
-from clients.wallet.records import erasure_status
-from clients.wallet.records.erasure import Erasing
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
+from clients.wallet.records.erasure import ErasureClient
 from clients.wallet.records.erasure_status import (
     ErasureProgress,
     custodian_names,
     describe_erasure,
     erasure_lines,
     erasure_row,
-    erasures,
 )
 from clients.wallet.store.keystore import Keystore, KnownVisit
 from consensus.errors import BlockRobotError
@@ -54,7 +54,7 @@ def put_erasure(world: World, erasure_id: bytes, status: Any, receipts: Receipts
 async def test_whole_records_are_asked_for_by_the_owner_key(world: World) -> None:
     visit = await own_visit(world)
     ids = [bytes([number] * 16) for number in range(3)]
-    (erasure_id,) = await Erasing(world.wallet).request(visit, ids, [])
+    (erasure_id,) = await ErasureClient(world.wallet).request(visit, ids, [])
     assert world.network.calls == [(visit.owner, "erasure", "request", [ids, []])]
     assert Keystore.open(world.store._path, "tea").content.asked_erasures == [erasure_id]
 
@@ -62,7 +62,7 @@ async def test_whole_records_are_asked_for_by_the_owner_key(world: World) -> Non
 async def test_more_records_than_one_call_takes_go_in_several(world: World) -> None:
     visit = await own_visit(world)
     ids = [number.to_bytes(16, "big") for number in range(150)]
-    erasures = await Erasing(world.wallet).request(visit, ids, [])
+    erasures = await ErasureClient(world.wallet).request(visit, ids, [])
     parts = [arguments[0] for _, _, _, arguments in world.network.calls]
     assert [len(part) for part in parts] == [64, 64, 22]
     assert [record_id for part in parts for record_id in part] == ids
@@ -71,34 +71,34 @@ async def test_more_records_than_one_call_takes_go_in_several(world: World) -> N
 
 async def test_single_frames_are_erased_of_one_record_only(world: World) -> None:
     visit = await own_visit(world)
-    await Erasing(world.wallet).request(visit, [bytes(16)], [0, 3])
+    await ErasureClient(world.wallet).request(visit, [bytes(16)], [0, 3])
     assert world.network.calls[-1][3] == [[bytes(16)], [0, 3]]
     with pytest.raises(BlockRobotError, match=r"^REQUEST_INVALID:"):
-        await Erasing(world.wallet).request(visit, [bytes(16), bytes([1] * 16)], [0])
+        await ErasureClient(world.wallet).request(visit, [bytes(16), bytes([1] * 16)], [0])
 
 
 async def test_a_request_that_the_chain_refuses_is_not_noted_as_asked(world: World) -> None:
     visit = await own_visit(world)
     world.network.refusal = "RECORD_ERASED"
     with pytest.raises(BlockRobotError):
-        await Erasing(world.wallet).request(visit, [bytes(16)], [])
+        await ErasureClient(world.wallet).request(visit, [bytes(16)], [])
     assert world.store.content.asked_erasures == []
 
 
 async def test_a_report_is_complete_only_when_the_chain_says_so(world: World) -> None:
     visit = await own_visit(world)
     put_erasure(world, b"e" * 32, "requested", {b"a" * 33: said()})
-    report = await Erasing(world.wallet).report(visit, b"e" * 32)
+    report = await ErasureClient(world.wallet).report(visit, b"e" * 32)
     assert not report.complete
     assert list(report.state.receipts) == [b"a" * 33]
     put_erasure(world, b"e" * 32, "complete", {b"a" * 33: said(), b"b" * 33: said()})
-    assert (await Erasing(world.wallet).report(visit, b"e" * 32)).complete
+    assert (await ErasureClient(world.wallet).report(visit, b"e" * 32)).complete
 
 
 async def test_an_erasure_that_the_chain_does_not_know_is_not_found(world: World) -> None:
     visit = await own_visit(world)
     with pytest.raises(BlockRobotError, match=r"^NOT_FOUND:"):
-        await Erasing(world.wallet).report(visit, b"e" * 32)
+        await ErasureClient(world.wallet).report(visit, b"e" * 32)
 
 
 def test_waiting_ends_with_the_last_receipt(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_waiting_ends_with_the_last_receipt(tmp_path: Path) -> None:
     async def main() -> None:
         visit = await own_visit(world)
         world.network.state_values = changing  # type: ignore[method-assign]
-        (report,) = await Erasing(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
+        (report,) = await ErasureClient(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
         assert report.complete
 
     run_virtual(main())
@@ -127,7 +127,7 @@ def test_waiting_in_vain_says_how_many_receipts_are_missing(tmp_path: Path) -> N
         visit = await own_visit(world)
         put_erasure(world, b"e" * 32, "requested", {b"a" * 33: said()})
         with pytest.raises(BlockRobotError) as caught:
-            await Erasing(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
+            await ErasureClient(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
         assert caught.value.code == "ERASURE_NOT_CONFIRMED"
         assert caught.value.detail.startswith("1 ")
 
@@ -146,7 +146,7 @@ def _asked(visit: KnownVisit, frames: list[int]) -> AuditEntry:
 async def _described(world: World, receipts: Receipts, *, age_ms: int, frames: list[int]) -> ErasureProgress:
     visit = await own_visit(world)
     put_erasure(world, b"e" * 32, "complete" if len(receipts) == 2 else "requested", receipts)
-    report = await Erasing(world.wallet).report(visit, b"e" * 32)
+    report = await ErasureClient(world.wallet).report(visit, b"e" * 32)
     return describe_erasure(report, _asked(visit, frames), NAMES, ASKED_MS + age_ms)
 
 
@@ -178,7 +178,7 @@ async def test_what_remains_of_erased_pictures_is_said_until_when(world: World) 
 async def test_a_custodian_without_a_name_is_told_by_its_key(world: World) -> None:
     visit = await own_visit(world)
     put_erasure(world, b"e" * 32, "requested", {})
-    report = await Erasing(world.wallet).report(visit, b"e" * 32)
+    report = await ErasureClient(world.wallet).report(visit, b"e" * 32)
     erasure = describe_erasure(report, _asked(visit, []), {}, ASKED_MS)
     assert erasure.custodians[0].name == f"custodian {(b'a' * 33).hex()[:12]}"
 
@@ -215,8 +215,8 @@ def test_the_command_speaks_portuguese_and_its_json_stays_as_it_is(
     def run_with_wallet(_: click.Context, action: Callable[[Any], Awaitable[Any]]) -> Any:
         return asyncio.run(action(wallet))  # type: ignore[arg-type]
 
-    monkeypatch.setattr(erasure_status, "find_erasures", find)
-    monkeypatch.setattr(erasure_status, "run_with_wallet", run_with_wallet)
+    monkeypatch.setattr(erase_commands, "find_erasures", find)
+    monkeypatch.setattr(erase_commands, "run_with_wallet", run_with_wallet)
     english = json.loads(CliRunner().invoke(erasures, ["--json"]).output)
     monkeypatch.setenv(LANGUAGE_VARIABLE, "pt")
     assert "Não pediu para apagar nada." in CliRunner().invoke(erasures, []).output

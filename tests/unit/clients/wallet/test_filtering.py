@@ -15,11 +15,11 @@ from click.testing import CliRunner, Result
 
 from clients.robot.recording.sealing import ClipContent, seal_clip
 from clients.wallet.cli.main import wallet
-from clients.wallet.commands import records_command
+from clients.wallet.commands import records_commands
 from clients.wallet.ledger import record_filter
 from clients.wallet.ledger.record_filter import Filter, read_days, read_filter, read_minutes, select
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.present.translations import LANGUAGES, load
+from clients.wallet.presentation.translations import LANGUAGES, load
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR, RecordMetadata
@@ -144,7 +144,7 @@ def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
             return None
 
     open_for_commands(monkeypatch, lambda: world.wallet)
-    monkeypatch.setattr(records_command, "Notices", NoNotices)
+    monkeypatch.setattr(records_commands, "Notices", NoNotices)
     return lambda *arguments: CliRunner().invoke(wallet, list(arguments))
 
 
@@ -217,8 +217,8 @@ def test_a_program_gets_the_documented_fields(world: World, run: Callable[..., R
 
 @pytest.mark.parametrize("width", [20, 40, 59, 200])
 def test_a_narrow_terminal_gets_the_beginning_of_a_name(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(records_command, "console", filtering_console(width))
-    line = records_command._line(entry("2027-01-31", 7))
+    monkeypatch.setattr(records_commands, "console", filtering_console(width))
+    line = records_commands._line(entry("2027-01-31", 7))
     assert (entry("2027-01-31", 7).record_id.hex() in line) == (width >= 60)
 
 

@@ -13,20 +13,20 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet.cli import main as cli
-from clients.wallet.commands import consent_commands, serve_command
+from clients.wallet.commands import consent_commands, serve_commands
 from clients.wallet.commands.account import rotate_commands
 from clients.wallet.consent.notice_reading import NoticeView
 from clients.wallet.consent.receipt_fetching import Receipts
 from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_status import BreachEnd, OfficersErasure, VisitRights
-from clients.wallet.present.former_text import words_lines
-from clients.wallet.present.linking_notice import tell_linked, tell_linked_moves
-from clients.wallet.present.translations import DEFAULT_LANGUAGE, code_text, load, section
-from clients.wallet.present.visit_status_text import standing_lines
+from clients.wallet.presentation.former_text import words_lines
+from clients.wallet.presentation.linking_notice import print_linked_moves, print_linking_notice
+from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, code_text, load, section
+from clients.wallet.presentation.visit_status_text import standing_lines
 from consensus.errors import BlockRobotError
 from consensus.rights import right_codes as codes
 from consensus.rights.lost_keys import LOST_KEY_REASONS
-from consensus.rights.notices import NOTICE_LINES, NoticeRow, PublishedNotice, tell_notice
+from consensus.rights.notices import NOTICE_LINES, NoticeRow, PublishedNotice, notice_lines
 from consensus.rights.purposes import PURPOSES
 from consensus.state.rights import RestrictionRow
 from network.cli.main import main
@@ -179,8 +179,8 @@ def test_what_acting_on_several_visits_tells_is_said_in_portuguese(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
-    tell_linked(3)
-    tell_linked_moves(2, with_member=True)
+    print_linking_notice(3)
+    print_linked_moves(2, with_member=True)
     acting, moving = capsys.readouterr().err.splitlines()
     assert acting.startswith("Isto fala por 3 dos seus encontros")
     assert moving.startswith(
@@ -267,7 +267,7 @@ def test_a_notice_has_portuguese_headings_and_the_words_that_were_published(monk
     told = NoticeView("hospital", PublishedNotice(row, notice), 7)
     assert section("notice.line", "en") == NOTICE_LINES
     english = [line.strip() for line in told.lines()[1:-1]]
-    assert english == tell_notice(notice) == told.answer().lines
+    assert english == notice_lines(notice) == told.answer().lines
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
     head, *lines, last = told.lines()
     assert head.startswith("O que a organização hospital lhe comunica")
@@ -284,7 +284,7 @@ def test_where_the_page_is_stands_in_portuguese(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
-    serve_command._tell("http://127.0.0.1:1", tmp_path / "abrir.html", no_browser=True, as_json=False)
+    serve_commands._tell("http://127.0.0.1:1", tmp_path / "abrir.html", no_browser=True, as_json=False)
     first, second, third = capsys.readouterr().out.splitlines()
     assert first == "Abra este ficheiro no seu navegador; funciona uma só vez, durante dois minutos:"
     assert second.strip() == str(tmp_path / "abrir.html")

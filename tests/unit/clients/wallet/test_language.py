@@ -11,8 +11,8 @@ import click
 import pytest
 
 from clients.wallet.ledger import id_prefix
-from clients.wallet.present import translations
-from clients.wallet.present.translations import (
+from clients.wallet.presentation import translations
+from clients.wallet.presentation.translations import (
     ONE,
     OTHER,
     Form,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from clients.wallet.present.linking_notice import tell_linked, tell_linked_moves
+from clients.wallet.presentation.linking_notice import print_linked_moves, print_linking_notice
 
 
 def test_of_several_visits_she_is_told_that_they_are_linked(capsys: pytest.CaptureFixture[str]) -> None:
-    tell_linked(3)
+    print_linking_notice(3)
     captured = capsys.readouterr()
     assert "3 of your visits" in captured.err
     assert captured.out == ""
@@ -16,7 +16,7 @@ def test_of_several_visits_she_is_told_that_they_are_linked(capsys: pytest.Captu
 
 @pytest.mark.parametrize("visit_count", [0, 1])
 def test_of_one_visit_there_is_nothing_to_say(visit_count: int, capsys: pytest.CaptureFixture[str]) -> None:
-    tell_linked(visit_count)
+    print_linking_notice(visit_count)
     assert capsys.readouterr().err == ""
 
 
@@ -37,7 +37,7 @@ def test_of_one_visit_there_is_nothing_to_say(visit_count: int, capsys: pytest.C
 def test_who_moves_visits_at_once_is_told_of_the_other_way_and_not_to_name_records(
     visit_count: int, with_member: bool, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    tell_linked_moves(visit_count, with_member=with_member)
+    print_linked_moves(visit_count, with_member=with_member)
     said = capsys.readouterr().err
     assert told in said
     assert ("--over-minutes" in said) == bool(told)

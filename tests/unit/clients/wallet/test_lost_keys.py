@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 from clients.officer import breach_commands, lost_keys_commands
 from clients.officer.lost_keys import LostKeys, make_span
 from clients.wallet.cli import main as wallet_cli
-from clients.wallet.present.translations import LANGUAGE_VARIABLE, LANGUAGES
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, LANGUAGES
 from consensus.errors import BlockRobotError
 from consensus.rights.lost_keys import CARRY_OUT_MS
 from tests.unit.contracts.privacy.hospital import Visit
@@ -239,7 +239,7 @@ def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def moment(time_ms: int) -> str:
-    return lost_keys_commands.show_moment(time_ms)
+    return lost_keys_commands.format_time(time_ms)
 
 
 def test_questions_leave_the_json_alone(house: House, run: Any, monkeypatch: pytest.MonkeyPatch) -> None:

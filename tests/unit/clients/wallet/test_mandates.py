@@ -21,7 +21,7 @@ from clients.wallet.cli import prompts
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.mandates import Mandates
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.translations import LANGUAGE_VARIABLE, LANGUAGES
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, LANGUAGES
 from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
@@ -58,7 +58,7 @@ class House:
 
     @property
     def until(self) -> str:
-        return officer_mandates_commands.show_moment(self.chain.bucket() + 30 * DAY_MS)
+        return officer_mandates_commands.format_time(self.chain.bucket() + 30 * DAY_MS)
 
     def proposal(self, *papers: str) -> list[str]:
         """How the first officer proposes that the mother acts for the child."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.wallet.ledger.visit_scan import find_record
+from clients.wallet.ledger.visit_scan import resolve_record
 from consensus.errors import BlockRobotError
 
 KNOWN = ["3fa2c19b07de5a41b6f0c2d4e8a19377", "3fa9000000000000000000000000000a"]
@@ -12,7 +12,7 @@ KNOWN = ["3fa2c19b07de5a41b6f0c2d4e8a19377", "3fa9000000000000000000000000000a"]
 
 @pytest.mark.parametrize("wanted", [KNOWN[0], "3fa2c19b07de", "3FA2"])
 def test_the_beginning_of_an_id_is_enough(wanted: str) -> None:
-    assert find_record(KNOWN, wanted) == KNOWN[0]
+    assert resolve_record(KNOWN, wanted) == KNOWN[0]
 
 
 @pytest.mark.parametrize(
@@ -21,5 +21,5 @@ def test_the_beginning_of_an_id_is_enough(wanted: str) -> None:
 )
 def test_what_names_none_or_several_is_refused(wanted: str, said: str) -> None:
     with pytest.raises(BlockRobotError, match=said) as refusal:
-        find_record(KNOWN, wanted)
+        resolve_record(KNOWN, wanted)
     assert "identifier" not in refusal.value.next_step

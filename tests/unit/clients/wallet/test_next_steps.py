@@ -12,7 +12,7 @@ import pytest
 from clients.sdk.terminal.terminal import home_folder
 from clients.wallet.cli.group_options import place_wallet
 from clients.wallet.cli.invocation import WALLET_COMMAND, called, verify_command, with_command_prefix
-from clients.wallet.present.translations import LANGUAGES, Form, describe_error, load, section, text
+from clients.wallet.presentation.translations import LANGUAGES, Form, describe_error, load, section, text
 from clients.wallet.recovery.guardian_sheets import build_sheet
 from clients.wallet.recovery.slip39_shares import split_words
 from clients.wallet.store.guardian_set import GuardianSet

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from clients.wallet.present.translations import LANGUAGES, text
+from clients.wallet.presentation.translations import LANGUAGES, text
 from clients.wallet.store.passphrase_strength import Strength, judge_passphrase
 from consensus.errors import BlockRobotError
 

@@ -7,7 +7,7 @@ import string
 
 import pytest
 
-from clients.wallet.present.translations import LANGUAGES, ONE, load
+from clients.wallet.presentation.translations import LANGUAGES, ONE, load
 
 COUNTED = frozenset(
     {

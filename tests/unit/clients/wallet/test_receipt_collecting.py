@@ -12,7 +12,7 @@ from clients.bundle.checks.bundle_check import Verdict, unproved, verify_bundle
 from clients.wallet.consent import receipt_collection
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.export.export_building import ExportChoice
-from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.recovery.key_rotation import KeyRotation
 from consensus.errors import BlockRobotError
 from network.notices.demo_notice import demo_notice
 from tests.unit.clients.bundle.conftest import make
@@ -177,7 +177,7 @@ async def test_what_was_said_by_a_former_key_goes_along_and_stands_in_the_histor
 ) -> None:
     """The handle joins them: the chain takes words under it from its member alone."""
     await ConsentReceipts(ward.wallet).all(search=True)
-    rotating = Rotating(ward.wallet)
+    rotating = KeyRotation(ward.wallet)
     rotating.prepare()
     rotating.confirm_shown()
     assert await rotating.rotate()

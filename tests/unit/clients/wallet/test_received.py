@@ -10,7 +10,7 @@ import pytest
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.sharing import chain_grants
-from clients.wallet.sharing.chain_grants import find_by_prefix, find_received, grantee_key
+from clients.wallet.sharing.chain_grants import find_received, grantee_key, resolve_grant
 from clients.wallet.sharing.incoming_shares import (
     KIND_CORRECTED,
     KIND_DENIED,
@@ -387,10 +387,10 @@ async def test_a_restriction_that_came_later_bars_the_doctor(
 
 def test_a_grant_is_named_by_its_beginning() -> None:
     ids = [bytes([1] * 32), bytes([1] * 31 + [2]), bytes([9] * 32)]
-    assert find_by_prefix(ids, "09090909") == ids[2]
+    assert resolve_grant(ids, "09090909") == ids[2]
     for start, code in (("0101", "NAME_TOO_SHORT"), ("01010101", "NAME_AMBIGUOUS"), ("abababab", "GRANT_NOT_FOUND")):
         with pytest.raises(BlockRobotError, match=code):
-            find_by_prefix(ids, start)
+            resolve_grant(ids, start)
 
 
 async def change_words(wallet: Wallet) -> None:

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from clients.wallet.commands import records_command
-from clients.wallet.ledger.robot_names import read_robot_names, tell_robot
+from clients.wallet.commands import records_commands
+from clients.wallet.ledger.robot_names import read_robot_names, robot_label
 from clients.wallet.page.wallet_snapshot import Snapshot, read_snapshot
-from clients.wallet.present.translations import LANGUAGE_VARIABLE
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
 from consensus.members.robot_names import RobotName, read_robot_name
 from tests.world.commands import open_for_commands
 from tests.world.sharing import SharedWard
@@ -38,12 +38,12 @@ def test_records_name_the_robot_beside_its_key(
     ward.record_visit(1)
     key = ward.chain.robot.identity.public_key.hex()
     monkeypatch.setenv(LANGUAGE_VARIABLE, language)
-    bare = CliRunner().invoke(records_command.records, [])
+    bare = CliRunner().invoke(records_commands.records, [])
     assert f"{words} {key[:10]}" in bare.output
     name_robot(ward)
-    told = CliRunner().invoke(records_command.records, [])
+    told = CliRunner().invoke(records_commands.records, [])
     assert f"{words} Zé (Ala 4; {key[:10]})" in " ".join(told.output.split())
-    answer = json.loads(CliRunner().invoke(records_command.records, ["--json"]).stdout)
+    answer = json.loads(CliRunner().invoke(records_commands.records, ["--json"]).stdout)
     (visit,) = answer["visits"]
     assert (visit["robot"], visit["robot_name"], visit["robot_place"]) == (key, *CALLED)
 
@@ -71,7 +71,7 @@ async def test_a_robot_is_asked_for_in_the_session_of_a_visit_of_its_own(
     for (key,), session in asked:
         robot = next(each for each in (visit, other) if key.endswith(each.robot))
         assert session == ward.wallet.owner_key(robot).public_key != ward.wallet.keys.identity.public_key
-    assert tell_robot(other.robot, names) == "0" * 10
+    assert robot_label(other.robot, names) == "0" * 10
 
 
 async def test_a_page_that_is_open_asks_once(ward: SharedWard, monkeypatch: pytest.MonkeyPatch) -> None:

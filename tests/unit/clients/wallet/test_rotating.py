@@ -9,8 +9,8 @@ import pytest
 
 from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.records.erasure import Erasing
-from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.records.erasure import ErasureClient
+from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.store.keystore import Keystore, KnownVisit, WalletContent
 from clients.wallet.store.member_keys import derive_keys, draw_words
 from clients.wallet.store.sharing_memory import GivenGrant
@@ -33,9 +33,9 @@ def story(tmp_path: Path) -> Story:
     return story
 
 
-async def rotate(wallet: Wallet) -> Rotating:
+async def rotate(wallet: Wallet) -> KeyRotation:
     """Do everything that `wallet rotate` does."""
-    rotating = Rotating(wallet, sleep=no_pause)
+    rotating = KeyRotation(wallet, sleep=no_pause)
     if wallet.store.content.next_words or not wallet.store.content.former:
         rotating.prepare()
         if rotating.must_show:
@@ -66,7 +66,7 @@ async def test_the_new_words_see_and_decide_of_what_the_old_ones_did(story: Stor
     assert again.owner_key(first.visit).public_key == first.visit.current == story.current(first.visit) != b""
     await again.sign_and_wait(first.visit, "access", "request", [[first.records[0].record_id], "own-access"])
     await again.sign_and_wait(first.visit, "rights", "restrict", [[], "accuracy"])
-    await Erasing(again).request(first.visit, [first.records[1].record_id], [])
+    await ErasureClient(again).request(first.visit, [first.records[1].record_id], [])
     kinds = [entry.kind for entry in await audit_all(again) if entry.owner == first.visit.owner]
     assert kinds[-4:] == ["transferred", "access_requested", "restricted", "erasure_requested"]
 
@@ -88,7 +88,7 @@ async def test_a_thief_with_the_old_words_is_refused_everywhere(story: Story) ->
     reports = await thief.records()
     await rotate(story.open())
     assert await refusal(thief.records()) == "MEMBER_NO_MORE"
-    assert await refusal(Rotating(thief).leave()) == "MEMBER_NO_MORE"
+    assert await refusal(KeyRotation(thief).leave()) == "MEMBER_NO_MORE"
     trails = [story.hospital.value("audit", b"count/" + report.visit.owner) for report in reports]
     for report in reports:
         visit, record_id = report.visit, report.records[0].record_id
@@ -101,8 +101,8 @@ async def test_a_thief_with_the_old_words_is_refused_everywhere(story: Story) ->
             ("rights", "wrong_person", []),
         ):
             assert await refusal(thief.sign_and_wait(visit, contract, entry, arguments)) == "SENDER_NOT_ADMITTED"
-        assert await refusal(Rotating(thief).transfer(visit)) == "SENDER_NOT_ADMITTED"
-    rotating = Rotating(thief)
+        assert await refusal(KeyRotation(thief).transfer(visit)) == "SENDER_NOT_ADMITTED"
+    rotating = KeyRotation(thief)
     rotating.prepare()
     rotating.confirm_shown()
     assert await refusal(rotating.rotate()) == "MEMBER_NO_MORE"
@@ -213,14 +213,14 @@ async def test_cut_off_between_a_transfer_and_the_end_of_a_share_it_goes_on(tmp_
 
 
 async def test_words_that_were_not_shown_are_shown_again_and_never_signed_with(story: Story) -> None:
-    first = Rotating(story.open())
+    first = KeyRotation(story.open())
     words = first.prepare()
-    again = Rotating(story.open())
+    again = KeyRotation(story.open())
     assert again.must_show
     assert await refusal(again.rotate()) == "VALUE_INVALID"
     assert again.prepare() == words
     again.confirm_shown()
-    later = Rotating(story.open())
+    later = KeyRotation(story.open())
     assert not later.must_show
     assert await later.rotate()
     assert not await later.rotate()
@@ -232,7 +232,7 @@ async def test_a_visit_that_comes_late_to_the_old_words_is_found_and_moved(story
     await rotate(story.open())
     late = story.visit(3)
     wallet = story.open()
-    rotating = Rotating(wallet, sleep=no_pause)
+    rotating = KeyRotation(wallet, sleep=no_pause)
     assert [visit.owner for visit in await rotating.exposed_visits()] == [late.owner]
     assert len((await wallet.records())[2].records) == 2
     done = await rotating.transfer_all(0.0, no_words)
@@ -259,7 +259,7 @@ async def test_who_restores_with_new_and_former_words_has_everything(story: Stor
     alone = story.copy("alone", new, [])
     reports = await alone.records()
     assert [(len(report.records), len(report.unreadable_ids)) for report in reports] == [(0, 2), (0, 2)]
-    await Erasing(alone).request(reports[0].visit, [reports[0].unreadable_ids[0]], [])
+    await ErasureClient(alone).request(reports[0].visit, [reports[0].unreadable_ids[0]], [])
 
 
 async def test_words_can_be_changed_again_and_again(story: Story) -> None:
@@ -302,7 +302,7 @@ async def test_a_thief_who_comes_in_between_ends_nothing(story: Story) -> None:
                 arguments = story.hospital.transfer_arguments(visit.owner, thief, number)[1]
                 story.hospital.must(old[visit.owner], "records", "transfer", *arguments)
 
-    done = await Rotating(wallet, sleep=steal).transfer_all(600.0, no_words)
+    done = await KeyRotation(wallet, sleep=steal).transfer_all(600.0, no_words)
     assert (len(done.done), len(done.taken), done.refusal) == (1, 1, None)
     assert 0 <= sum(waited) <= 600
     assert min(waited) >= 0
@@ -331,11 +331,11 @@ async def test_a_refusal_ends_it_and_says_what_is_done(story: Story) -> None:
 
 async def test_who_leaves_keeps_what_was_recorded_of_her(story: Story) -> None:
     wallet = story.open()
-    height = await Rotating(wallet).leave()
+    height = await KeyRotation(wallet).leave()
     assert height == story.hospital.height
     again = story.open()
     assert [len(report.records) for report in await again.records()] == [2, 2]
-    assert await Rotating(again).leave() == 0
+    assert await KeyRotation(again).leave() == 0
     assert story.hospital.view("identity", "member", story.person.identity.public_key)["status"] == "left"
 
 
@@ -349,9 +349,9 @@ async def test_leaving_can_be_cut_off_too(tmp_path: Path) -> None:
         story.power.cut_at = cut_at
         story.power.moments = 0
         try:
-            await Rotating(story.open()).leave()
+            await KeyRotation(story.open()).leave()
         except PowerCut:
-            await Rotating(story.open()).leave()
+            await KeyRotation(story.open()).leave()
         else:
             break
         assert len(await story.open().records()) == 1
@@ -360,7 +360,7 @@ async def test_leaving_can_be_cut_off_too(tmp_path: Path) -> None:
 
 
 async def test_nobody_leaves_with_half_changed_words(story: Story) -> None:
-    rotating = Rotating(story.open())
+    rotating = KeyRotation(story.open())
     rotating.prepare()
     assert await refusal(rotating.leave()) == "WALLET_ROTATION_OPEN"
 

@@ -12,8 +12,8 @@ import pytest
 from clients.wallet.cli import wallet_context
 from clients.wallet.commands.account import rotate_commands
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
-from clients.wallet.present.translations import LANGUAGE_VARIABLE, LANGUAGES
-from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, LANGUAGES
+from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys
 from consensus.errors import BlockRobotError
@@ -128,7 +128,7 @@ def stopped(desk: Desk, *arguments: str) -> str:
 def test_who_says_no_or_ctrl_c_at_the_question_is_told_that_nothing_changed(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rotate_commands, "ask_or_say", interrupt)
+    monkeypatch.setattr(rotate_commands, "confirm_or_print", interrupt)
     told = stopped(desk)
     assert told.startswith("Stopped. Nothing is changed: your present words are in force.")
     assert told.endswith(f"To begin again: {desk.command} rotate")
@@ -151,7 +151,7 @@ def test_ctrl_c_while_the_change_is_sent_says_that_nobody_knows_and_that_both_ar
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as cut:
-        cut.setattr(Rotating, "_say_rotation", interrupt)
+        cut.setattr(KeyRotation, "_say_rotation", interrupt)
         told = stopped(desk)
     assert "Whether your new words are in force already is not known: keep both" in told
     assert told.endswith(f"{desk.command} rotate")
@@ -163,7 +163,7 @@ def test_ctrl_c_before_the_wallet_is_open_says_nothing_of_words_that_may_be_in_f
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as cut:
-        cut.setattr(Rotating, "_say_rotation", interrupt)
+        cut.setattr(KeyRotation, "_say_rotation", interrupt)
         stopped(desk)
     with monkeypatch.context() as cut:
         cut.setattr(wallet_context, "read_passphrase", interrupt)
@@ -175,16 +175,16 @@ def test_ctrl_c_between_visits_says_what_is_done_and_how_many_still_obey_the_old
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     desk.story.visit(2)
-    transfer, moved = Rotating.transfer, list[object]()
+    transfer, moved = KeyRotation.transfer, list[object]()
 
-    async def only_once(self: Rotating, visit: Any) -> None:
+    async def only_once(self: KeyRotation, visit: Any) -> None:
         if moved:
             raise KeyboardInterrupt
         moved.append(visit)
         await transfer(self, visit)
 
     with monkeypatch.context() as cut:
-        cut.setattr(Rotating, "transfer", only_once)
+        cut.setattr(KeyRotation, "transfer", only_once)
         told = stopped(desk)
         assert told.startswith("Stopped. Your new words are in force; keep the old ones too. 1 visit still obeys")
         assert told.endswith(f"To go on: {desk.command} rotate")
@@ -194,7 +194,7 @@ def test_ctrl_c_between_visits_says_what_is_done_and_how_many_still_obey_the_old
 
 
 def test_ctrl_c_when_all_was_done_says_so(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wallet_context, "tell_liars", interrupt)
+    monkeypatch.setattr(wallet_context, "print_failed_nodes", interrupt)
     told = stopped(desk)
     assert told.startswith("Stopped, when all was done: your new words are in force")
     assert told.endswith(f"Next: {desk.command} records")

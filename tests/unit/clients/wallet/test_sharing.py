@@ -7,7 +7,7 @@ import pytest
 
 from clients.wallet.consent.rights_requests import RecordChoice, Rights, choose
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.sharing.outgoing_shares import Sharing, place_end, require_purpose_to_share, select_shareable
+from clients.wallet.sharing.outgoing_shares import SharingClient, place_end, require_purpose_to_share, select_shareable
 from clients.wallet.store.member_keys import derive_keys, draw_words
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
@@ -101,7 +101,7 @@ async def test_a_wallet_restored_from_its_words_shows_the_grant_and_no_longer_wi
     ward.record_visit()
     shared = await ward.share(doctor)
     again = ward.open_wallet("again", ward.wallet.store.content.words)
-    (share,) = await Sharing(again).shares()
+    (share,) = await SharingClient(again).shares()
     assert (share.grant.grant_id, share.given) == (shared.grant_id, None)
     assert "the chain does not say who" in share.name
 
@@ -109,11 +109,11 @@ async def test_a_wallet_restored_from_its_words_shows_the_grant_and_no_longer_wi
 async def test_a_name_that_was_given_once_finds_the_same_member_again(ward: SharedWard, doctor: Wallet) -> None:
     ward.record_visit()
     await ward.share(doctor)
-    again = await ward.sharing.find_grantee("dr weber")
+    again = await ward.sharing.resolve_grantee("dr weber")
     assert (again.member.handle, again.label, again.member.role) == (doctor.store.content.handle, "Dr Weber", "staff")
     text = doctor.store.content.handle.hex()
     spaced = " ".join(text[start : start + 8] for start in range(0, 64, 8))
-    assert (await ward.sharing.find_grantee(spaced)).member == again.member
+    assert (await ward.sharing.resolve_grantee(spaced)).member == again.member
 
 
 async def test_a_name_never_moves_to_another_person(ward: SharedWard, doctor: Wallet) -> None:
@@ -121,9 +121,9 @@ async def test_a_name_never_moves_to_another_person(ward: SharedWard, doctor: Wa
     await ward.share(doctor)
     nurse = ward.come_in("nurse", "staff").store.content.handle
     with pytest.raises(BlockRobotError, match=r"SHARE_NOT_POSSIBLE.*already call") as refused:
-        await ward.sharing.find_grantee(nurse.hex(), " dr weber ")
+        await ward.sharing.resolve_grantee(nurse.hex(), " dr weber ")
     assert encode_short(doctor.store.content.handle) in str(refused.value)
-    assert (await ward.sharing.find_grantee(doctor.store.content.handle.hex(), "Dr Weber")).label == "Dr Weber"
+    assert (await ward.sharing.resolve_grantee(doctor.store.content.handle.hex(), "Dr Weber")).label == "Dr Weber"
     (share,) = await ward.sharing.shares()
     assert share.name == f"Dr Weber (handle {encode_short(doctor.store.content.handle)})"
 
@@ -134,7 +134,7 @@ async def test_a_name_that_stands_for_two_in_an_older_wallet_finds_neither(ward:
     given = ward.wallet.store.content.given_grants
     given.append(msgspec.structs.replace(given[0], grant_id=bytes(32), handle=b"\x07" * 32))
     with pytest.raises(BlockRobotError, match=r"SHARE_NOT_POSSIBLE.*handle"):
-        await ward.sharing.find_grantee("Dr Weber")
+        await ward.sharing.resolve_grantee("Dr Weber")
 
 
 @pytest.mark.parametrize("role", ["subject", "robot", "auditor"])
@@ -147,11 +147,11 @@ async def test_nothing_is_shared_with_who_is_neither_staff_nor_officer(ward: Sha
 async def test_an_officer_may_be_shared_with_and_a_stranger_or_oneself_not(ward: SharedWard) -> None:
     assert (await ward.grantee(ward.come_in("officer", "officer"))).member.role == "officer"
     with pytest.raises(BlockRobotError, match="SHARE_WITH_NON_MEMBER"):
-        await ward.sharing.find_grantee("ab" * 32)
+        await ward.sharing.resolve_grantee("ab" * 32)
     with pytest.raises(BlockRobotError, match="SHARE_NOT_POSSIBLE"):
-        await ward.sharing.find_grantee("Dr Nobody")
+        await ward.sharing.resolve_grantee("Dr Nobody")
     with pytest.raises(BlockRobotError, match="SHARE_NOT_POSSIBLE"):
-        await ward.sharing.find_grantee(ward.wallet.store.content.handle.hex())
+        await ward.sharing.resolve_grantee(ward.wallet.store.content.handle.hex())
 
 
 async def test_with_one_of_two_custodians_away_nothing_is_shared_and_nothing_remembered(

@@ -12,10 +12,10 @@ import click
 import pytest
 from click.testing import Result
 
-from clients.wallet.commands import erase_command, share_commands
-from clients.wallet.commands.share_commands import read_end, say_step
+from clients.wallet.commands import erase_commands, share_commands
+from clients.wallet.commands.share_commands import read_end, step_text
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
-from clients.wallet.present.translations import LANGUAGE_VARIABLE, LANGUAGES, section
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, LANGUAGES, section
 from clients.wallet.sharing import outgoing_shares
 from clients.wallet.sharing.incoming_shares import KIND_CORRECTED, KIND_RESTRICTED, TO_DELETE
 from clients.wallet.sharing.outgoing_shares import STEP_KEYS, STEP_PARTS, STEP_SIGNING
@@ -88,7 +88,7 @@ def test_an_inbox_tells_what_is_wrong_with_ones_own_visits_and_an_erasure_who_ha
 ) -> None:
     """No custodian confirms in time: she hears that, and with whom she had shared it."""
     monkeypatch.setenv(LANGUAGE_VARIABLE, language)
-    monkeypatch.setattr(erase_command, "ERASE_WAIT_S", -1.0)
+    monkeypatch.setattr(erase_commands, "ERASE_WAIT_S", -1.0)
     ward, ann = people.ward, people.ward.wallet
     say = transcript.follow(lambda *typed: people.run(ann, *typed), "ann")
     visit = ward.open_visit()
@@ -164,7 +164,7 @@ def test_only_what_look_wrote_is_deleted_and_a_folder_with_other_files_stays_and
 
 
 def test_a_program_hears_of_a_late_erasure_who_had_received_it(people: People, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(erase_command, "ERASE_WAIT_S", -1.0)
+    monkeypatch.setattr(erase_commands, "ERASE_WAIT_S", -1.0)
     _, (record_id,) = people.ward.record_visit(1)
     people.share(record_id, "--yes")
     told = people.run(people.ward.wallet, "erase", record_id.hex(), "--wait", "--yes", "--json")
@@ -262,7 +262,7 @@ def fail_at_second_grant(people: People, monkeypatch: pytest.MonkeyPatch, *more:
         ward.custody.away = {"custodian-1"}
         return shared
 
-    monkeypatch.setattr(share_commands.Sharing, "share", share_once)
+    monkeypatch.setattr(share_commands.SharingClient, "share", share_once)
     handle = people.doctor.store.content.handle.hex()
     arguments = ["--visit", visit.owner.hex()[:12], "--with", handle, "--purpose", "care", "--for", "7d", "--yes"]
     return people.run(ward.wallet, "share", *arguments, *more)
@@ -313,7 +313,7 @@ def test_each_step_of_sharing_is_said_in_both_languages(
 ) -> None:
     for language, said in (("en", english), ("pt", portuguese)):
         monkeypatch.setenv(LANGUAGE_VARIABLE, language)
-        assert say_step(step) == said
+        assert step_text(step) == said
 
 
 def test_a_short_handle_leads_to_the_same_member_and_a_mistyped_one_to_nobody(people: People, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from click.testing import CliRunner
 
 from clients.wallet.cli.main import wallet
 from clients.wallet.cli.translated_help import EXAMPLE, click_speaks, paragraphs, placeholders
-from clients.wallet.present.translations import FOLDER, load, section
+from clients.wallet.presentation.translations import FOLDER, load, section
 from network.cli.main import main
 
 PREFIX = "help."

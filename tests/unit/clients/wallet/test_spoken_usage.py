@@ -10,8 +10,8 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet.commands.audit_command import audit
-from clients.wallet.present.translations import load
+from clients.wallet.commands.audit_commands import audit
+from clients.wallet.presentation.translations import load
 from network.cli.main import main
 
 ENGLISH = re.compile(

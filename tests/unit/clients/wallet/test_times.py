@@ -7,7 +7,7 @@ import pytest
 
 from clients.wallet.cli.times import MOMENT, read_time
 from clients.wallet.commands.share_commands import read_end
-from pages.moments import read_moment
+from pages.time_format import parse_time
 
 NOW_MS = 1_800_000_000_000
 HOUR_MS = 3_600_000
@@ -56,6 +56,6 @@ def test_a_span_in_another_notation_is_refused_with_how_one_is_written(span: str
 
 
 def test_an_officer_gives_a_date_and_a_time() -> None:
-    assert MOMENT.convert("2026-03-01 09:30", None, None) == read_moment("2026-03-01T09:30")
+    assert MOMENT.convert("2026-03-01 09:30", None, None) == parse_time("2026-03-01T09:30")
     with pytest.raises(click.BadParameter):
         MOMENT.convert("+5d", None, None)

@@ -8,9 +8,9 @@ import pytest
 
 from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.present.former_text import exposed
-from clients.wallet.records.erasure import Erasing
-from clients.wallet.recovery.key_rotation import Rotating
+from clients.wallet.presentation.former_text import exposed
+from clients.wallet.records.erasure import ErasureClient
+from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.store.keystore import KnownVisit
 from clients.wallet.store.member_keys import derive_keys, draw_words
 from consensus.errors import BlockRobotError
@@ -46,7 +46,7 @@ async def test_a_visit_that_can_be_moved_no_more_keeps_no_other_from_it(story: S
     name = (await thief.scan())[1].owner
     for _ in range(TRANSFERS_MAX_COUNT):
         (moved,) = [visit for visit in await thief.scan() if visit.owner == name]
-        await Rotating(thief).transfer(moved)
+        await KeyRotation(thief).transfer(moved)
     rotating = await take_new_words(wallet)
     done = await rotating.transfer_all(0.0, no_words)
     assert (len(done.done), [visit.owner for visit in done.stuck], done.refusal) == (2, [name], None)
@@ -58,7 +58,7 @@ async def test_a_visit_that_can_be_moved_no_more_keeps_no_other_from_it(story: S
     assert (len(done.done), len(done.stuck), done.refusal) == (2, 1, None)
     reports = {report.visit.owner: report for report in await story.open().records()}
     assert len(reports) == 3
-    await Erasing(again._wallet).request(reports[name].visit, [reports[name].records[0].record_id], [])
+    await ErasureClient(again._wallet).request(reports[name].visit, [reports[name].records[0].record_id], [])
 
 
 async def test_a_refusal_that_may_pass_calls_no_visit_lost_keeps_no_other_and_is_told(
@@ -68,15 +68,15 @@ async def test_a_refusal_that_may_pass_calls_no_visit_lost_keeps_no_other_and_is
     wallet = story.open()
     name = (await wallet.scan())[1].owner
     rotating = await take_new_words(wallet)
-    real = Rotating.transfer
+    real = KeyRotation.transfer
 
-    async def refused(self: Rotating, visit: KnownVisit) -> None:
+    async def refused(self: KeyRotation, visit: KnownVisit) -> None:
         if visit.owner == name:
             raise BlockRobotError("CALL_REFUSED", "The call takes other arguments.", contract_code="ARGUMENTS_WRONG")
         await real(self, visit)
 
     with monkeypatch.context() as meanwhile:
-        meanwhile.setattr(Rotating, "transfer", refused)
+        meanwhile.setattr(KeyRotation, "transfer", refused)
         done = await rotating.transfer_all(0.0, no_words)
     assert (len(done.done), done.stuck, done.refusal and done.refusal.code) == (2, (), "CALL_REFUSED")
     content = story.open().store.content
@@ -85,7 +85,7 @@ async def test_a_refusal_that_may_pass_calls_no_visit_lost_keeps_no_other_and_is
         visit.stuck = visit.owner == name  # as wallets took it before
     again = story.open()
     again.store.content.visits = content.visits
-    done = await Rotating(again, sleep=no_pause).transfer_all(0.0, no_words)
+    done = await KeyRotation(again, sleep=no_pause).transfer_all(0.0, no_words)
     assert ([visit.owner for visit in done.done], done.stuck, done.refusal) == ([name], (), None)
 
 
@@ -109,7 +109,7 @@ async def test_a_thief_who_moves_it_under_the_old_words_meanwhile_is_outrun(stor
 
     async def rob(root: bytes | None) -> None:
         (visit,) = [visit for visit in thief.store.content.visits if visit.owner == root]
-        await Rotating(thief).transfer(visit)
+        await KeyRotation(thief).transfer(visit)
 
     story.chain.submit_and_wait = first_he  # type: ignore[method-assign,assignment]
     done = await rotating.transfer_all(0.0, no_words)
@@ -123,21 +123,21 @@ async def test_what_the_thief_has_not_moved_she_still_sees_and_erases(story: Sto
     assert not wallet.member_gone
     thief = await steal_membership(story)
     (lost,) = [visit for visit in await thief.scan() if visit.owner == visits[1].owner]
-    await Rotating(thief).transfer(lost)
+    await KeyRotation(thief).transfer(lost)
     again = story.open()
     reports = await again.records()
     assert again.member_gone
     assert [report.visit.owner for report in reports] == [visits[0].owner, visits[2].owner]
     assert [visit.owner for visit in again.out_of_reach] == [visits[1].owner]
     assert await audit_all(again)
-    await Erasing(again).request(reports[0].visit, [reports[0].records[0].record_id], [])
-    assert await refusal(Rotating(again).leave()) == "MEMBER_NO_MORE"
+    await ErasureClient(again).request(reports[0].visit, [reports[0].records[0].record_id], [])
+    assert await refusal(KeyRotation(again).leave()) == "MEMBER_NO_MORE"
 
 
 async def test_who_has_nothing_left_is_told_so(story: Story) -> None:
     await story.open().records()
     thief = await steal_membership(story)
-    await Rotating(thief, sleep=no_pause).transfer_all(0.0, no_words)
+    await KeyRotation(thief, sleep=no_pause).transfer_all(0.0, no_words)
     assert await refusal(story.open().records()) == "MEMBER_NO_MORE"
 
 
@@ -146,13 +146,13 @@ async def test_with_new_words_the_former_ones_and_a_new_card_visits_are_hers_aga
     names = [report.visit.owner for report in await story.open().records()]
     thief = await steal_membership(story)
     (lost,) = [visit for visit in await thief.scan() if visit.owner == names[0]]
-    await Rotating(thief).transfer(lost)
+    await KeyRotation(thief).transfer(lost)
     words = draw_words()
     person = Patient("ann again", keys=derive_keys(words))
     arguments = story.hospital.register_arguments(person, story.hospital.card("ann again"))
     story.hospital.must(person.identity, "identity", "register", *arguments)
     second = story.copy("second", words, [OLD_WORDS])
-    done = await Rotating(second, sleep=no_pause).transfer_all(0.0, no_words)
+    done = await KeyRotation(second, sleep=no_pause).transfer_all(0.0, no_words)
     assert ({visit.owner for visit in done.done}, done.refusal) == (set(names[1:]), None)
     assert [visit.owner for visit in done.taken] == names[:1]
     assert [len(report.records) for report in await second.records()] == [2, 2]
@@ -169,14 +169,14 @@ async def test_who_wanted_to_leave_and_was_robbed_has_not_left(story: Story) -> 
         raise BlockRobotError("NODE_UNREACHABLE")
 
     story.chain.submit_and_wait = away  # type: ignore[method-assign,assignment]
-    assert await refusal(Rotating(wallet).leave()) == "NODE_UNREACHABLE"
+    assert await refusal(KeyRotation(wallet).leave()) == "NODE_UNREACHABLE"
     story.chain.submit_and_wait = real  # type: ignore[method-assign]
     assert not story.open().store.content.left
     await steal_membership(story)
     again = story.open()
     assert len(await again.records()) == 3
     assert again.member_gone
-    assert await refusal(Rotating(again).leave()) == "MEMBER_NO_MORE"
+    assert await refusal(KeyRotation(again).leave()) == "MEMBER_NO_MORE"
     assert not story.open().store.content.left
 
 
@@ -191,12 +191,12 @@ async def test_who_left_without_hearing_of_it_has_left(story: Story) -> None:
     wallet = story.open()
     await wallet.records()
     story.chain.submit_and_wait = deaf  # type: ignore[method-assign,assignment]
-    assert await refusal(Rotating(wallet).leave()) == "TRANSACTION_NOT_FINAL_IN_TIME"
+    assert await refusal(KeyRotation(wallet).leave()) == "TRANSACTION_NOT_FINAL_IN_TIME"
     again = story.open()
     assert len(await again.records()) == 3
     assert not again.member_gone
     assert story.open().store.content.left
-    assert await Rotating(again).leave() == 0
+    assert await KeyRotation(again).leave() == 0
 
 
 async def test_receipts_that_are_due_go_with_the_words_that_spoke(story: Story) -> None:

@@ -8,10 +8,10 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from clients.wallet.commands.view_commands import list_missing_rooms, tell_missing_rooms
+from clients.wallet.commands.view_commands import list_missing_rooms, print_missing_rooms
 from clients.wallet.ledger.visit_audit import Finding
 from clients.wallet.ledger.wallet import RecordEntry
-from clients.wallet.records.viewing import VERDICT_WHEN_CANCELLED_MAX_S, RecordView, Viewing, finding_of
+from clients.wallet.records.viewing import VERDICT_WHEN_CANCELLED_MAX_S, RecordView, RecordViewer, finding_of
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
 from tests.miscounting_robot import (
@@ -31,7 +31,7 @@ async def one_record(world: World, frames: int = 3) -> RecordEntry:
 
 
 async def look(world: World, entry: RecordEntry) -> RecordView:
-    viewing = Viewing(world.wallet, follow_max_ms=0)
+    viewing = RecordViewer(world.wallet, follow_max_ms=0)
     return await viewing.view(entry, await viewing.request_access([entry], "own-access"))
 
 
@@ -50,7 +50,7 @@ def test_a_custodian_that_follows_late_is_given_time(world: World) -> None:
     async def story() -> RecordView:
         entry = await one_record(world)
         world.network.custody.late_answers = 3
-        viewing = Viewing(world.wallet)
+        viewing = RecordViewer(world.wallet)
         return await viewing.view(entry, await viewing.request_access([entry], "own-access"))
 
     view = run_virtual(story())
@@ -157,7 +157,7 @@ async def test_a_record_of_which_the_robot_counted_others_than_it_committed_to_i
     assert statuses(view) == ["ok"] * committed
     assert (view.frames_counted, view.corrupted, view.miscounted) == (counted, [], True)
     assert view.verdict == "corrupted"
-    await Viewing(world.wallet).put_verdicts(entry.visit, [finding_of(view)])
+    await RecordViewer(world.wallet).put_verdicts(entry.visit, [finding_of(view)])
     assert world.network.calls[-1] == (entry.visit.owner, "access", "verdict", [[[entry.record_id, "corrupted", []]]])
 
 
@@ -230,13 +230,13 @@ async def test_the_verdict_goes_on_the_chain_with_the_frames_it_is_about(world: 
     entry = await one_record(world)
     for name in world.network.custody.clips:
         world.change_frame(name, entry.record_id, 2, ciphertext=b"x" * 200)
-    await Viewing(world.wallet).put_verdicts(entry.visit, [finding_of(await look(world, entry))])
+    await RecordViewer(world.wallet).put_verdicts(entry.visit, [finding_of(await look(world, entry))])
     assert world.network.calls[-1] == (entry.visit.owner, "access", "verdict", [[[entry.record_id, "corrupted", [2]]]])
 
 
-def looking(world: World, monkeypatch: pytest.MonkeyPatch, verdicts: list[str], refusal: str = "") -> Viewing:
+def looking(world: World, monkeypatch: pytest.MonkeyPatch, verdicts: list[str], refusal: str = "") -> RecordViewer:
     """A look whose verdicts the test takes; with a `refusal` they are refused."""
-    viewing = Viewing(world.wallet, follow_max_ms=0)
+    viewing = RecordViewer(world.wallet, follow_max_ms=0)
 
     async def put(visit: KnownVisit, findings: list[Finding]) -> None:
         verdicts.append("tried")
@@ -305,7 +305,7 @@ def test_why_pictures_are_shown_without_the_room_is_told_once_for_each_reason(
         bytes([number]) * 32: BlockRobotError(code)
         for number, code in enumerate(["EMPTY_FRAME_WITHDRAWN", "EMPTY_FRAME_WITHDRAWN", "NODE_UNREACHABLE"])
     }
-    tell_missing_rooms(missing)
+    print_missing_rooms(missing)
     told = " ".join(capsys.readouterr().out.split())
     assert (told.count("An empty room is missing"), told.count("was withdrawn")) == (2, 1)
     assert [room.code for room in list_missing_rooms(missing)][2] == "NODE_UNREACHABLE"

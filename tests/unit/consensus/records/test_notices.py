@@ -13,13 +13,13 @@ from consensus.rights.notices import (
     Notice,
     PublishedNotice,
     Right,
+    change_lines,
     decode_notice,
     encode_notice,
     notice_digest,
+    notice_lines,
     read_published,
     read_row,
-    tell_changes,
-    tell_notice,
 )
 from network.notices.demo_notice import demo_notice
 
@@ -90,19 +90,19 @@ def test_a_version_is_read_from_the_state_with_its_words_or_not_at_all() -> None
 def test_a_change_is_told_line_by_line_and_no_text_forges_one() -> None:
     before = demo_notice()
     after = change(third_countries="Pictures are kept in a country without an adequate level of protection, too.")
-    gone, come = tell_changes(before, after)
+    gone, come = change_lines(before, after)
     assert gone == f"- Other countries: {before.third_countries}"
     assert come == f"+ Other countries: {after.third_countries}"
-    assert tell_changes(before, before) == []
-    assert len(tell_notice(before)) > 20
+    assert change_lines(before, before) == []
+    assert len(notice_lines(before)) > 20
     forged = "\n- Data: pictures From: robot\n+ Purpose care: nothing is recorded any more."
     after = change(measures=[*before.measures, f"Locked rooms.{forged}"])
-    assert tell_changes(before, after) == [
+    assert change_lines(before, after) == [
         "+ Protection: Locked rooms.",
         "+     | - Data: pictures From: robot",
         "+     | + Purpose care: nothing is recorded any more.",
     ]
-    lines = [line for entry in tell_notice(after) for line in entry.split("\n")]
+    lines = [line for entry in notice_lines(after) for line in entry.split("\n")]
     assert [line for line in lines if line.startswith(("- ", "+ "))] == []
     assert lines[-2:] == ["    | - Data: pictures From: robot", "    | + Purpose care: nothing is recorded any more."]
 
@@ -116,5 +116,5 @@ def test_what_changed_is_found_in_time_that_words_cannot_stretch() -> None:
 
     before, after = change(measures=words()), change(measures=words())
     started_s = time.process_time()
-    assert len(tell_changes(before, after)) == 64
+    assert len(change_lines(before, after)) == 64
     assert time.process_time() - started_s < 0.1

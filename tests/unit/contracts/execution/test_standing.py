@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from contracts.execution.sender_admission import has_standing
+from contracts.execution.sender_admission import is_admitted
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, key_of
 
 
 def _stands(hospital: Hospital, name: str, contract: str = "access", entry: str = "request") -> bool:
     transaction = hospital.sign(key_of(name), contract, entry, [], "care")
-    return has_standing(hospital.state, transaction, hospital.time_ms)
+    return is_admitted(hospital.state, transaction, hospital.time_ms)
 
 
 def test_members_custodians_registrars_and_admins_stand_until_they_left(hospital: Hospital) -> None:
@@ -28,7 +28,7 @@ def test_an_owner_stands_for_access_and_erasure_once_the_visit_is_there(hospital
 
     def stands(contract: str) -> bool:
         transaction = hospital.sign(visit.key, contract, "request", [], [])
-        return has_standing(hospital.state, transaction, hospital.time_ms)
+        return is_admitted(hospital.state, transaction, hospital.time_ms)
 
     assert not stands("access")
     hospital.must(hospital.robot.identity, "records", "open_visit", *arguments)
@@ -39,7 +39,7 @@ def test_an_owner_stands_for_access_and_erasure_once_the_visit_is_there(hospital
 
 def _registration_stands(hospital: Hospital, person: Person, arguments: list[object]) -> bool:
     transaction = hospital.sign(person.identity, "identity", "register", *arguments)
-    return has_standing(hospital.state, transaction, hospital.time_ms)
+    return is_admitted(hospital.state, transaction, hospital.time_ms)
 
 
 def test_a_registration_stands_by_its_voucher(hospital: Hospital) -> None:
@@ -69,6 +69,6 @@ def test_no_argument_whatever_breaks_the_check(hospital: Hospital, place: int, v
     arguments = hospital.register_arguments(anna, hospital.card("anna"))
     arguments[place] = value
     transaction = hospital.sign(anna.identity, "identity", "register", *arguments)
-    assert has_standing(hospital.state, transaction, hospital.time_ms) is (place == 9)
+    assert is_admitted(hospital.state, transaction, hospital.time_ms) is (place == 9)
     short = hospital.sign(anna.identity, "identity", "register", *arguments[:place])
-    assert not has_standing(hospital.state, short, hospital.time_ms)
+    assert not is_admitted(hospital.state, short, hospital.time_ms)

@@ -18,7 +18,7 @@ from consensus.records.sharing import (
     open_grant_keys,
     scan_grant,
 )
-from contracts.execution.sender_admission import Account, find_account, has_standing, name_grantees
+from contracts.execution.sender_admission import Account, find_account, is_admitted, name_grantees
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit, data_of, key_of
 
 SALT = sha256(b"salt of the grant")
@@ -294,7 +294,7 @@ def test_the_key_of_a_grant_says_something_for_90_days_after_the_end(
 
     def waits(entry: str, *arguments: Any) -> bool:
         transaction = hospital.sign(key, "access", entry, *arguments)
-        return has_standing(hospital.state, transaction, hospital.time_ms)
+        return is_admitted(hospital.state, transaction, hospital.time_ms)
 
     assert waits("request_granted", *asking)
     assert not waits("request", visit.records[:1], "care")
@@ -325,7 +325,7 @@ def test_nobody_spends_a_visits_key_by_sharing_with_it_first(hospital: Hospital,
     opened = [root, key_of("r").public_key, 7, hospital.bucket(), "care"]
     hospital.must(hospital.robot.identity, "records", "open_visit", *opened)
     asking = hospital.sign(key, "access", "request", [], "care")
-    assert has_standing(hospital.state, asking, hospital.time_ms)
+    assert is_admitted(hospital.state, asking, hospital.time_ms)
     assert find_account(hospital.state, asking) == Account(root, is_of_visit=True, origin=origin_of(hospital)), (
         "in her own turns, not in those of his grantees"
     )
@@ -368,9 +368,9 @@ def test_another_grant_to_the_same_key_takes_nothing_from_the_first_or_the_secon
     hospital.must(thief.key, "access", "revoke", squatting)
     meant = hospital.must(visit.key, "access", "grant", *words_for(hospital, visit, nurse)).txid
     asking = hospital.sign(key, "access", "request_granted", meant, visit.records[:1], "care")
-    assert has_standing(hospital.state, asking, hospital.time_ms)
+    assert is_admitted(hospital.state, asking, hospital.time_ms)
     ended = hospital.sign(key, "access", "request_granted", squatting, visit.records[:1], "care")
-    assert not has_standing(hospital.state, ended, hospital.time_ms)
+    assert not is_admitted(hospital.state, ended, hospital.time_ms)
     hospital.must(key, "access", "request_granted", meant, visit.records[:1], "care")
 
 

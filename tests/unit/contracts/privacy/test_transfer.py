@@ -9,7 +9,7 @@ import pytest
 from consensus.primitives.keys import PrivateKey
 from consensus.records.owner_keys import scan_announcement, sign_transfer
 from consensus.state.records import decided_root
-from contracts.execution.sender_admission import has_standing
+from contracts.execution.sender_admission import is_admitted
 from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, data_of, key_of
 
@@ -74,7 +74,7 @@ def test_whoever_stole_the_old_words_decides_nothing_any_more(hospital: Hospital
     for contract, entry, arguments in [*words_of(visit), ("records", "transfer", to_the_thief)]:
         assert hospital.send(visit.key, contract, entry, *arguments).code == "VISIT_TRANSFERRED", (contract, entry)
         waiting = hospital.sign(visit.key, contract, entry, *arguments)
-        assert not has_standing(hospital.state, waiting, hospital.time_ms)
+        assert not is_admitted(hospital.state, waiting, hospital.time_ms)
     assert hospital.value("audit", b"count/" + visit.owner) == trail
 
 
@@ -82,7 +82,7 @@ def test_a_key_waits_with_a_transfer_only_while_it_decides(hospital: Hospital, v
     new, arguments = hospital.transfer_arguments(visit.owner, NEW_ANNA)
 
     def stands(key: PrivateKey, contract: str = "records", entry: str = "transfer") -> bool:
-        return has_standing(hospital.state, hospital.sign(key, contract, entry, *arguments), hospital.time_ms)
+        return is_admitted(hospital.state, hospital.sign(key, contract, entry, *arguments), hospital.time_ms)
 
     assert stands(visit.key)
     assert not stands(visit.key, "records", "record")

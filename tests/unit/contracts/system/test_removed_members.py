@@ -7,7 +7,7 @@ import pytest
 from consensus.members.vouchers import issue_card, sign_card
 from consensus.primitives.hashing import sha256
 from consensus.state.identity import active_role
-from contracts.execution.sender_admission import has_standing
+from contracts.execution.sender_admission import is_admitted
 from node.api.access.principals import resolve_principal
 from tests.unit.contracts.system.consortium import (
     DAY_MS,
@@ -69,7 +69,7 @@ def test_the_pool_and_the_api_know_the_same_roles_as_the_contracts(consortium: C
         assert active_role(consortium.state, member) == expected
         standing = resolve_principal(consortium.state, member)
         assert (set() if standing is None else standing.roles) == ({expected} if expected else set())
-        assert has_standing(consortium.state, transaction, consortium.time_ms) == bool(expected)
+        assert is_admitted(consortium.state, transaction, consortium.time_ms) == bool(expected)
 
     agree_on(role)
     consortium.agree("remove_org", {"name": "org-02"})
@@ -84,17 +84,17 @@ def test_who_is_on_the_staff_of_a_removed_organisation_can_still_take_consent_ba
     key, handle = key_of("staff/member"), sha256(b"staff")
     consortium.agree("remove_org", {"name": "org-02"})
     taking_back = consortium.sign(key, "consent", "withdraw", handle, [], [])
-    assert has_standing(consortium.state, taking_back, consortium.time_ms)
-    assert not has_standing(consortium.state, consortium.sign(key, "access", "request", [], "care"), consortium.time_ms)
+    assert is_admitted(consortium.state, taking_back, consortium.time_ms)
+    assert not is_admitted(consortium.state, consortium.sign(key, "access", "request", [], "care"), consortium.time_ms)
     consortium.must(key, "consent", "withdraw", handle, [], [])
     consortium.must(key, "identity", "leave", handle)
-    assert not has_standing(consortium.state, taking_back, consortium.time_ms)
+    assert not is_admitted(consortium.state, taking_back, consortium.time_ms)
 
 
 def test_admins_and_registrars_of_a_removed_organisation_stand_no_more(consortium: Consortium) -> None:
     def stands(key_name: str) -> bool:
         transaction = consortium.sign(key_of(key_name), "settings", "propose", "heartbeat_ms", 1)
-        return has_standing(consortium.state, transaction, consortium.time_ms)
+        return is_admitted(consortium.state, transaction, consortium.time_ms)
 
     names = ("org-02/admin", "org-02/registrar", "node-02/custodian")
     assert all(stands(name) for name in names)
@@ -109,7 +109,7 @@ def test_producers_stand_for_what_producers_say_and_nothing_else(
 ) -> None:
     def stands(name: str, contract: str, entry: str) -> bool:
         transaction = consortium.sign(producer_of(name), contract, entry, 1, bytes(32))
-        return has_standing(consortium.state, transaction, consortium.time_ms)
+        return is_admitted(consortium.state, transaction, consortium.time_ms)
 
     assert stands("node-02", contract, entry)
     assert not stands("node-02", contract, "propose")

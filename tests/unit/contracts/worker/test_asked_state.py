@@ -10,7 +10,7 @@ import pytest
 from contracts.execution.call_host import CallHost
 from contracts.state.view import MemoryState
 from contracts.worker import process
-from contracts.worker.process import AskedState
+from contracts.worker.process import RemoteState
 from contracts.worker.wire import Get, Pipe, Rows, Scan, Value
 
 GROUPS, ROWS = 20, 64
@@ -46,7 +46,7 @@ class CountingPipe:
 @pytest.mark.parametrize("limit", [1, 3, ROWS])
 def test_scans_carry_about_twice_what_is_taken_at_most(limit: int) -> None:
     pipe = CountingPipe()
-    host = CallHost(AskedState(cast(Pipe, pipe), b""))
+    host = CallHost(RemoteState(cast(Pipe, pipe), b""))
     host.begin()
     for group in range(GROUPS):
         prefix = b"it\x00%02d" % group
@@ -59,7 +59,7 @@ def test_scans_carry_about_twice_what_is_taken_at_most(limit: int) -> None:
 def test_a_value_that_is_kept_no_more_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
     pipe = CountingPipe()
     monkeypatch.setattr(process, "ASKED_KEPT_MAX_BYTES", 3 * len(VALUE))
-    state = AskedState(cast(Pipe, pipe), b"")
+    state = RemoteState(cast(Pipe, pipe), b"")
     rows = list(state.scan(b"it\x00", 2 * ROWS))
     questions = pipe.questions
     assert state.get(rows[-1][0]) == VALUE

@@ -17,8 +17,8 @@ from network.lab.hiding import companions
 from network.lab.hiding.companions import SEED_STRIDE, Observed, goals_met, observe, rates
 
 
-def seen(share: float, trouble: str = "", person: int = 1) -> Observed:
-    return Observed(0, person, share, trouble, np.zeros(len(CUES)))
+def seen(share: float, withhold_reason: str = "", person: int = 1) -> Observed:
+    return Observed(0, person, share, withhold_reason, np.zeros(len(CUES)))
 
 
 def test_a_pairs_silhouettes_hold_the_pair_and_a_single_persons_do_not() -> None:
@@ -58,10 +58,10 @@ def test_what_is_judged_is_what_the_watch_says_not_a_frame_by_itself() -> None:
             return super().step(first, at_ms)
 
     scenario = draw_scene(3, "single")
-    alone = [one.trouble for one in observe(scenario, [40, 41])]
+    alone = [one.withhold_reason for one in observe(scenario, [40, 41])]
     assert alone == ["", ""]
-    assert [one.trouble for one in observe(scenario, [40, 41], CompanionWatch())] == alone
-    assert [one.trouble for one in observe(scenario, [40, 41], Suspecting())] == ["merged", "merged"]
+    assert [one.withhold_reason for one in observe(scenario, [40, 41], CompanionWatch())] == alone
+    assert [one.withhold_reason for one in observe(scenario, [40, 41], Suspecting())] == ["merged", "merged"]
 
 
 def test_the_command_judges_the_watch(monkeypatch: pytest.MonkeyPatch) -> None:

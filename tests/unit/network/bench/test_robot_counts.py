@@ -7,13 +7,13 @@ from collections import Counter
 from typing import Any
 
 from network.bench.robot.robot_counts import (
+    FrameAccount,
     LoggedFrames,
-    Reckoning,
     Timed,
+    account_for_frames,
     caught_up_at_ms,
     match_owners,
     read_frames,
-    reckon,
     untouched_by_cut,
 )
 
@@ -39,11 +39,15 @@ A_FOUND, B_FOUND = Counter([0, 1, 2]), Counter([0, 1, 2, 3])
 
 def test_nothing_is_wrong_where_log_and_owners_agree_and_what_nobody_finds_is_lost() -> None:
     logged = read_frames(story())
-    assert reckon(logged, [A_FOUND, B_FOUND]) == reckon(logged, [B_FOUND, A_FOUND]) == Reckoning(0, 0, 0)
+    assert (
+        account_for_frames(logged, [A_FOUND, B_FOUND])
+        == account_for_frames(logged, [B_FOUND, A_FOUND])
+        == FrameAccount(0, 0, 0)
+    )
     logged = read_frames(story())
-    assert reckon(logged, [B_FOUND]).lost == 3
-    assert reckon(logged, []).lost == 7
-    assert reckon(LoggedFrames(), [A_FOUND]) == Reckoning(0, 0, 3)
+    assert account_for_frames(logged, [B_FOUND]).lost == 3
+    assert account_for_frames(logged, []).lost == 7
+    assert account_for_frames(LoggedFrames(), [A_FOUND]) == FrameAccount(0, 0, 3)
 
 
 def test_the_log_tells_how_long_each_kept_frame_took_and_how_many_were_taken_up() -> None:
@@ -57,17 +61,19 @@ def test_the_log_tells_how_long_each_kept_frame_took_and_how_many_were_taken_up(
 
 
 def test_a_frame_that_nobody_finds_is_lost_and_one_at_the_wrong_owner_unexplained_there() -> None:
-    assert reckon(read_frames(story()), [A_FOUND, Counter([0, 1, 3])]) == Reckoning(lost=1, doubled=0, unexplained=0)
+    assert account_for_frames(read_frames(story()), [A_FOUND, Counter([0, 1, 3])]) == FrameAccount(
+        lost=1, doubled=0, unexplained=0
+    )
     logged = read_frames(story(final=(0, 1), withheld=(3,)))
-    assert reckon(logged, [Counter([0, 1]), B_FOUND]).lost == 1
+    assert account_for_frames(logged, [Counter([0, 1]), B_FOUND]).lost == 1
     logged = read_frames(story(final=(0, 1), withheld=(2, 3)))
-    assert reckon(logged, [Counter([0, 3]), B_FOUND]) == Reckoning(lost=1, doubled=0, unexplained=1)
+    assert account_for_frames(logged, [Counter([0, 3]), B_FOUND]) == FrameAccount(lost=1, doubled=0, unexplained=1)
 
 
 def test_a_frame_found_or_logged_twice_or_kept_and_withheld_is_doubled() -> None:
-    assert reckon(read_frames(story()), [A_FOUND, B_FOUND + Counter([2])]).doubled == 1
-    assert reckon(read_frames(story(final=(0, 1, 2, 2))), [A_FOUND, B_FOUND]).doubled == 1
-    assert reckon(read_frames(story(withheld=(2, 3))), [A_FOUND, B_FOUND]).doubled == 1
+    assert account_for_frames(read_frames(story()), [A_FOUND, B_FOUND + Counter([2])]).doubled == 1
+    assert account_for_frames(read_frames(story(final=(0, 1, 2, 2))), [A_FOUND, B_FOUND]).doubled == 1
+    assert account_for_frames(read_frames(story(withheld=(2, 3))), [A_FOUND, B_FOUND]).doubled == 1
 
 
 def test_aliases_are_given_to_owners_as_most_frames_agree() -> None:

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from clients.robot.sensing.sensor_events import Frame, Refused, Sighting, SourceEvent
+from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting, SourceEvent
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.render import Renderer
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
@@ -29,7 +29,7 @@ class Recorded:
     def events(self) -> Iterator[SourceEvent]:
         at = 1_000 + self.shift_ms
         yield Sighting(at + 10, at + 20, "E2", received_at_ms=at + 30)
-        yield Refused(at + 31, "frame", "size")
+        yield RefusedMessage(at + 31, "frame", "size")
         for number in range(self.frames):
             yield Frame(at + 100 * number, number, DEPTH, at + 100 * number + 5)
 

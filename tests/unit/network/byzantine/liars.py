@@ -9,7 +9,7 @@ from consensus.chain.block import Header, IndexedSignature, QuorumCertificate
 from consensus.chain.messages import Proposal, Timeout, Vote, sign_timeout, sign_vote
 from consensus.protocol.effects import BuildBlock, FetchBlocks, Message
 from network.byzantine import Behaviour, make_behaviour
-from network.byzantine.behaviour import Accomplices
+from network.byzantine.behaviour import ColludingNodes
 from tests.sim.named_chain import CHAIN_ID, build_block, make_genesis_block, make_keys, make_transaction
 
 COUNT = 4
@@ -97,7 +97,9 @@ def timeout(round_number: int, qc: QuorumCertificate) -> Timeout:
     return sign_timeout(KEYS[LIAR], CHAIN_ID, round_number, LIAR, qc, None, 0)
 
 
-def liar(name: str, own: Own | None = None, seed: int = 1, ring: Accomplices | None = None) -> tuple[Behaviour, Kept]:
+def liar(
+    name: str, own: Own | None = None, seed: int = 1, ring: ColludingNodes | None = None
+) -> tuple[Behaviour, Kept]:
     kept = Kept()
     behaviour = make_behaviour(
         name, inner=kept, own=own or Own(), key=KEYS[LIAR], chance=Random(seed), accomplices=ring

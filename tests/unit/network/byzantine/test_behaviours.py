@@ -21,7 +21,7 @@ from consensus.chain.schedule import Schedule, verify_qc, verify_tc
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.protocol.effects import FetchBlocks, Message
-from network.byzantine import BEHAVIOURS, Accomplices, byzantine_clock, check_behaviour
+from network.byzantine import BEHAVIOURS, ColludingNodes, byzantine_clock, check_behaviour
 from network.byzantine.garbage import MESSAGES_PER_TICK_COUNT, RAW_EVERY_TICKS_COUNT
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.network.byzantine.liars import GENESIS, KEYS, LIAR, OTHERS, Own, liar, proposal, qc_of, timeout, vote
@@ -78,7 +78,7 @@ def test_a_double_voter_tells_everybody_of_two_votes_and_prefers_an_accomplices_
     assert len(ballots) == 4
     assert len({ballot.block_id for ballot in ballots}) == 2
     assert all(_is_genuine(ballot) and ballot.round == 5 for ballot in ballots)
-    ring = Accomplices()
+    ring = ColludingNodes()
     ring.tell(0, 5, b"b" * 32)
     behaviour, kept = liar("double-vote", ring=ring)
     behaviour.broadcast(vote(b"a" * 32))
@@ -86,7 +86,7 @@ def test_a_double_voter_tells_everybody_of_two_votes_and_prefers_an_accomplices_
 
 
 def test_an_equivocator_tells_its_accomplices_of_both_blocks() -> None:
-    ring = Accomplices()
+    ring = ColludingNodes()
     behaviour, _ = liar("equivocate", ring=ring)
     honest = proposal()
     behaviour.broadcast(honest)

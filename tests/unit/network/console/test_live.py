@@ -14,9 +14,9 @@ from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
 from network.cluster import Cluster
 from network.console.live import ForwardClock, LiveConsole
-from network.console.looking import Looking, NodeSight
+from network.console.node_polling import NodePoll, NodePoller
 from network.provisioning.network_layout import create_network
-from tests.unit.network.console.sights import sights
+from tests.unit.network.console.polls import polls
 
 LOOKS_COUNT = 3
 LONG_PLAN = 'seed = 4\n[[step]]\nat = "1h"\ndo = "pause"\nnode = "node-1"\n'
@@ -54,7 +54,7 @@ async def test_the_page_is_told_who_is_who_and_what_there_is_to_choose(console: 
 async def test_who_waits_for_news_hears_of_a_moment_at_once(console: LiveConsole) -> None:
     await console.wait_beyond(0, 0.0)
     assert to_builtins(console.now(0))["moment"] is None
-    console._take(sights())
+    console._update(polls())
     await console.wait_beyond(0, 60.0)
     answer = to_builtins(console.now(0))
     assert (answer["sequence"], answer["moment"]["final"]) == (1, 10)
@@ -64,7 +64,7 @@ async def test_who_waits_for_news_hears_of_a_moment_at_once(console: LiveConsole
 
 
 async def test_an_export_holds_what_was_recorded(console: LiveConsole) -> None:
-    console._take(sights())
+    console._update(polls())
     text = console.export()
     assert '"final":10' in text
     assert "The recording begins" in text
@@ -117,12 +117,12 @@ async def test_what_was_recorded_of_a_node_that_has_gone_since_is_shown_with_it_
     now_ms = iter(range(1_000, 100_000, 1_000))
     monkeypatch.setattr(console, "_now_ms", lambda: next(now_ms))
     said = {"status": {"rounds": [{"epoch": 0, "round": 7, "leader": "node-4", "said": {"voted": 1}}]}}
-    console._take(sights(node_4=said))
+    console._update(polls(node_4=said))
     shutil.rmtree(console.cluster.folder / "nodes" / "node-4")
     assert console._begin_anew()
     assert len(to_builtins(console.now(0))["network"]["nodes"]) == 4, "the newest moment is still one of four"
     assert console.recorder.events_after(0)[-1]["nodes"] == ["node-4"]
-    console._take(sights()[:3])
+    console._update(polls()[:3])
     past, now = to_builtins(console.past(1_500)), to_builtins(console.now(0))
     assert [len(each["network"]["nodes"]) for each in (past, now)] == [4, 3]
     assert [round_["round"] for round_ in past["rounds"]] == [round_["round"] for round_ in now["rounds"]] == [7]
@@ -133,7 +133,7 @@ async def test_what_was_recorded_of_a_node_that_has_gone_since_is_shown_with_it_
 
 async def test_who_produces_and_what_a_quorum_is_goes_by_the_epoch_that_nodes_tell_of(console: LiveConsole) -> None:
     seats = {"status": {"epoch": 3, "quorum": 2, "producers": ["node-2", "node-3"]}}
-    console._take(sights(node_2=seats))
+    console._update(polls(node_2=seats))
     facts = to_builtins(console.facts())
     assert facts["quorum"] == 2
     assert [node["name"] for node in facts["nodes"] if node["producer"]] == ["node-2", "node-3"]
@@ -143,7 +143,7 @@ async def test_a_new_network_in_the_folder_ends_the_plan_and_is_not_shown_with_t
     console: LiveConsole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Cluster, "is_running", lambda _self, _name: True)
-    console._take(sights())
+    console._update(polls())
     console.start_plan(LONG_PLAN)
     folder = console.cluster.folder
     shutil.rmtree(folder)
@@ -163,9 +163,9 @@ async def test_a_folder_that_cannot_be_read_is_looked_at_as_it_was_known(
     (console.cluster.folder / "genesis.json").write_text("{")
     looks = []
 
-    async def look(_self: Looking) -> list[NodeSight]:
+    async def look(_self: NodePoller) -> list[NodePoll]:
         looks.append(len(looks))
-        return sights()
+        return polls()
 
     await _watch(console, look, monkeypatch)
     assert len(looks) == LOOKS_COUNT
@@ -177,9 +177,9 @@ async def test_a_node_that_says_nonsense_ends_no_recording_and_is_told_of_once(
 ) -> None:
     looks = []
 
-    async def look(_self: Looking) -> list[NodeSight]:
+    async def look(_self: NodePoller) -> list[NodePoll]:
         looks.append(len(looks))
-        return sights(node_2={"status": {"rounds": [{"no": "round"}]}}) if len(looks) < LOOKS_COUNT else sights()
+        return polls(node_2={"status": {"rounds": [{"no": "round"}]}}) if len(looks) < LOOKS_COUNT else polls()
 
     await _watch(console, look, monkeypatch)
     assert console.moment is not None
@@ -199,7 +199,7 @@ async def _watch(console: LiveConsole, look: Any, monkeypatch: pytest.MonkeyPatc
         if len(pauses) >= LOOKS_COUNT:
             raise asyncio.CancelledError
 
-    monkeypatch.setattr(Looking, "look", look)
+    monkeypatch.setattr(NodePoller, "poll", look)
     monkeypatch.setattr("network.console.live.asyncio.sleep", sleep)
     with pytest.raises(asyncio.CancelledError):
         await console.run()
@@ -223,8 +223,8 @@ async def test_a_run_that_is_handed_on_does_not_say_where_its_network_lies(
 
 async def test_what_a_node_says_of_its_fault_is_handed_on_without_the_place_where_it_lies(console: LiveConsole) -> None:
     folder = console.cluster.folder
-    console._take(sights())
-    console._take(sights(node_3={"status": {"fault": f"The disk refuses {folder}/nodes/node-3/journal: it is full."}}))
+    console._update(polls())
+    console._update(polls(node_3={"status": {"fault": f"The disk refuses {folder}/nodes/node-3/journal: it is full."}}))
     said = "The disk refuses (the network's folder)/nodes/node-3/journal: it is full."
     assert console.moment is not None
     assert console.moment["nodes"][2]["state"] == f"fault: {said}"

@@ -6,8 +6,8 @@ import itertools
 import json
 from typing import Any
 
-from network.console.chronicle import make_event
 from network.console.recorder import NETWORKS_MAX_COUNT, Recorder
+from network.console.timeline import make_event
 from network.console.told import NetworkFacts, NodeFacts
 
 

@@ -13,7 +13,7 @@ from network.doctor.data_directory import check_authorities, check_directory, ch
 from network.doctor.examination import Examination, examine_network, examine_node
 from network.doctor.findings import Finding
 from network.provisioning.network_layout import create_network
-from network.provisioning.node_certificates import DAY_MS, find_authority, now_ms, read_report, renew
+from network.provisioning.node_certificates import DAY_MS, get_authority, now_ms, read_report, renew
 from node.config import NodeConfig
 from node.directory.node_directory import DirectoryContent, content_of_genesis
 from node.storage.directory_lock import DirectoryLock
@@ -66,7 +66,7 @@ def test_a_data_directory_is_sound_until_others_can_read_it_or_its_keys(
 def test_a_certificate_near_its_end_over_it_and_revoked(
     folder: Path, config: NodeConfig, directory: DirectoryContent
 ) -> None:
-    renew(config, find_authority(folder, "hospital"), days=10)
+    renew(config, get_authority(folder, "hospital"), days=10)
     room = (20 * GIB, 40 * GIB)
     assert codes(check_directory(config, directory, now_ms(), room)) == ["CERTIFICATE_EXPIRES_SOON"]
     assert codes(check_directory(config, directory, now_ms() + 11 * DAY_MS, room)) == ["CERTIFICATE_EXPIRED"]

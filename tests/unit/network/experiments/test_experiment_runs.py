@@ -19,12 +19,12 @@ from network.demo.scene_truth import covered_frames
 from network.experiments import guard as guard_module
 from network.experiments.comparison import work_out
 from network.experiments.definitions import EXPERIMENTS
-from network.experiments.guard import stand_guard
-from network.experiments.out_folder import MARK, make_experiment_folder, taken
+from network.experiments.guard import run_guard
+from network.experiments.out_folder import MARK, make_experiment_folder, reserved_folder
 from network.experiments.pages.event_table import EventTable, LoggedEvent
 from network.experiments.pages.experiment_page import build_index, build_page
 from network.experiments.pages.tables import figure_rows
-from network.experiments.post_stage import Belongings
+from network.experiments.post_stage import WalletContents
 from network.experiments.progress import Progress
 from network.experiments.run_figures import work_out_figures
 from network.experiments.run_one import Outcome
@@ -32,7 +32,7 @@ from tests.unit.clients.robot.run_summaries import summary_of
 
 
 def refused(out: Path) -> str:
-    with pytest.raises(BlockRobotError) as caught, taken(out):
+    with pytest.raises(BlockRobotError) as caught, reserved_folder(out):
         raise AssertionError("the folder was taken")
     assert caught.value.code == "FOLDER_NOT_EMPTY"
     return caught.value.detail
@@ -60,7 +60,7 @@ def test_a_new_an_empty_and_an_earlier_folder_are_taken(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     earlier(tmp_path / "again")
     for name in ("new", "empty", "again"):
-        with taken(tmp_path / name):
+        with reserved_folder(tmp_path / name):
             assert (tmp_path / name / MARK).is_file()
 
 
@@ -124,7 +124,7 @@ def test_the_guard_ends_what_a_killed_run_started_and_nothing_else(monkeypatch: 
     monkeypatch.setattr(guard_module, "stop_network", stopped.append)
     own, other = sleeper("network.cli.main"), sleeper("somebody-else")
     try:
-        stand_guard([f"pid {own.pid}\n", f"pid {other.pid}\n", "network /a b/network\n"])
+        run_guard([f"pid {own.pid}\n", f"pid {other.pid}\n", "network /a b/network\n"])
         assert own.wait(10) == -9
         assert other.poll() is None
         assert stopped == [Path("/a b/network")]
@@ -138,7 +138,7 @@ def test_the_guard_ends_what_a_killed_run_started_and_nothing_else(monkeypatch: 
 def test_the_guard_leaves_all_to_a_run_that_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     stopped: list[Path] = []
     monkeypatch.setattr(guard_module, "stop_network", stopped.append)
-    stand_guard(["network /somewhere\n", "end\n"])
+    run_guard(["network /somewhere\n", "end\n"])
     assert stopped == []
 
 
@@ -183,7 +183,7 @@ def outcome(tmp_path: Path, *, ok: bool) -> Outcome:
     picture = tmp_path / "picture-0003.frame-00000012.png"
     picture.write_bytes(b"\x89PNG")
     frames = FrameCounts(published=1, covered=1, kept=1, withheld=0, withheld_reasons={}, lost=0)
-    belongings = {"patient-a": Belongings([], [picture], []), "patient-b": Belongings()}
+    belongings = {"patient-a": WalletContents([], [picture], []), "patient-b": WalletContents()}
     made = Outcome(EXPERIMENTS[0], scenario_of(1), checks, summary_of(frames), belongings=belongings)
     return replace(made, reading=work_out("ours", small_table()))
 

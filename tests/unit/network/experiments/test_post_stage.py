@@ -14,7 +14,7 @@ from clients.sdk.pictures.picture_names import name_picture
 from network.demo.checks import CheckList
 from network.experiments import post_stage
 from network.experiments.definitions import EXPERIMENTS
-from network.experiments.post_stage import Belongings, PostStage
+from network.experiments.post_stage import PostStage, WalletContents
 from network.testbed import Stage
 
 PEOPLE = ("patient-a", "patient-b")
@@ -80,7 +80,7 @@ def look(house: House, folder: Path, *, kept: int = 2, corrupt: bool = False, nu
     stage = PostStage(cast(Stage, house), scenario, folder, checks, lambda line: None)
 
     async def go() -> None:
-        found: dict[str, Belongings] = await stage.look(PEOPLE, kept)
+        found: dict[str, WalletContents] = await stage.look(PEOPLE, kept)
         await (stage.corrupt_and_verify(found) if corrupt else stage.verify_untouched(found))
 
     asyncio.run(go())

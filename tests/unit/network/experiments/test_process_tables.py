@@ -18,7 +18,7 @@ from network.experiments.pages.flow_graph import Durations, FlowGraph, build_flo
 from network.experiments.pages.map_picture import draw_svg, order_activities
 from network.experiments.pages.process_map import build_dot, show_duration
 from network.experiments.pages.tables import HEADINGS, activity_rows, pair_rows, show_value
-from network.experiments.run_figures import Stretch, work_out_figures
+from network.experiments.run_figures import DurationFigures, work_out_figures
 
 
 def frame(number: int, *steps: tuple[int, str, str]) -> list[LoggedEvent]:
@@ -94,7 +94,7 @@ def test_figures_say_what_was_paired_lost_and_how_long_it_took() -> None:
     assert (figures.frames_paired, figures.frames_recorded, figures.frames_withheld_only) == (2, 2, 0)
     assert (figures.readings, figures.tags, figures.length_s) == (2, 1, 11.9)
     assert figures.lost_share == pytest.approx(0.4)
-    assert figures.stretches["received to on the chain"] == Stretch(2, 650.0, 900.0, 900.0)
+    assert figures.stretches["received to on the chain"] == DurationFigures(2, 650.0, 900.0, 900.0)
     assert figures.recorded_per_s_busiest == 1
     assert figures.frames_published_while_pairing == 3
 
@@ -108,7 +108,7 @@ def test_a_frame_is_covered_to_the_end_of_the_window_and_the_busiest_second_may_
     assert (figures.recorded_per_s_busiest, figures.recorded_per_s_mean) == (3, 2.6)
     figures = work_out_figures(EventTable.of("x", [LoggedEvent(1, "RFID_RETRIEVE", "a", "a")]))
     assert (figures.frames_published, figures.lost_share, figures.recorded_share) == (0, 0.0, 0.0)
-    assert figures.stretches["received to paired"] == Stretch(0, 0.0, 0.0, 0.0)
+    assert figures.stretches["received to paired"] == DurationFigures(0, 0.0, 0.0, 0.0)
 
 
 def test_the_map_names_every_pair_and_takes_no_name_for_an_instruction() -> None:

@@ -6,7 +6,7 @@ import json
 
 from click.testing import CliRunner
 
-from network.cli.measure.sim_command import calibrate_command
+from network.cli.measure.sim_commands import calibrate_command
 from network.sim.world.cpu import COSTS
 
 FARTHEST = 8.0

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from consensus.errors import BlockRobotError
-from network.cli.measure.sim_command import run_command
+from network.cli.measure.sim_commands import run_command
 from network.sim.checkers import Violation
 from network.sim.plan import Fault, Plan, make_flood_plan, make_growth_plan, make_plan
 from network.sim.plan_file import find_problem, load_plan, plan_to_toml

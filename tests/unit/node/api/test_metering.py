@@ -18,7 +18,7 @@ from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.hashing import sha256
-from network.bench.flood.flood_routes import Landmarks, make_read, read_kinds
+from network.bench.flood.flood_routes import CostlyTargets, make_read, read_kinds
 from node.api import create_api
 from node.api.access import rate_limit
 from node.api.access.metering import SLICE_US, Steps
@@ -272,7 +272,7 @@ async def test_a_stream_pays_for_what_it_carries_and_waits_where_it_cannot(
 async def test_what_the_flood_bench_asks_is_understood(kind: str, node: SmallNode, served: ClientSession) -> None:
     header = await node.ledger.extend()
     block_id = sha256(encode(header)).hex()
-    flood = make_read(kind, Landmarks(window=1, height=1, txid="00" * 32, block_id=block_id))
+    flood = make_read(kind, CostlyTargets(window=1, height=1, txid="00" * 32, block_id=block_id))
     async with served.request(flood.method, flood.path) as answer:
         understood = answer.status in {200, 304, 308} or (await answer.json(content_type=None))["code"] in {
             "NOT_FOUND",

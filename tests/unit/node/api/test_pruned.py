@@ -45,11 +45,11 @@ async def test_who_asks_for_a_pruned_receipt_is_told_which_peers_keep_it(
     await node.ledger.store.prune(2, header_of_block)
     asked: list[int] = []
 
-    def keepers(height: int) -> list[str]:
+    def peers_with_block(height: int) -> list[str]:
         asked.append(height)
         return names
 
-    services = replace(node.services, keepers=keepers)
+    services = replace(node.services, peers_with_block=peers_with_block)
     async with TestClient(TestServer(create_api(services))) as client:
         answer = await client.get(f"/v1/transactions/{call.txid.hex()}?evidence=1")
         problem = await answer.json()

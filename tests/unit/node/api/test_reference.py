@@ -16,7 +16,7 @@ from node.api.openapi.openapi_document import build_openapi, errors_of
 from node.api.openapi.reference_pages import main, pages
 from node.api.routes import ROUTES
 from node.api.services import CustodyService, ReceiptIssuer, UploadAdmissionService, ViewRunner
-from node.api.state_page import told_of
+from node.api.state_page import describe_rows
 
 FOLDER = Path(__file__).parents[4] / "docs" / "reference"
 
@@ -70,7 +70,7 @@ def test_the_check_tells_a_stale_page(tmp_path: Path) -> None:
 
 
 def test_the_page_of_the_state_has_every_key_and_row_and_says_what_a_value_means_that_is_no_row() -> None:
-    told = [each for module in MODULES for each in told_of(module)]
+    told = [each for module in MODULES for each in describe_rows(module)]
     assert [rows for rows, _ in told] == list(LAYOUT)
     is_row = {rows.name: isinstance(rows.kind, type) and issubclass(rows.kind, (Row, ListRow)) for rows in LAYOUT}
     assert [rows.name for rows, words in told if not words and not is_row[rows.name]] == []

@@ -7,12 +7,12 @@ import asyncio
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.api.access.rate_limit import TURN_MAX_US, WAITING_MAX_COUNT, WAITING_OF_SOURCE_MAX_COUNT, Turns
+from node.api.access.rate_limit import TURN_MAX_US, WAITING_MAX_COUNT, WAITING_OF_SOURCE_MAX_COUNT, FairQueue
 from node.budgets.token_buckets import Source
 
 
 async def test_a_visit_that_floods_takes_not_all_places_and_turns_of_its_address() -> None:
-    turns = Turns(lambda _who, _error: None)
+    turns = FairQueue(lambda _who, _error: None)
     loud, quiet = (Source("visit_keys", "192.0.2.1", part) for part in ("loud", "quiet"))
     served: list[str] = []
 
@@ -34,7 +34,7 @@ async def test_a_visit_that_floods_takes_not_all_places_and_turns_of_its_address
 
 async def test_a_refusal_where_all_places_are_taken_stops_nobody() -> None:
     named: list[str] = []
-    turns = Turns(lambda who, _error: named.append(who))
+    turns = FairQueue(lambda who, _error: named.append(who))
     sources = [Source("session", str(number)) for number in range(WAITING_MAX_COUNT // WAITING_OF_SOURCE_MAX_COUNT)]
     first = asyncio.ensure_future(turns.wait(sources[0], TURN_MAX_US))  # it takes the turn, so that all others wait
     waiting = [

@@ -12,8 +12,8 @@ from consensus.primitives.encoding import decode, encode
 from node.p2p.wire import RequestKind, SnapshotRequest
 from node.snapshot import fetching
 from node.snapshot.form import read_manifest, write_manifest
-from node.snapshot.joining import Joiner
-from node.snapshot.shelf import MANIFEST_INDEX, SnapshotStore
+from node.snapshot.joining import SnapshotJoiner
+from node.snapshot.snapshot_store import MANIFEST_INDEX, SnapshotStore
 from node.storage.ledger_store import Position
 from node.storage.memory_store import MemoryStore
 from tests.unit.node.written_chain import WrittenChain
@@ -53,19 +53,19 @@ class Peers:
             await shelf.stop()
 
 
-def joiner_of(peers: Peers, tmp_path: Path, *names: str) -> tuple[Joiner, asyncio.Event]:
+def joiner_of(peers: Peers, tmp_path: Path, *names: str) -> tuple[SnapshotJoiner, asyncio.Event]:
     restart = asyncio.Event()
 
-    class Gap:
+    class SyncGap:
         position = Position(0, peers.chain.genesis.block_id, bytes(32), 0)
 
         def snapshot_peers(self, lag_max: int) -> tuple[list[str], int]:
             return list(names), 0
 
-    joiner = Joiner(
+    joiner = SnapshotJoiner(
         genesis=peers.chain.genesis,
         requester=peers,
-        gap=Gap(),
+        gap=SyncGap(),
         ledger_dir=tmp_path / "ledger",
         folder=tmp_path / "fetched",
         lag_max=0,
@@ -74,9 +74,9 @@ def joiner_of(peers: Peers, tmp_path: Path, *names: str) -> tuple[Joiner, asynci
     return joiner, restart
 
 
-async def join(joiner: Joiner, restart: asyncio.Event, looks: int = 50) -> None:
+async def join(joiner: SnapshotJoiner, restart: asyncio.Event, looks: int = 50) -> None:
     for _ in range(looks):
-        joiner.look()
+        joiner.start_if_behind()
         assert joiner._task is not None
         await joiner._task
         if restart.is_set():

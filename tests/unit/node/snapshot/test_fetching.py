@@ -18,7 +18,7 @@ from node.snapshot import fetching, joining
 from node.snapshot.fetching import SnapshotFetcher
 from node.snapshot.form import StateChunk, read_manifest, write_manifest
 from node.snapshot.restoring import adopt_restored
-from node.snapshot.shelf import MANIFEST_INDEX
+from node.snapshot.snapshot_store import MANIFEST_INDEX
 from node.storage.lmdb_reader import LedgerFile
 from tests.unit.node.snapshot.snapshot_peers import Peers, join, joiner_of, make_shelves
 
@@ -179,7 +179,7 @@ async def test_stopping_waits_for_the_ledger_that_is_being_built(
 
     monkeypatch.setattr(joining, "build_aside", slow)
     joiner, restart = joiner_of(peers, tmp_path, "b")
-    joiner.look()
+    joiner.start_if_behind()
     await asyncio.to_thread(begun.wait, 10)
     stopping = asyncio.create_task(joiner.stop())
     await asyncio.sleep(0)

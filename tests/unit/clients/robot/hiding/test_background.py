@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from clients.robot.hiding.background import Background, fits, learn_background
-from clients.robot.hiding.hider import Hider, Reason, Withheld
+from clients.robot.hiding.frame_redactor import FrameRedactor, WithheldFrame
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
 from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Scenario
@@ -49,17 +50,17 @@ def test_a_robot_that_has_moved_does_not_know_the_scene_again(moving: Renderer) 
 
 
 def test_what_a_moved_robot_sees_is_withheld_and_said_so(moving: Renderer) -> None:
-    hider = Hider(learned(moving))
+    redactor = FrameRedactor(learned(moving))
     outputs = []
     for index in (0, 5, 50, 55):
-        outputs += hider.push_frame(Frame(100 * index, index, moving.frame(index)))
-        outputs += hider.push_sighting(
+        outputs += redactor.push_frame(Frame(100 * index, index, moving.frame(index)))
+        outputs += redactor.push_sighting(
             "owner", Sighting(100 * index, 100 * index, "", 1, Facing.FRONT, -50.0, 2.0, 0.3)
         )
-    outputs += hider.flush()
-    reasons = {output.sequence: output.reason for output in outputs if isinstance(output, Withheld)}
-    assert Counter(reason for index, reason in reasons.items() if index >= 50) == Counter({Reason.MOVED: 2})
-    assert Reason.MOVED not in {reason for index, reason in reasons.items() if index < 50}
+    outputs += redactor.flush()
+    reasons = {output.sequence: output.reason for output in outputs if isinstance(output, WithheldFrame)}
+    assert Counter(reason for index, reason in reasons.items() if index >= 50) == Counter({WithholdReason.MOVED: 2})
+    assert WithholdReason.MOVED not in {reason for index, reason in reasons.items() if index < 50}
 
 
 @pytest.mark.parametrize("width", [80, 160, 320])

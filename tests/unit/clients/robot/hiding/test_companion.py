@@ -121,13 +121,13 @@ def watch() -> CompanionWatch:
     return CompanionWatch(trees_of(msgspec.convert(STUMP, Table)))
 
 
-def seen(odds: float, x_m: float = 0.0, trouble: str | None = None) -> Silhouette:
-    whole = trouble if trouble is not None else ("merged" if odds > STUMP_SUSPECT else "")
+def seen(odds: float, x_m: float = 0.0, withhold_reason: str | None = None) -> Silhouette:
+    whole = withhold_reason if withhold_reason is not None else ("merged" if odds > STUMP_SUSPECT else "")
     return Silhouette(1, (0, 0, 9, 9), x_m, 3.0, 3.0, 2_900, whole, companion_odds=odds)
 
 
 def play(watch: CompanionWatch, odds: list[float], first_ms: int = 0) -> list[str]:
-    return [watch.step((seen(value),), first_ms + 100 * i)[0].trouble for i, value in enumerate(odds)]
+    return [watch.step((seen(value),), first_ms + 100 * i)[0].withhold_reason for i, value in enumerate(odds)]
 
 
 def test_one_odd_frame_of_a_single_person_is_withheld_and_ends_no_track(watch: CompanionWatch) -> None:
@@ -143,16 +143,16 @@ def test_a_silhouette_that_is_certainly_two_is_merged_at_once(watch: CompanionWa
 
 
 def test_who_is_joined_becomes_two_and_who_is_left_becomes_one(watch: CompanionWatch) -> None:
-    troubles = play(watch, [-4.0] * 10 + [2.5] * 20 + [-4.0] * 20)
-    assert troubles[29] == "merged"
-    assert troubles[-1] == ""
-    assert "" not in troubles[10:31]
+    withhold_reasons = play(watch, [-4.0] * 10 + [2.5] * 20 + [-4.0] * 20)
+    assert withhold_reasons[29] == "merged"
+    assert withhold_reasons[-1] == ""
+    assert "" not in withhold_reasons[10:31]
 
 
 def test_two_people_apart_are_pooled_each_for_themselves(watch: CompanionWatch) -> None:
     for step in range(12):
         pair, single = watch.step((seen(2.0, -1.0), seen(-3.0, 1.0)), 100 * step)
-        assert (pair.trouble, single.trouble) == ("merged", "")
+        assert (pair.withhold_reason, single.withhold_reason) == ("merged", "")
 
 
 def test_a_first_sight_and_a_return_are_judged_by_themselves(watch: CompanionWatch) -> None:
@@ -161,5 +161,5 @@ def test_a_first_sight_and_a_return_are_judged_by_themselves(watch: CompanionWat
 
 
 def test_other_troubles_stay(watch: CompanionWatch) -> None:
-    (kept,) = watch.step((seen(-3.0, trouble="occluded"),), 0)
-    assert kept.trouble == "occluded"
+    (kept,) = watch.step((seen(-3.0, withhold_reason="occluded"),), 0)
+    assert kept.withhold_reason == "occluded"

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import betabinom, multivariate_normal
 
 from clients.robot.hiding import likelihood
-from clients.robot.hiding.likelihood import FILTERS, Belief, log_antenna, log_evidence, take
+from clients.robot.hiding.likelihood import FILTERS, Belief, log_antenna, log_evidence, update_belief
 
 READINGS = [(0, 2.6, 0.3), (400, 2.1, 0.3), (400, 2.4, 0.5), (1_900, 3.0, 0.3), (6_000, 2.2, 0.8)]
 
@@ -21,7 +21,7 @@ PERSON_M = 2.4
 def filtered(readings: list[tuple[int, float, float]]) -> Belief:
     belief = FILTERS.start
     for at_ms, observed_m, sigma_m in readings:
-        belief = take(belief, FILTERS.step(belief.spread, at_ms, sigma_m), observed_m, PERSON_M)
+        belief = update_belief(belief, FILTERS.step(belief.spread, at_ms, sigma_m), observed_m, PERSON_M)
     return belief
 
 

@@ -8,8 +8,9 @@ from msgspec.structs import replace
 
 from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding.background import Background, learn_background
-from clients.robot.hiding.hider import Hider, Reason, Withheld
+from clients.robot.hiding.frame_redactor import FrameRedactor, WithheldFrame
 from clients.robot.hiding.merged_evidence import MergedBy, MergedEvidence
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Sighting
 from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
@@ -36,16 +37,16 @@ def wall() -> Background:
     return learn_background([np.full(SHAPE, WALL_MM, dtype=np.uint16)] * 4)
 
 
-def withheld(wall: Background, pictures: list[Depth], z_m: float) -> list[Withheld]:
-    hider = Hider(wall, focal_px=FOCAL_PX)
+def withheld(wall: Background, pictures: list[Depth], z_m: float) -> list[WithheldFrame]:
+    redactor = FrameRedactor(wall, focal_px=FOCAL_PX)
     outputs = []
     for number, picture in enumerate(pictures):
         at = 100 * number
         if number % 5 == 0:
-            outputs += hider.push_sighting("ann", Sighting(at, at, "", 1, Facing.FRONT, -50.0, z_m, 0.1))
-        outputs += hider.push_frame(Frame(at, number, picture))
-    outputs += hider.flush()
-    return [output for output in outputs if isinstance(output, Withheld)]
+            outputs += redactor.push_sighting("ann", Sighting(at, at, "", 1, Facing.FRONT, -50.0, z_m, 0.1))
+        outputs += redactor.push_frame(Frame(at, number, picture))
+    outputs += redactor.flush()
+    return [output for output in outputs if isinstance(output, WithheldFrame)]
 
 
 @pytest.mark.parametrize(
@@ -61,7 +62,7 @@ def test_the_rule_is_named_with_its_limit_and_the_silhouettes_size(
     wall: Background, z_m: float, height_m: float, breadths_m: tuple[float, ...], by: MergedBy, limit: float
 ) -> None:
     found = withheld(wall, [boards(z_m, height_m, *breadths_m)] * 20, z_m)
-    assert {each.reason for each in found} == {Reason.MERGED}
+    assert {each.reason for each in found} == {WithholdReason.MERGED}
     evidence = found[-1].evidence
     assert isinstance(evidence, MergedEvidence)
     assert (evidence.by, round(evidence.limit, 2)) == (by, limit)
@@ -74,8 +75,8 @@ def test_one_person_just_after_two_is_said_to_be_withheld_for_what_was_before(wa
     two, one = boards(3.0, 1.7, 1.0), boards(3.0, 1.7, 0.25, 0.45, 0.4, 0.35)
     alone = withheld(wall, [one] * 20, 3.0)
     after = withheld(wall, [two] * 10 + [one] * 2, 3.0)
-    assert Reason.MERGED not in {each.reason for each in alone}
-    told = {each.sequence: each.evidence for each in after if each.reason is Reason.MERGED}
+    assert WithholdReason.MERGED not in {each.reason for each in alone}
+    told = {each.sequence: each.evidence for each in after if each.reason is WithholdReason.MERGED}
     first = told[10]
     assert isinstance(first, MergedEvidence)
     assert first.by is MergedBy.BEFORE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clients.robot.hiding.background import UNSEEN_MM, Background, empty_bank, learn_background
-from clients.robot.hiding.cut import cut
+from clients.robot.hiding.cutouts import extract_encoded_cutout
 from clients.robot.hiding.segmentation import segment
 from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.render import Renderer
@@ -37,15 +37,15 @@ def background(small_text: str) -> Background:
     return learn_background([renderer.empty_frame(i) for i in range(9)])
 
 
-def troubles(renderer: Renderer, background: Background) -> list[str]:
-    return sorted(s.trouble for s in segment(renderer.frame(1), background, FOCAL_PX).silhouettes)
+def withhold_reasons(renderer: Renderer, background: Background) -> list[str]:
+    return sorted(s.withhold_reason for s in segment(renderer.frame(1), background, FOCAL_PX).silhouettes)
 
 
 def test_one_person_is_found_where_they_stand_and_none_in_an_empty_corridor(
     small_text: str, background: Background
 ) -> None:
     (found,) = segment(scene(small_text, (0.5, 3.0)).frame(1), background, FOCAL_PX).silhouettes
-    assert found.trouble == ""
+    assert found.withhold_reason == ""
     assert found.x_m == pytest.approx(0.5, abs=0.08)
     assert found.z_m == pytest.approx(3.0, abs=0.12)
     assert found.range_m == pytest.approx(3.05, abs=0.15)
@@ -56,13 +56,13 @@ def test_one_person_is_found_where_they_stand_and_none_in_an_empty_corridor(
 def test_people_apart_are_no_trouble_and_only_who_stands_behind_is_occluded(
     small_text: str, background: Background
 ) -> None:
-    assert troubles(scene(small_text, (-0.9, 2.3), (0.9, 3.6)), background) == ["", ""]
-    assert troubles(scene(small_text, (0.0, 2.2), (0.35, 3.6)), background) == ["", "occluded"]
+    assert withhold_reasons(scene(small_text, (-0.9, 2.3), (0.9, 3.6)), background) == ["", ""]
+    assert withhold_reasons(scene(small_text, (0.0, 2.2), (0.35, 3.6)), background) == ["", "occluded"]
 
 
 @pytest.mark.parametrize("gap_m", [0.35, 0.45, 0.55])
 def test_people_arm_in_arm_are_merged(small_text: str, background: Background, gap_m: float) -> None:
-    assert troubles(scene(small_text, (-gap_m / 2, 2.6), (gap_m / 2, 2.6)), background) == ["merged"]
+    assert withhold_reasons(scene(small_text, (-gap_m / 2, 2.6), (gap_m / 2, 2.6)), background) == ["merged"]
 
 
 @pytest.mark.parametrize("aid", ["wheelchair", "rollator", "stick"])
@@ -74,7 +74,7 @@ def test_an_aid_touches_nobody_and_belongs_to_who_uses_it(aid: Stratum) -> None:
     assert segmented.labels is not None
     own = truth.labels[::2, ::2] == 1
     whose = max(segmented.silhouettes, key=lambda s: int(np.sum(own & (segmented.labels == s.label))))
-    assert whose.trouble == ""
+    assert whose.withhold_reason == ""
     assert np.mean(segmented.labels[own & (truth.depth[::2, ::2] > 0)] == whose.label) > 0.8
 
 
@@ -83,7 +83,7 @@ def test_a_silhouettes_cut_stays_inside_its_own_pixels(small_text: str, backgrou
     depth, truth = renderer.frame_with_truth(1)
     segmented = segment(depth, background, FOCAL_PX)
     near = min(segmented.silhouettes, key=lambda silhouette: silhouette.z_m)
-    made = cut(depth, background, segmented, near)
+    made = extract_encoded_cutout(depth, background, segmented, near)
     shown = decode_depth_png(made.pixels_png) > 0
     part = truth[made.y : made.y + made.height, made.x : made.x + made.width]
     assert np.count_nonzero(shown & (part == 2)) == 0
@@ -100,7 +100,7 @@ def test_a_sliver_of_somebody_close_behind_is_not_taken_for_the_owners_edge(
     assert np.count_nonzero(truth == 2) > 600
     segmented = segment(depth, background, FOCAL_PX)
     near = min(segmented.silhouettes, key=lambda silhouette: silhouette.z_m)
-    made = cut(depth, background, segmented, near)
+    made = extract_encoded_cutout(depth, background, segmented, near)
     shown = decode_depth_png(made.pixels_png) > 0
     part = truth[made.y : made.y + made.height, made.x : made.x + made.width]
     assert np.count_nonzero(shown & (part == 2)) == 0

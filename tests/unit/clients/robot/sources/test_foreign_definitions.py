@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.sensing.sensor_events import Refused
+from clients.robot.sensing.sensor_events import RefusedMessage
 from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.decoding import MessageReader, read_focal_px
 from clients.robot.sources.messages.message_types import LearntTypes
@@ -42,7 +42,7 @@ def test_an_image_with_other_fields_than_ros_gives_it_is_refused(topic: str, def
     assert learnt.learn(IMAGE, definition)
     reader = MessageReader(Topics(rgb=RGB))
     (made,) = reader.read(Message(topic, IMAGE, START_MS * 1_000_000, data), learnt.of(IMAGE))
-    assert isinstance(made, Refused)
+    assert isinstance(made, RefusedMessage)
 
 
 @pytest.mark.parametrize("told", [{}, {"k": "none"}, {"k": 5}, {"K": [b""]}, {"k": []}, {"k": [10**400]}])
@@ -59,7 +59,7 @@ def test_a_recording_that_leaves_a_field_out_refuses_those_messages_and_has_no_e
     assert whole.count(b"uint32 step") >= 1
     path.write_bytes(whole.replace(b"uint32 step", b"uint32 stop"))
     source = BagSource(path)
-    assert [type(event) is Refused for event in source.events()] == [True, False]
+    assert [type(event) is RefusedMessage for event in source.events()] == [True, False]
     with pytest.raises(BlockRobotError, match=r"^EMPTY_SCENE_MISSING:"):
         source.empty_frames()
 
@@ -82,4 +82,4 @@ def test_a_database_whose_columns_hold_something_else_is_refused(tmp_path: Path,
     with closing(sqlite3.connect(path)) as base, base:
         base.execute(written)
     with refusing("BAG_DAMAGED", "BAG_TOPIC_MISSING", "TOPICS_INVALID"):
-        assert all(isinstance(event, Refused) for event in BagSource(path).events())
+        assert all(isinstance(event, RefusedMessage) for event in BagSource(path).events())

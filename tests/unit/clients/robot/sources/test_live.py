@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.sensing.sensor_events import Frame, Refused, Sighting, SourceEvent
+from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting, SourceEvent
 from clients.robot.sources.live import live_source
 from clients.robot.sources.live.live_feed import Listener, Message
 from clients.robot.sources.live.live_queue import LiveQueue
@@ -158,10 +158,10 @@ async def test_messages_that_are_of_another_type_or_of_none_that_is_known_are_re
         feed.do("learn", "ward_msgs/msg/Secret", "string epc")
         feed.do("deliver", Message(TAGS, "ward_msgs/msg/Secret", 0, b"\0\1\0\0\3\0\0\0E1\0"))
         feed.do("deliver", Message(DEPTH, IMAGE_TYPE, 0, b"rubbish"))
-        feed.do("refuse", Refused(0, "sighting", "reader"))
+        feed.do("refuse", RefusedMessage(0, "sighting", "reader"))
         events = await played.count(6)
         await played.end()
-    assert [(event.kind, event.reason) for event in events if isinstance(event, Refused)] == [
+    assert [(event.kind, event.reason) for event in events if isinstance(event, RefusedMessage)] == [
         ("frame", "type"),
         ("sighting", "unknown-type"),
         ("sighting", "unknown-type"),
@@ -227,7 +227,7 @@ async def test_a_topic_that_cannot_be_heard_is_said_and_counted_and_the_rest_is_
         feed.frame(0)
         events = await played.count(3)
         await played.end()
-    assert [(one.kind, one.reason) for one in events if isinstance(one, Refused)] == [
+    assert [(one.kind, one.reason) for one in events if isinstance(one, RefusedMessage)] == [
         ("sighting", "type"),
         ("frame", "type"),
     ]

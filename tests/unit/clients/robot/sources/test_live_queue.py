@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clients.robot.sensing.sensor_events import Refused, Sighting
+from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
 from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.live.live_queue import ENTRY_BYTES, LiveQueue, Queued
 from clients.robot.sources.messages.message_types import MessageTypes, own_types
@@ -64,7 +64,7 @@ def test_who_waits_is_woken_once_and_by_the_next_that_comes_only() -> None:
     assert queue.take(lambda: woken.append("early")) is not None
     assert queue.take(lambda: woken.append("now")) is None
     queue.put(Queued("sighting", Sighting(1, 1, "E1")))
-    queue.put(Queued("sighting", Refused(1, "sighting", "field")))
+    queue.put(Queued("sighting", RefusedMessage(1, "sighting", "field")))
     assert woken == ["now"]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.sensing.sensor_events import Facing, Frame, Refused, Sighting
+from clients.robot.sensing.sensor_events import Facing, Frame, RefusedMessage, Sighting
 from clients.robot.sources.recordings import empty_frame_choice
 from clients.robot.sources.recordings.bag_source import BagSource, EmptyScene
 from clients.robot.sources.topics import Topics, parse_topics
@@ -136,14 +136,16 @@ def bad_frames() -> list[tuple[int, Mapping[str, Any]]]:
 def test_bad_frames_are_refused_by_reason_and_the_good_ones_are_numbered_without_them(tmp_path: Path) -> None:
     events = list(BagSource(make(tmp_path, depth=bad_frames()), topics=topics_of()).events())
     assert [event.sequence for event in events if isinstance(event, Frame)] == [0, 1, 2, 3, 4]
-    refused = [(event.kind, event.reason, event.at_ms - START_MS) for event in events if isinstance(event, Refused)]
+    refused = [
+        (event.kind, event.reason, event.at_ms - START_MS) for event in events if isinstance(event, RefusedMessage)
+    ]
     assert refused == [("frame", "encoding", 50), ("frame", "step", 150), ("frame", "size", 250)]
 
 
 def test_bad_readings_are_refused_and_the_run_goes_on(tmp_path: Path) -> None:
     path = make(tmp_path, [(10, {"data": ""}), (20, {"data": EPC}), (30, {"data": "x" * 99})])
     events = list(BagSource(path, topics=topics_of()).events())
-    assert [event.reason for event in events if isinstance(event, Refused)] == ["tag", "tag"]
+    assert [event.reason for event in events if isinstance(event, RefusedMessage)] == ["tag", "tag"]
     assert [event.uid for event in events if isinstance(event, Sighting)] == [EPC]
 
 
@@ -215,7 +217,9 @@ def test_a_field_of_another_sense_that_the_type_has_not_is_refused_too(tmp_path:
 
 def test_what_only_messages_tell_is_refused_with_its_reason_in_a_sentence(tmp_path: Path) -> None:
     path = make(tmp_path, [(50, {"data": '{"id": "A"}'})])
-    (refused,) = [e for e in BagSource(path, topics=topics_of('epc = "data{}.uid"')).events() if isinstance(e, Refused)]
+    (refused,) = [
+        e for e in BagSource(path, topics=topics_of('epc = "data{}.uid"')).events() if isinstance(e, RefusedMessage)
+    ]
     assert (refused.reason, refused.detail) == ("field", "The message has no field data{}.uid.")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Label, Refused, SourceEvent
+from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Label, RefusedMessage, SourceEvent
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.topics import parse_topics
 from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC
@@ -36,7 +36,7 @@ def read(folder: Path, text: str, *topics: Topic, kind: str = "mcap", types: Any
     events = BagSource(
         record(folder / "bag", kind, [*always, *topics], types or TYPES), topics=parse_topics(text)
     ).events()
-    return [event for event in events if isinstance(event, ColourFrame | Label | AudioClip | Refused)]
+    return [event for event in events if isinstance(event, ColourFrame | Label | AudioClip | RefusedMessage)]
 
 
 def mood(**fields: Any) -> Topic:
@@ -68,7 +68,7 @@ def test_an_estimate_has_its_stamp_and_its_confidence(tmp_path: Path, kind: str)
 
 @pytest.mark.parametrize("fields", [{"mood": " "}, {"mood": "x" * 257}, {"sure": 1.5}, {"sure": float("nan")}])
 def test_an_estimate_that_makes_no_sense_is_refused(tmp_path: Path, fields: dict[str, Any]) -> None:
-    assert read(tmp_path, MOOD, mood(**fields)) == [Refused(START_MS + 9, "label", "field")]
+    assert read(tmp_path, MOOD, mood(**fields)) == [RefusedMessage(START_MS + 9, "label", "field")]
 
 
 def test_samples_are_what_the_file_says_and_a_wav_file_is_what_it_says_itself(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_samples_are_what_the_file_says_and_a_wav_file_is_what_it_says_itself(tm
     ],
 )
 def test_sound_that_is_not_whole_is_refused(tmp_path: Path, data: bytes, reason: str) -> None:
-    assert read(tmp_path, SOUND, sound(data)) == [Refused(START_MS + 9, "audio", reason)]
+    assert read(tmp_path, SOUND, sound(data)) == [RefusedMessage(START_MS + 9, "audio", reason)]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_a_field_that_holds_no_sound_is_refused_and_nothing_is_made_of_it(
 ) -> None:
     types = {"ward_msgs/msg/Odd": f"std_msgs/Header header\n{type_name} data"}
     odd = Topic("/sound", "ward_msgs/msg/Odd", [(9, {"header": stamp(START_MS), "data": value})])
-    assert read(tmp_path, SOUND, odd, types=types) == [Refused(START_MS + 9, "audio", "field")]
+    assert read(tmp_path, SOUND, odd, types=types) == [RefusedMessage(START_MS + 9, "audio", "field")]
 
 
 def test_colour_is_registered_only_if_the_user_says_so(tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_colour_is_registered_only_if_the_user_says_so(tmp_path: Path) -> None:
         frame, refused = read(tmp_path / str(registered), text, colour)
         assert isinstance(frame, ColourFrame)
         assert (frame.registered, frame.sequence, frame.pixels.shape) == (registered, 0, (4, 6, 3))
-        assert refused == Refused(START_MS + 19, "rgb", "encoding")
+        assert refused == RefusedMessage(START_MS + 19, "rgb", "encoding")
 
 
 @pytest.mark.parametrize("kind", FORMATS)

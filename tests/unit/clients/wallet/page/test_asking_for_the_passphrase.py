@@ -129,6 +129,6 @@ async def test_a_check_that_breaks_off_is_not_taken_for_one_that_let_through(mon
     asked = asyncio.create_task(gate.require(PASSPHRASE))
     await asyncio.sleep(0)
     assert gate.is_asked
-    assert not await gate.settle()
+    assert not await gate.finish_checks()
     with pytest.raises(MemoryError):
         await asked

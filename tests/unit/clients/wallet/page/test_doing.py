@@ -8,14 +8,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.wallet.commands import serve_command
+from clients.wallet.commands import serve_commands
 from clients.wallet.consent.consent_choices import round_period
 from clients.wallet.page import session as sessions
 from clients.wallet.page.jobs import Job, Jobs
 from clients.wallet.page.page_answers import QUIET_HEADER
 from clients.wallet.page.request_fields import IDS_MAX_COUNT
 from clients.wallet.page.routes import clip_routes
-from clients.wallet.records.erasure import Erasing
+from clients.wallet.records.erasure import ErasureClient
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
 from consensus.members.vouchers import encode_card_code
@@ -316,7 +316,7 @@ async def test_a_wrong_passphrase_is_counted_locked_and_ends_the_page_at_last(de
         assert not desk.session.ended.is_set()
         await desk.page.refused("POST", "/api/shares", wish | {"passphrase": "guess"})
     assert desk.session.ended.is_set()
-    assert "10 wrong passphrases" in await serve_command._wait_until_over(desk.session, 30)
+    assert "10 wrong passphrases" in await serve_commands._wait_until_over(desk.session, 30)
 
 
 async def test_a_clip_holds_no_more_than_its_limit_and_one_record(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -345,7 +345,7 @@ async def test_a_clip_is_closed_once_the_chain_has_a_record_of_it_no_more(desk: 
     clip = (await desk.page.do("/api/clips", {"records": ids}))["clip"]
     await desk.read()
     await desk.page.get(f"/api/clips/{clip}")
-    await Erasing(desk.session.wallet).request_each([desk.session.snapshot.entry(bytes.fromhex(ids[0]))], [])
+    await ErasureClient(desk.session.wallet).request_each([desk.session.snapshot.entry(bytes.fromhex(ids[0]))], [])
     await desk.read()
     assert await desk.page.refused("GET", f"/api/clips/{clip}") == "CLIP_NOT_OPEN"
 

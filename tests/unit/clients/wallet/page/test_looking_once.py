@@ -10,7 +10,7 @@ import pytest
 from clients.wallet.commands.view_commands import _view_all
 from clients.wallet.ledger.visit_audit import audit_visit
 from clients.wallet.page.routes import clip_routes
-from clients.wallet.records.viewing import Viewing
+from clients.wallet.records.viewing import RecordViewer
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload
 from tests.unit.clients.wallet.page.conftest import Desk
@@ -108,7 +108,7 @@ async def test_nothing_that_is_read_is_signed_in_whatever_language(desk: Desk) -
 
 async def test_the_command_writes_one_request_and_one_finding_for_a_meeting(ward: SharedWard) -> None:
     ward.record_visit(3)
-    viewing = Viewing(ward.wallet)
+    viewing = RecordViewer(ward.wallet)
     views = [view async for view in viewing.view_each(await ward.entries(), "own-access", verdict=True)]
     assert len(views) == 3
     assert [kind for kind, _ in await trail_of(ward)] == ["access_requested", "verdict"]
@@ -118,7 +118,7 @@ async def test_what_was_found_before_a_record_could_not_be_had_is_written_down(w
     _, ids = ward.record_visit(3)
     ward.custody.refusals[ids[2]] = "CLIP_ERASED"
     with pytest.raises(BlockRobotError):
-        [view async for view in Viewing(ward.wallet).view_each(await ward.entries(), "own-access", verdict=True)]
+        [view async for view in RecordViewer(ward.wallet).view_each(await ward.entries(), "own-access", verdict=True)]
     (_, data) = (await trail_of(ward))[-1]
     assert [finding[0] for finding in data["findings"]] == ids[:2]
 

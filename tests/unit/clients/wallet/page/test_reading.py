@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from clients.wallet.page import wallet_snapshot as snapshots
-from clients.wallet.records.erasure import Erasing
+from clients.wallet.records.erasure import ErasureClient
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.metadata import NOTICE_SENSOR
@@ -83,7 +83,7 @@ async def test_of_a_visit_in_which_something_was_erased_every_record_is_read_aga
     visit = desk.ward.open_visit()
     ids = [desk.ward.record(visit) for _ in range(2)]
     await desk.read()
-    await Erasing(desk.session.wallet).request_each([desk.session.snapshot.entry(ids[0])], [])
+    await ErasureClient(desk.session.wallet).request_each([desk.session.snapshot.entry(ids[0])], [])
     ids.append(desk.ward.record(visit))
     await desk.read()
     statuses = [desk.session.snapshot.entry(record_id).state.status for record_id in ids]

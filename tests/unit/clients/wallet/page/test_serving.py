@@ -17,14 +17,14 @@ import pytest
 from click.testing import CliRunner
 
 from clients.wallet.cli.main import wallet as wallet_command
-from clients.wallet.commands import serve_command
-from clients.wallet.commands.serve_command import ENDINGS
+from clients.wallet.commands import serve_commands
+from clients.wallet.commands.serve_commands import ENDINGS
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page import passphrase_check as passphrases
 from clients.wallet.page.jobs import TOLD
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
-from clients.wallet.present.translations import LANGUAGE_VARIABLE, load
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, load
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.wallet_page_client import WalletPage
@@ -52,7 +52,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def run(ward: SharedWard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run the command on Ann's wallet; the page ends by itself as soon as it has begun, as by Ctrl-C."""
     ward.wallet.store.save()
-    monkeypatch.setattr(serve_command, "load_genesis", lambda _: ward.genesis)
+    monkeypatch.setattr(serve_commands, "load_genesis", lambda _: ward.genesis)
     secret = tmp_path / "passphrase"
     monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", str(secret))
 
@@ -63,8 +63,8 @@ def run(ward: SharedWard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ru
     async def stop_at_once(_session: PageSession, _minutes: int) -> str:
         return "The page is closed."
 
-    monkeypatch.setattr(serve_command, "Wallet", make)
-    monkeypatch.setattr(serve_command, "_wait_until_over", stop_at_once)
+    monkeypatch.setattr(serve_commands, "Wallet", make)
+    monkeypatch.setattr(serve_commands, "_wait_until_over", stop_at_once)
 
     def start(*options: str, passphrase: str = PASSPHRASE) -> Any:
         secret.write_text(passphrase, encoding="utf-8")
@@ -117,13 +117,13 @@ def test_a_wrong_passphrase_opens_no_page(run: Run, opened: list[str]) -> None:
 
 
 async def test_it_ends_when_nobody_uses_it_and_when_it_is_told_to(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serve_command, "_LOOK_S", 0.001)
+    monkeypatch.setattr(serve_commands, "_LOOK_S", 0.001)
     desk.ward.chain.time_ms += 31 * 60_000
-    assert "30 minutes" in await serve_command._wait_until_over(desk.session, 30)
+    assert "30 minutes" in await serve_commands._wait_until_over(desk.session, 30)
     desk.session.note_use()
-    undo = serve_command._end_in_order(desk.session)
+    undo = serve_commands._end_in_order(desk.session)
     os.kill(os.getpid(), signal.SIGTERM)
-    assert "closed" in await serve_command._wait_until_over(desk.session, 30)
+    assert "closed" in await serve_commands._wait_until_over(desk.session, 30)
     undo()
     assert signal.getsignal(ENDINGS[0]) is signal.default_int_handler
 
@@ -154,8 +154,8 @@ def test_an_erasure_whose_passphrase_is_still_checked_at_the_end_begins_or_is_sa
             go_on.set()
             return await settle()
 
-        settle = session.gate.settle
-        monkeypatch.setattr(session.gate, "settle", settle_and_go_on)
+        settle = session.gate.finish_checks
+        monkeypatch.setattr(session.gate, "finish_checks", settle_and_go_on)
         monkeypatch.setattr(session.wallet.store, "opens_with", check_late)
         async with session.lock:
             await session.read()
@@ -164,7 +164,7 @@ def test_an_erasure_whose_passphrase_is_still_checked_at_the_end_begins_or_is_sa
         session.ended.set()
         return "The page is closed."
 
-    monkeypatch.setattr(serve_command, "_wait_until_over", ask_and_end)
+    monkeypatch.setattr(serve_commands, "_wait_until_over", ask_and_end)
     height = ward.chain.head.height
     done = run("--no-browser", *options)
     go_on.set()
@@ -195,7 +195,7 @@ async def test_what_is_not_waited_for_any_more_never_begins_behind_what_was_said
     monkeypatch.setattr(passphrases, "SETTLE_MAX_S", 3_600.0 if is_left else 0.0)
     asked = asyncio.create_task(desk.session.gate.require(PASSPHRASE))
     await begun.wait()
-    ending = asyncio.create_task(serve_command._let_begin(desk.session, as_json=False))
+    ending = asyncio.create_task(serve_commands._let_begin(desk.session, as_json=False))
     await asyncio.sleep(0)
     if is_left:
         ending.cancel()
@@ -246,7 +246,7 @@ def ask_last(ward: SharedWard, monkeypatch: pytest.MonkeyPatch) -> Callable[...,
                 await asyncio.sleep(0)
             os.kill(os.getpid(), signal.SIGINT)
 
-        monkeypatch.setattr(serve_command, "_wait_until_over", ask_and_end)
+        monkeypatch.setattr(serve_commands, "_wait_until_over", ask_and_end)
 
     return prepare
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clients.robot.hiding.background import learn_background
-from clients.robot.hiding.cut import cut_out
+from clients.robot.hiding.cutouts import extract_cutout
 from clients.robot.hiding.segmentation import segment
 from clients.robot.sensing.sensor_events import Depth, Mask
 from consensus.errors import BlockRobotError
@@ -76,7 +76,7 @@ def test_our_rendition_holds_no_pixel_of_the_other() -> None:
     segmented = segment(depth, background, FOCAL_PX)
     assert len(segmented.silhouettes) == 2
     owner = min(segmented.silhouettes, key=lambda silhouette: silhouette.median_mm)
-    kept = spread(cut_out(depth, background, segmented, owner), depth.shape)
+    kept = spread(extract_cutout(depth, background, segmented, owner), depth.shape)
     assert np.count_nonzero(kept[OTHER]) == 0
     assert np.count_nonzero(kept[OWNER]) > 0.95 * np.count_nonzero(OWNER)
     assert np.count_nonzero((kept > 0) & ~OWNER) < 0.02 * np.count_nonzero(OWNER)

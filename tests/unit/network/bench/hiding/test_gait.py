@@ -1,4 +1,4 @@
-"""Walks for re-identification: they cross and come near, and show only what the robot's own hider releases."""
+"""Walks for re-identification: they cross and come near, and show only what the robot's own redactor releases."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class NobodyRecovered:
 
 
 def test_what_the_robot_withholds_is_in_no_clip(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a reading the hider releases nothing, however well the owner could be cut out."""
+    """Without a reading the redactor releases nothing, however well the owner could be cut out."""
     monkeypatch.setattr(gait, "PROBE_S", 3.0)
     monkeypatch.setattr(Person, "reading_times_s", lambda _: [])
     report = GaitReport(1, 3)
@@ -55,7 +55,7 @@ def test_what_another_is_shown_by_in_a_released_frame_is_noted(monkeypatch: pyte
     stage = Stage(scene)
     _, labels = stage.renderer.frame_with_truth(0)
     kept = type("Given", (), {"sequence": 0})()
-    monkeypatch.setattr(gait, "Kept", type(kept))
+    monkeypatch.setattr(gait, "KeptFrame", type(kept))
     really = gait.release
 
     def leaking(stage: Stage, indices: Any, see: Any) -> Any:

@@ -11,8 +11,8 @@ import pytest
 from msgspec.structs import replace
 
 from clients.robot.hiding.companion_watch import CompanionWatch
-from clients.robot.hiding.cut import CutOut, encode_cut
-from clients.robot.hiding.hider import Kept
+from clients.robot.hiding.cutouts import Cutout, encode_cutout
+from clients.robot.hiding.frame_redactor import KeptFrame
 from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.sensing.sensor_events import Frame
@@ -33,7 +33,7 @@ from network.lab.hiding.figures import summarise
 from network.lab.hiding.gait import GaitReport
 from network.lab.hiding.judge import holds
 from network.lab.hiding.learned import LearnedAttacker, train
-from network.lab.hiding.play import Played, Stage, Timed, gap_px, owner_cut
+from network.lab.hiding.play import Played, Stage, Timed, gap_px, owner_cutout
 from network.lab.hiding.scenes import JUDGING, LEARNING, draw_scenes
 
 
@@ -102,12 +102,12 @@ def test_the_judge_holds_only_where_every_goal_and_every_part_does() -> None:
 
 @pytest.mark.parametrize("shows", ["owner", "both", "other"])
 def test_every_released_rendition_is_held_against_the_truth(monkeypatch: pytest.MonkeyPatch, shows: str) -> None:
-    """A hider that releases the other's pixels, in a scene where the true cut would be clean."""
+    """A redactor that releases the other's pixels, in a scene where the true cut would be clean."""
     scene = draw_scenes(1, 1, JUDGING)[0]
     stage, label, index = Stage(scene), scene.owners["owner"], 20
     depth, labels = stage.renderer.frame_with_truth(index)
     mask = {"owner": labels == label, "both": labels > 0, "other": (labels > 0) & (labels != label)}[shows]
-    released = encode_cut(CutOut(0, 0, np.where(mask, depth, np.uint16(0))))
+    released = encode_cutout(Cutout(0, 0, np.where(mask, depth, np.uint16(0))))
 
     class Leaking:
         def __init__(self, *_: object, **__: object) -> None:
@@ -117,12 +117,14 @@ def test_every_released_rendition_is_held_against_the_truth(monkeypatch: pytest.
             return []
 
         def push_frame(self, frame: Frame) -> list[object]:
-            return [Kept(frame.sequence, frame.captured_at_ms, "owner", released)] if frame.sequence == index else []
+            return (
+                [KeptFrame(frame.sequence, frame.captured_at_ms, "owner", released)] if frame.sequence == index else []
+            )
 
         def flush(self) -> list[object]:
             return []
 
-    monkeypatch.setattr(play_module, "Hider", Leaking)
+    monkeypatch.setattr(play_module, "FrameRedactor", Leaking)
     monkeypatch.setattr(Stage, "frame_indices", lambda _: range(index, index + 1))
     played = play_module.play(stage)
     others_px = int(np.count_nonzero((labels > 0) & (labels != label) & (depth > 0)))
@@ -136,11 +138,11 @@ def test_the_time_of_a_frame_holds_all_that_a_robot_runs(monkeypatch: pytest.Mon
     run: list[str] = []
     for owner, name in ((CompanionWatch, "step"), (Tracker, "step"), (Matcher, "add_track"), (Matcher, "advance")):
         monkeypatch.setattr(owner, name, _noting(run, f"{owner.__name__}.{name}", getattr(owner, name)))
-    monkeypatch.setattr(play_module, "cut_out", _noting(run, "cut_out", play_module.cut_out))
+    monkeypatch.setattr(play_module, "extract_cutout", _noting(run, "extract_cutout", play_module.extract_cutout))
     timed = Timed(stage)
     for index in (60, 66, 72):
         timed.step(stage.renderer.frame_with_truth(index)[0], stage.at_ms(index))
-    assert set(run) == {"CompanionWatch.step", "Tracker.step", "Matcher.add_track", "Matcher.advance", "cut_out"}
+    assert set(run) == {"CompanionWatch.step", "Tracker.step", "Matcher.add_track", "Matcher.advance", "extract_cutout"}
     timed.step(stage.empty[0], stage.at_ms(78))
     assert len(timed.cpu_ms) == len(timed.wall_ms) == 3  # a frame with nobody in it is not noted
 
@@ -198,7 +200,7 @@ def test_the_control_shows_the_same_owner_in_the_same_place() -> None:
     alone, alone_labels = stage.control("owner").frame_with_truth(index)
     label = scene.owners["owner"]
     assert set(np.unique(alone_labels)) <= {0, label}
-    kept = owner_cut(stage, alone, alone_labels, label, troubled=True)
+    kept = owner_cutout(stage, alone, alone_labels, label, troubled=True)
     assert kept is not None
     assert np.count_nonzero((labels == label) & (alone_labels == label)) > 0.9 * np.count_nonzero(labels == label)
     assert depth.shape == alone.shape

@@ -1,0 +1,247 @@
+"""`blockrobot wallet erase` and `erasures`: explain, confirm and request erasure, and show what became of it."""
+
+from __future__ import annotations
+
+import functools
+import re
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import click
+from msgspec import UNSET
+
+from clients.sdk.terminal.json_answers import Problem
+from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer, problem_json
+from clients.wallet.cli.shell_completion import complete_records
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
+from clients.wallet.commands.share_commands import print_copies, print_recipients
+from clients.wallet.ledger.record_choice import choose_records, warn_of_linked_visits
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.presentation.record_answers import ErasuresAnswer
+from clients.wallet.presentation.share_text import own_share
+from clients.wallet.presentation.sharing_answers import EraseAnswer, ErasureRequest
+from clients.wallet.presentation.translations import WrongUsage, language_in_use, text
+from clients.wallet.records.erasure import ErasureClient, ErasureReport, missing_pictures
+from clients.wallet.records.erasure_status import (
+    ErasureProgress,
+    custodian_names,
+    erasure_lines,
+    erasure_row,
+    find_erasures,
+)
+from clients.wallet.records.viewing import name_places
+from clients.wallet.sharing.outgoing_shares import Share, SharingClient
+from consensus.errors import BlockRobotError
+from consensus.exit_codes import exit_code_of
+from pages.time_format import format_time
+
+ERASE_WAIT_S = 60.0
+_NUMBER = re.compile(r"[1-9][0-9]{0,8}", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class _EraseOptions:
+    """Parsed options; empty `record_ids`: all records, empty `frames` (indexes): whole records."""
+
+    record_ids: tuple[str, ...]
+    frames: list[int]
+    wait: bool
+    yes: bool
+    as_json: bool
+
+
+@dataclass(slots=True)
+class _EraseResult:
+    """Result; `left_out` are picture indexes already gone, `late` why waiting failed."""
+
+    reports: list[ErasureReport] = field(default_factory=list)
+    recipients: list[Share] = field(default_factory=list)
+    left_out: list[int] = field(default_factory=list)
+    late: BlockRobotError | None = None
+
+
+def _read_frames(written: str | None) -> list[int]:
+    """Return indexes of numbers from 1. Raises WrongUsage: an empty selection would mean the whole record."""
+    if written is None:
+        return []
+    numbers = [part.strip(" ") for part in written.split(",")]
+    if not all(_NUMBER.fullmatch(number) for number in numbers):
+        raise WrongUsage("frames")
+    return sorted({int(number) - 1 for number in numbers})
+
+
+async def _select_pictures(
+    erasing: ErasureClient, entry: RecordEntry, wish: _EraseOptions
+) -> tuple[list[int], list[int], int]:
+    """Return selected pictures left to erase, others, and the total. Raises WrongUsage."""
+    count = await erasing.count_pictures(entry, wish.frames)
+    missing = missing_pictures(wish.frames, count)
+    if not count:
+        raise WrongUsage("no_picture_at_all")
+    if missing:
+        raise WrongUsage("no_picture", missing=name_places(missing), count=count)
+    left, gone = await erasing.split_erased(entry, wish.frames)
+    if gone and not wish.as_json:
+        console.print(text("erase.left_out", numbers=name_places(gone), count=len(gone)))
+    return left, gone, count
+
+
+def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipients: Sequence[Share]) -> None:
+    """Explain the erasure and confirm. Raises Abort."""
+    if frames:
+        (entry,) = entries
+        times = {
+            "first": format_time(entry.metadata.started_at_ms),
+            "last": format_time(entry.metadata.ended_at_ms),
+        }
+        name, numbers = entry.record_id.hex()[:12], name_places(frames)
+        console.print(text("erase.frames", count=len(frames), numbers=numbers, of=of, name=name, **times))
+    else:
+        pictures = text("records.pictures", count=sum(entry.pictures_left_count for entry in entries))
+        visits = text("count.visits", count=len({entry.visit.owner for entry in entries}))
+        console.print(text("erase.records", count=len(entries), visits=visits, pictures=pictures))
+    if recipients:
+        console.print(text("page.erase.gone2Part" if frames else "page.erase.gone2"))
+        console.print(text("page.erase.recipients") + ":")
+        print_recipients(recipients)
+    console.print(text("erase.remains"))
+    ask(text("erase.ask"))
+
+
+def _ignore(_: Sequence[ErasureReport]) -> None:
+    """Tell nobody."""
+
+
+def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
+    shown: list[int] = []
+
+    def tell(reports: Sequence[ErasureReport]) -> None:
+        here = sum(len(report.state.receipts) for report in reports)
+        if here and shown[-1:] != [here]:
+            shown.append(here)
+            of_all = sum(len(report.state.custodians) for report in reports)
+            click.echo(text("erase.receipts", here=here, count=of_all), err=True)
+
+    return tell
+
+
+@click.command()
+@click.argument("record_ids", nargs=-1, shell_complete=complete_records)
+@click.option("--all", "everything", is_flag=True, help="Erase all records of all visits.")
+@click.option("--frames", help="Only these pictures of one record, counted from 1: 1,4,5. Files in exports: from 0.")
+@click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.pass_context
+@command_output
+def erase(
+    ctx: click.Context,
+    record_ids: tuple[str, ...],
+    everything: bool,
+    frames: str | None,
+    wait: bool,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone.
+
+    Example: blockrobot wallet erase 3fa2c19b07de --frames 1,4 --wait
+    """
+    if not record_ids and not everything:
+        raise WrongUsage("erase_what")
+    frame_indexes = _read_frames(frames)
+    if frame_indexes and (everything or len(record_ids) != 1):
+        raise WrongUsage("frames_of_one")
+    if not yes and not can_ask():
+        raise WrongUsage("no_terminal_yes")
+    wish = _EraseOptions(() if everything else record_ids, frame_indexes, wait, yes, as_json)
+    done = run_with_wallet(ctx, functools.partial(_erase, wish))
+    if as_json:
+        print_answer(_erase_answer(done), ok=done.late is None)
+    else:
+        _print_done(done, is_told=not yes)
+    if done.late is None:
+        return
+    if as_json:
+        ctx.exit(exit_code_of(done.late.entry))
+    raise done.late
+
+
+async def _erase(wish: _EraseOptions, opened: Wallet) -> _EraseResult:
+    """Confirm and erase. Raises Abort, WrongUsage."""
+    chosen = await choose_records(opened, wish.record_ids)
+    entries = [entry for entry in chosen if entry.state.status == "active"]
+    erasing, done, frames, of = ErasureClient(opened), _EraseResult(), wish.frames, 0
+    if wish.frames and entries:
+        frames, done.left_out, of = await _select_pictures(erasing, entries[0], wish)
+        if not frames:
+            return done
+    warn_of_linked_visits(entries, as_json=wish.as_json)
+    done.recipients = await SharingClient(opened).recipients(entries)
+    if entries and not wish.yes:
+        _ask_to_erase(entries, frames, of, done.recipients)
+    for visit, ids in await erasing.request_each(entries, frames):
+        try:
+            if wish.wait and done.late is None:
+                await erasing.wait_complete(visit, ids, ERASE_WAIT_S, _ignore if wish.as_json else _tell_receipts())
+        except BlockRobotError as error:
+            if error.code != "ERASURE_NOT_CONFIRMED":
+                raise
+            done.late = error  # who had received it is told all the same
+        done.reports.extend([await erasing.report(visit, erasure_id) for erasure_id in ids])
+    return done
+
+
+def _erase_answer(done: _EraseResult) -> EraseAnswer:
+    now_ms = time.time_ns() // 1_000_000
+    return EraseAnswer(
+        error=UNSET if done.late is None else Problem(**problem_json(done.late)),
+        erasures=[
+            ErasureRequest(
+                erasure_id=report.erasure_id.hex(),
+                status=report.state.status,
+                custodians=[custodian.hex() for custodian in report.state.custodians],
+                confirmed=[custodian.hex() for custodian in report.state.receipts],
+            )
+            for report in done.reports
+        ],
+        left_out_numbers=[index + 1 for index in done.left_out],
+        recipients=[own_share(each, now_ms) for each in done.recipients],
+    )
+
+
+def _print_done(done: _EraseResult, *, is_told: bool) -> None:
+    if not done.reports:
+        console.print(text("erase.nothing"))
+    for report in done.reports:
+        name, status = report.erasure_id.hex()[:16], text("erase.complete" if report.complete else "erase.requested")
+        confirmed, count = len(report.state.receipts), len(report.state.custodians)
+        console.print(text("erase.report", name=name, status=status, confirmed=confirmed, count=count))
+    if not is_told:
+        print_recipients(done.recipients)
+    print_copies(done.recipients)
+
+
+@click.command()
+@click.pass_context
+@command_output
+@read_only_wallet
+def erasures(ctx: click.Context, as_json: bool) -> None:
+    """Show what you asked to erase, which custodians have confirmed it, and which are overdue.
+
+    Example: blockrobot wallet erasures
+    """
+
+    async def action(opened: Wallet) -> tuple[list[ErasureProgress], dict[bytes, str]]:
+        found = await find_erasures(opened, time.time_ns() // 1_000_000)
+        return found, custodian_names(opened, language_in_use())
+
+    found, names = run_with_wallet(ctx, action)
+    if as_json:
+        print_answer(ErasuresAnswer(erasures=[erasure_row(each) for each in found]))
+        return
+    if not found:
+        console.print(text("erasures.none"))
+    for each in found:
+        for line in erasure_lines(each, names):
+            console.print(line)

@@ -1,0 +1,63 @@
+"""A node tells how long nothing has become final, and calls it late only if it is: an idle chain is at rest, not stuck."""
+
+from __future__ import annotations
+
+import pytest
+
+from consensus.chain.epoch_settings import ChainSettings
+from node.consensus.stall_detector import StallDetector
+
+
+class Hand:
+    """A stopwatch that is moved by hand, in front of a watch of a chain with these settings."""
+
+    def __init__(self, **settings: int | str) -> None:
+        self.now_s = 100.0
+        chosen = ChainSettings(**settings)  # type: ignore[arg-type]
+        self.watch = StallDetector(lambda: self.now_s, lambda: chosen)
+
+    def after(self, seconds: float, waiting: int | None = None) -> dict[str, object]:
+        self.now_s += seconds
+        if waiting is not None:
+            self.watch.look(waiting)
+        return self.watch.describe()
+
+
+def test_an_idle_chain_is_late_only_when_its_empty_blocks_stay_away() -> None:
+    hand = Hand(heartbeat_ms=30_000)
+    assert hand.after(34.0) == {"age_s": 34.0, "waiting_s": 0.0, "late": False}
+    assert hand.after(2.0) == {"age_s": 36.0, "waiting_s": 0.0, "late": True}
+    hand.watch.note_final([], None, None)
+    assert hand.after(0.5) == {"age_s": 0.5, "waiting_s": 0.0, "late": False}
+
+
+def test_work_that_waits_makes_it_late_much_sooner_but_not_for_having_come_to_an_idle_chain() -> None:
+    hand = Hand(heartbeat_ms=30_000)
+    assert not hand.after(20.0, waiting=1)["late"]
+    assert hand.after(6.0, waiting=2) == {"age_s": 26.0, "waiting_s": 6.0, "late": True}
+    assert hand.after(1.0, waiting=0) == {"age_s": 27.0, "waiting_s": 0.0, "late": False}
+    hand.after(0.0, waiting=1)
+    hand.watch.note_final([], None, None)
+    assert hand.after(4.0)["waiting_s"] == 0.0, "what is left counts from the next look on"
+
+
+@pytest.mark.parametrize(
+    ("settings", "seconds", "is_late"),
+    [
+        ({"base_timeout_ms": 10_000, "timeout_cap_ms": 20_000}, 59.0, False),
+        ({"base_timeout_ms": 10_000, "timeout_cap_ms": 20_000}, 61.0, True),
+        ({"production": "manual"}, 10_000.0, False),
+    ],
+)
+def test_waiting_is_measured_by_the_chains_own_timeouts(
+    settings: dict[str, int | str], seconds: float, is_late: bool
+) -> None:
+    hand = Hand(**settings)
+    hand.after(0.0, waiting=1)
+    assert hand.after(seconds)["late"] is is_late
+
+
+def test_a_chain_with_an_interval_is_late_by_it() -> None:
+    hand = Hand(production="interval:1000")
+    assert not hand.after(5.9)["late"]
+    assert hand.after(0.2)["late"]
