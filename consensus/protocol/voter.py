@@ -176,8 +176,8 @@ class Voter:
         self, round_number: int, high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None
     ) -> tuple[Timeout, list[Effect]] | None:
         """R6: give the round up, barring votes in it; None if signing is barred."""
-        is_silent = self._is_barred or self.has_timed_out(round_number)
-        if self._key is None or self.index is None or is_silent:
+        is_barred = self._is_barred or self.has_timed_out(round_number)
+        if self._key is None or self.index is None or is_barred:
             return None
         timeout = sign_timeout(
             self._key, self._chain_id, round_number, self.index, high_qc, entered_by, epoch=self._epoch

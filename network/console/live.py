@@ -15,24 +15,24 @@ from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from network.byzantine import BEHAVIOURS
 from network.cluster import Cluster
-from network.console.export import write_export
-from network.console.node_polling import NodePoll, NodePoller
-from network.console.recorder import Recorder
-from network.console.rounds import ROUNDS_KEPT_COUNT, RoundBook
-from network.console.snapshots import ConsoleSnapshot, SnapshotBuilder
-from network.console.timeline import Timeline, make_event
-from network.console.told import (
+from network.console.console_documents import (
     Choice,
     Choices,
     NetworkFacts,
     NodeFacts,
     Now,
     Past,
-    PlanTold,
+    PlanStatus,
     Recording,
     StepError,
-    StepTold,
+    StepStatus,
 )
+from network.console.export import write_export
+from network.console.node_polling import NodePoll, NodePoller
+from network.console.recorder import Recorder
+from network.console.rounds import ROUNDS_KEPT_COUNT, RoundBook
+from network.console.snapshots import ConsoleSnapshot, SnapshotBuilder
+from network.console.timeline import Timeline, make_event
 from network.faults.actions import LINK_PROFILES, Restart
 from network.faults.control import FaultControl
 from network.faults.plan import FaultPlan, parse_plan
@@ -270,7 +270,7 @@ class LiveConsole:
         """Parse a plan without running it. Raises FAULT_PLAN_INVALID."""
         return parse_plan(text, self.cluster.names)
 
-    def start_plan(self, text: str) -> PlanTold:
+    def start_plan(self, text: str) -> PlanStatus:
         """Start a plan. Raises FAULT_PLAN_INVALID, FAULT_PLAN_RUNNING, CLUSTER_NOT_RUNNING."""
         if self._plan is not None and self._plan.is_running:
             raise BlockRobotError("FAULT_PLAN_RUNNING")
@@ -322,7 +322,7 @@ class _RunningPlan:
         self._done.append(done)
         self._console.note_step(done)
 
-    def describe(self) -> PlanTold:
+    def describe(self) -> PlanStatus:
         shown_text = describe_plan(self._plan)
         for step, done in zip(shown_text.steps, self._done, strict=False):
             step.done_at_ms = done.at_ms
@@ -332,8 +332,8 @@ class _RunningPlan:
         return shown_text
 
 
-def describe_plan(plan: FaultPlan) -> PlanTold:
-    return PlanTold(plan.seed, [StepTold(step.at_ms, step.line, step.action.describe()) for step in plan.steps])
+def describe_plan(plan: FaultPlan) -> PlanStatus:
+    return PlanStatus(plan.seed, [StepStatus(step.at_ms, step.line, step.action.describe()) for step in plan.steps])
 
 
 def _meaning(behaviour: type) -> str:

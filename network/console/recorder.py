@@ -13,9 +13,9 @@ from collections.abc import Sequence
 import msgspec
 
 from consensus.bounded_text import read_json_text
+from network.console.console_documents import Dropped, KnownNetwork, NetworkFacts
 from network.console.snapshots import ConsoleSnapshot
 from network.console.timeline import ROUTINE_KINDS, Event
-from network.console.told import Dropped, KnownNetwork, NetworkFacts
 
 MOMENTS_MAX_BYTES = 12 * 1024 * 1024
 EVENTS_MAX_COUNT = 4_000

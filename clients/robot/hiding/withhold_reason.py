@@ -1,4 +1,4 @@
-"""Why a frame, or another sense's sample, is withheld: one word for hiding, consent and recording."""
+"""Why a frame, or a sample of another sensor, is withheld: for hiding, consent and recording alike."""
 
 from __future__ import annotations
 

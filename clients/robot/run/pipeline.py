@@ -99,7 +99,7 @@ class Pipeline:
         self._live = live
         closing = asyncio.create_task(self._close_over())
         try:
-            async for arrived in self._meanwhile(events) if live else events:
+            async for arrived in self._with_idle_work(events) if live else events:
                 self._consents.raise_failure()
                 self._came_at_ms = self._find_arrival(arrived)
                 await self._process_arrival(arrived)
@@ -113,11 +113,11 @@ class Pipeline:
         for clip in self._filter(await asyncio.to_thread(self._redactor.flush)):
             await self._seal(self._depth, clip)
         await self._seal_settled(self._depth.close(final=True), final=True)
-        await self._stored()
+        await self._wait_until_stored()
         await self._delivery.drain()
         await self._delivery.close_visits(self._open_visits)
 
-    async def _meanwhile(self, events: AsyncIterator[Event | SensorSample]) -> AsyncIterator[Event | SensorSample]:
+    async def _with_idle_work(self, events: AsyncIterator[Event | SensorSample]) -> AsyncIterator[Event | SensorSample]:
         """Yield events; whenever none comes for `QUIET_S`, decide what is due by clock."""
         coming = asyncio.ensure_future(anext(events, None))
         try:
@@ -159,7 +159,7 @@ class Pipeline:
         self._came_at_ms = self._now_ms()
         outputs = self._redactor.advance(at_ms - self._clocks.camera_offset_ms)
         await self._seal_settled([*self._filter(outputs), *self._depth.close()])
-        await self._stored()
+        await self._wait_until_stored()
 
     async def _close_over(self) -> None:
         while True:
@@ -243,7 +243,7 @@ class Pipeline:
             await self._seal(track, clip)
 
     async def _seal(self, track: SensorTrack, clip: ReadyClip) -> None:
-        await self._stored()
+        await self._wait_until_stored()
         sealed = track.seal(clip)
         if sealed is not None:
             self._store(sealed)
@@ -265,7 +265,7 @@ class Pipeline:
 
         self._storing = asyncio.create_task(store())
 
-    async def _stored(self) -> None:
+    async def _wait_until_stored(self) -> None:
         """Raises SPOOL_FULL."""
         if self._storing is not None:
             await asyncio.shield(self._storing)

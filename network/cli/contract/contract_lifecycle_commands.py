@@ -23,8 +23,8 @@ from network.cli.cluster.cluster_options import as_one
 from network.cli.contract.contract_answers import ContractDecisionAnswer
 from network.cli.contract.contract_waiting import ChangeOutcome, await_change, no_wait_option
 from network.cli.governance.governance_signer import (
+    AdminOptions,
     Signer,
-    Speaker,
     SubmittedAct,
     command_group,
     decide_on_proposal,
@@ -46,18 +46,18 @@ UPLOADS_MAX_COUNT = 4
 
 
 async def _require_room(
-    seat: Signer, client: NetworkClient, membership: MembershipView, _: str, arguments: Mapping[str, Any]
+    signer: Signer, client: NetworkClient, membership: MembershipView, _: str, arguments: Mapping[str, Any]
 ) -> None:
     """Refuse uploads without room or evicting another's source. Raises GOVERNANCE_PROPOSALS_TOO_MANY."""
-    admin_key = ADMIN.key(seat.key.public_key)
-    organisation = (await client.state_values([admin_key], seat.key)).values[admin_key] or seat.name
+    admin_key = ADMIN.key(signer.key.public_key)
+    organisation = (await client.state_values([admin_key], signer.key)).values[admin_key] or signer.name
     own = [row for row in membership.proposals if row.organisation == organisation]
     if len(own) >= OPEN_OF_ONE_MAX_COUNT:
         oldest = min(own, key=lambda row: row.height)
         text = f"{organisation} has {len(own)} open proposals, and more than {OPEN_OF_ONE_MAX_COUNT} it may not have."
         raise BlockRobotError("GOVERNANCE_PROPOSALS_TOO_MANY", f"{text} {_way_out(oldest, organisation)}")
     place = UPLOADS.key(organisation)
-    uploads = (await client.state_values([place], seat.key)).values[place] or []
+    uploads = (await client.state_values([place], signer.key)).values[place] or []
     hashes = [entry["source_hash"] for entry in uploads]
     if arguments["source_hash"] in hashes or len(hashes) < UPLOADS_MAX_COUNT:
         return
@@ -95,15 +95,15 @@ def _when(height: int, delay: int, note: str) -> dict[str, Any]:
 when_options = as_one("when", _when, height_option, delay_option, note_option)
 
 
-def _version_in_force(seat: Signer, name: str) -> int:
+def _version_in_force(signer: Signer, name: str) -> int:
     async def read(client: NetworkClient) -> int:
-        row = (await read_contracts(client, seat.key)).find(name)
+        row = (await read_contracts(client, signer.key)).find(name)
         return 0 if row is None else row.version
 
-    return with_client(seat, read)
+    return with_client(signer, read)
 
 
-def _report(seat: Signer, submitted: SubmittedAct, what: str, name: str, *, wait: bool, as_json: bool) -> None:
+def _report(signer: Signer, submitted: SubmittedAct, what: str, name: str, *, wait: bool, as_json: bool) -> None:
     """Raises CONTRACT_CHANGE_FAILED."""
     decision = submitted.decision
     if not as_json and (submitted.proposal is not None or decision.due_height is None):
@@ -113,7 +113,7 @@ def _report(seat: Signer, submitted: SubmittedAct, what: str, name: str, *, wait
         console.print(
             f"{escape(what)}: decided at height {decision.height}, takes effect with block {decision.due_height}."
         )
-    arrival = _await_arrival(seat, name, decision) if wait else None
+    arrival = _await_arrival(signer, name, decision) if wait else None
     if arrival is not None and arrival.state == "failed":
         raise BlockRobotError(
             "CONTRACT_CHANGE_FAILED",
@@ -127,11 +127,11 @@ def _report(seat: Signer, submitted: SubmittedAct, what: str, name: str, *, wait
     console.print(f"Next step: blockrobot contract show {escape(name)}")
 
 
-def _await_arrival(seat: Signer, name: str, decision: Decision) -> ChangeOutcome | None:
+def _await_arrival(signer: Signer, name: str, decision: Decision) -> ChangeOutcome | None:
     def tell(line: str) -> None:
         click.echo(line, err=True)
 
-    return with_client(seat, lambda client: await_change(client, seat.key, name, decision, tell))
+    return with_client(signer, lambda client: await_change(client, signer.key, name, decision, tell))
 
 
 def _told_arrival(name: str, arrival: ChangeOutcome) -> str:
@@ -162,7 +162,9 @@ def _decision_answer(submitted: SubmittedAct, arrival: ChangeOutcome | None) -> 
 @no_wait_option
 @governing_options
 @command_output
-def propose(file: Path, name: str | None, when: dict[str, Any], speaker: Speaker, no_wait: bool, as_json: bool) -> None:
+def propose(
+    file: Path, name: str | None, when: dict[str, Any], admin: AdminOptions, no_wait: bool, as_json: bool
+) -> None:
     """Upload a source and propose it: a new contract, or a new version of one.
 
     The source is checked here first; every part of at most 6,000 bytes is a transaction of its own, and so is the check
@@ -185,9 +187,9 @@ def propose(file: Path, name: str | None, when: dict[str, Any], speaker: Speaker
             await governor.upload_part(source_hash, len(parts), place, part)
         await governor.check_upload(source_hash)
 
-    seat = speaker.signer()
-    submitted = propose_once(seat, "lifecycle", "deploy", arguments, partial(_require_room, seat), upload)
-    _report(seat, submitted, f"deploy {contract}", contract, wait=not no_wait, as_json=as_json)
+    signer = admin.signer()
+    submitted = propose_once(signer, "lifecycle", "deploy", arguments, partial(_require_room, signer), upload)
+    _report(signer, submitted, f"deploy {contract}", contract, wait=not no_wait, as_json=as_json)
     if submitted.proposal is not None and not as_json:
         shown = submitted.proposal.id.hex()[:12]
         console.print(f"They can read it first: blockrobot contract show {contract} --proposal {shown} --source")
@@ -198,14 +200,14 @@ def propose(file: Path, name: str | None, when: dict[str, Any], speaker: Speaker
 @no_wait_option
 @governing_options
 @command_output
-def approve(proposal: str, speaker: Speaker, no_wait: bool, as_json: bool) -> None:
+def approve(proposal: str, admin: AdminOptions, no_wait: bool, as_json: bool) -> None:
     """Stand behind a proposed change of a contract; with a majority it is decided.
 
     Example: blockrobot contract approve 3fa2c19b07de --as university
     """
-    seat = speaker.signer()
-    submitted, row = decide_on_proposal(seat, "lifecycle", proposal, "approve")
-    _report(seat, submitted, summary_of(row), row.arguments["name"], wait=not no_wait, as_json=as_json)
+    signer = admin.signer()
+    submitted, row = decide_on_proposal(signer, "lifecycle", proposal, "approve")
+    _report(signer, submitted, summary_of(row), row.arguments["name"], wait=not no_wait, as_json=as_json)
 
 
 withdraw = withdraw_command("lifecycle", "a change of a contract")
@@ -218,7 +220,7 @@ withdraw = withdraw_command("lifecycle", "a change of a contract")
 @no_wait_option
 @governing_options
 @command_output
-def activate(name: str, version: int, when: dict[str, Any], speaker: Speaker, no_wait: bool, as_json: bool) -> None:
+def activate(name: str, version: int, when: dict[str, Any], admin: AdminOptions, no_wait: bool, as_json: bool) -> None:
     """Propose to bring a version back: to roll an upgrade back, or to end a disabled contract's rest.
 
     If that version has a @migrate entry it runs again, on the state as it is then.
@@ -226,9 +228,9 @@ def activate(name: str, version: int, when: dict[str, Any], speaker: Speaker, no
     Example: blockrobot contract activate visitors 1 --as hospital
     """
     arguments = {"name": name, "version": version, **when}
-    seat = speaker.signer()
-    submitted = propose_once(seat, "lifecycle", "activate", arguments)
-    _report(seat, submitted, f"activate {name} version {version}", name, wait=not no_wait, as_json=as_json)
+    signer = admin.signer()
+    submitted = propose_once(signer, "lifecycle", "activate", arguments)
+    _report(signer, submitted, f"activate {name} version {version}", name, wait=not no_wait, as_json=as_json)
 
 
 @click.command()
@@ -239,17 +241,17 @@ def activate(name: str, version: int, when: dict[str, Any], speaker: Speaker, no
 @governing_options
 @command_output
 def disable(
-    name: str, version: int | None, when: dict[str, Any], speaker: Speaker, no_wait: bool, as_json: bool
+    name: str, version: int | None, when: dict[str, Any], admin: AdminOptions, no_wait: bool, as_json: bool
 ) -> None:
     """Propose that a contract answers nobody any more; what it keeps stays, and changes of it that wait are dropped.
 
     Example: blockrobot contract disable visitors --as hospital --note "wrong floors"
     """
-    seat = speaker.signer()
-    number = version or _version_in_force(seat, name)
+    signer = admin.signer()
+    number = version or _version_in_force(signer, name)
     arguments = {"name": name, "version": number, **when}
-    submitted = propose_once(seat, "lifecycle", "disable", arguments)
-    _report(seat, submitted, f"disable {name} version {number}", name, wait=not no_wait, as_json=as_json)
+    submitted = propose_once(signer, "lifecycle", "disable", arguments)
+    _report(signer, submitted, f"disable {name} version {number}", name, wait=not no_wait, as_json=as_json)
 
 
 @click.command()
@@ -257,7 +259,7 @@ def disable(
 @version_option
 @governing_options
 @command_output
-def keep(name: str, version: int | None, speaker: Speaker, as_json: bool) -> None:
+def keep(name: str, version: int | None, admin: AdminOptions, as_json: bool) -> None:
     """Propose to keep a version that is on trial: of forms, identity, lifecycle, membership, producers or settings.
 
     A new version of these goes by itself after 24 hours unless a majority keeps it. The decision is about this version:
@@ -265,7 +267,7 @@ def keep(name: str, version: int | None, speaker: Speaker, as_json: bool) -> Non
 
     Example: blockrobot contract keep membership --as hospital
     """
-    seat = speaker.signer()
-    number = version or _version_in_force(seat, name)
-    submitted = propose_once(seat, "lifecycle", "keep", {"name": name, "version": number})
-    _report(seat, submitted, f"keep {name} version {number}", name, wait=False, as_json=as_json)
+    signer = admin.signer()
+    number = version or _version_in_force(signer, name)
+    submitted = propose_once(signer, "lifecycle", "keep", {"name": name, "version": number})
+    _report(signer, submitted, f"keep {name} version {number}", name, wait=False, as_json=as_json)

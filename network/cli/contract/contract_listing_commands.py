@@ -33,7 +33,7 @@ from network.cli.contract.contract_answers import (
     InterfaceChange,
 )
 from network.cli.governance.governance_signer import (
-    Speaker,
+    AdminOptions,
     governing_options,
     plain_table,
     print_proposals,
@@ -103,12 +103,12 @@ def _print_proposal(row: ProposalRow, needed: int) -> None:
 @click.command("list")
 @governing_options
 @command_output
-def list_contracts(speaker: Speaker, as_json: bool) -> None:
+def list_contracts(admin: AdminOptions, as_json: bool) -> None:
     """Show the chain's contracts, their versions, what is due and what is proposed, checked against proofs.
 
     Example: blockrobot contract list --json
     """
-    view: ContractsView = speaker.read(read_contracts)
+    view: ContractsView = admin.read(read_contracts)
     if as_json:
         answer = ContractListAnswer(
             height=view.height,
@@ -203,7 +203,7 @@ def show(
     proposal: str | None,
     with_source: bool,
     with_abi: bool,
-    speaker: Speaker,
+    admin: AdminOptions,
     as_json: bool,
 ) -> None:
     """Show a contract: its version, who proposed it, its entries; with --source its text. All of it is proved.
@@ -219,7 +219,7 @@ def show(
             return await read_proposed(client, key, _proposal_about(view, name, proposal)), view
         return await read_edition(client, key, name, version or 0), view
 
-    edition, view = speaker.read(read)
+    edition, view = admin.read(read)
     due = [change for change in view.due if change.name == name]
     if as_json:
         print_answer(_show_answer(name, edition, view))
@@ -264,7 +264,7 @@ def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) ->
 @click.option("--exit-code", "with_exit_code", is_flag=True, help="Exit with 1 if they differ.")
 @governing_options
 @command_output
-def diff(name: str, old: str, new: str | None, with_exit_code: bool, speaker: Speaker, as_json: bool) -> None:
+def diff(name: str, old: str, new: str | None, with_exit_code: bool, admin: AdminOptions, as_json: bool) -> None:
     """Compare two versions of a contract: what changes for callers, and the sources line by line.
 
     OLD and NEW are version numbers, files, or the ids of open proposals. With one of them only, it is compared with the
@@ -287,7 +287,7 @@ def diff(name: str, old: str, new: str | None, with_exit_code: bool, speaker: Sp
             return await read_edition(client, key, name, 0), await find(client, key, old)
         return await find(client, key, old), await find(client, key, new)
 
-    before, after = speaker.read(read)
+    before, after = admin.read(read)
     proposals = [edition.proposal for edition in (before, after) if edition.proposal is not None]
     changes = compare_interfaces(before, after)
     lines = diff_lines(before, after)

@@ -18,7 +18,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 from network.cli.governance.governance_answers import ApprovedFrame, FramesDecisionAnswer, FramesListAnswer
 from network.cli.governance.governance_signer import (
-    Speaker,
+    AdminOptions,
     governing_options,
     plain_table,
     shown_id,
@@ -104,7 +104,7 @@ def _report(receipt: FinalReceipt | None, what: str, digests: list[bytes], *, as
 @click.option("--yes", is_flag=True, help="Do not ask: you have looked at the preview.png beside the frames.")
 @governing_options
 @command_output
-def approve(place: Path, robot: str | None, yes: bool, *, speaker: Speaker, as_json: bool) -> None:
+def approve(place: Path, robot: str | None, yes: bool, *, admin: AdminOptions, as_json: bool) -> None:
     """Let a robot publish the frames in FOLDER: you have looked at them, and nobody is in them.
 
     A robot whose frames are not approved writes them there and says so. For an admin of its organisation. The preview to
@@ -118,8 +118,8 @@ def approve(place: Path, robot: str | None, yes: bool, *, speaker: Speaker, as_j
         _require_shown(place, preview)
     else:
         _look_at(place, preview)
-    seat = speaker.signer()
-    receipt = with_client(seat, lambda client: approve_frames(client, seat.key, member, digests))
+    signer = admin.signer()
+    receipt = with_client(signer, lambda client: approve_frames(client, signer.key, member, digests))
     _report(receipt, f"Approved: {len(digests)} empty frames of robot {shown_id(member)}", digests, as_json=as_json)
 
 
@@ -127,14 +127,14 @@ def approve(place: Path, robot: str | None, yes: bool, *, speaker: Speaker, as_j
 @click.argument("robot", metavar="MEMBER_KEY")
 @governing_options
 @command_output
-def list_frames(robot: str, speaker: Speaker, as_json: bool) -> None:
+def list_frames(robot: str, admin: AdminOptions, as_json: bool) -> None:
     """Show which frames a robot may publish, who approved them and when, as the chain proves it.
 
     Example: blockrobot frames list 02ab... --json
     """
     member = _read_hex(robot, _KEY_BYTES, "A member key")
 
-    rows = speaker.read(lambda client, key: read_approved(client, member, key))
+    rows = admin.read(lambda client, key: read_approved(client, member, key))
     if as_json:
         approved = [
             ApprovedFrame(sha256=row.digest.hex(), approver=row.approver.hex(), approved_ms=row.time) for row in rows
@@ -156,7 +156,7 @@ def list_frames(robot: str, speaker: Speaker, as_json: bool) -> None:
 @click.option("--all", "takes_all", is_flag=True, help="Withdraw all that are approved for the robot.")
 @governing_options
 @command_output
-def withdraw(robot: str, digests: tuple[str, ...], takes_all: bool, *, speaker: Speaker, as_json: bool) -> None:
+def withdraw(robot: str, digests: tuple[str, ...], takes_all: bool, *, admin: AdminOptions, as_json: bool) -> None:
     """Take frames back: every custodian deletes them, and what stood on them is shown without a room.
 
     Example: blockrobot frames withdraw 02ab... 5f3c... --as hospital
@@ -165,14 +165,14 @@ def withdraw(robot: str, digests: tuple[str, ...], takes_all: bool, *, speaker: 
     if takes_all == bool(digests):
         raise click.UsageError("Name the frames by their SHA256, or give --all.")
     named = [_read_hex(text, HASH_SIZE_BYTES, "A SHA256") for text in digests]
-    seat = speaker.signer()
+    signer = admin.signer()
 
     async def work(client: NetworkClient) -> FinalReceipt | None:
         if takes_all:
-            named.extend(row.digest for row in await read_approved(client, member, seat.key))
-        return await withdraw_frames(client, seat.key, member, named)
+            named.extend(row.digest for row in await read_approved(client, member, signer.key))
+        return await withdraw_frames(client, signer.key, member, named)
 
-    receipt = with_client(seat, work)
+    receipt = with_client(signer, work)
     if receipt is None and not as_json:
         console.print("None is approved: nothing was left to do.")
         return

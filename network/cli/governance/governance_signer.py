@@ -99,7 +99,7 @@ def read_with_first(signers: list[Signer], work: Callable[[NetworkClient, Privat
 
 
 @contextmanager
-def _told_as_admin() -> Iterator[None]:
+def _refused_as_no_admin() -> Iterator[None]:
     try:
         yield
     except BlockRobotError as error:
@@ -108,15 +108,15 @@ def _told_as_admin() -> Iterator[None]:
         raise
 
 
-def with_client(seat: Signer, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
+def with_client(signer: Signer, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
     """Run an admin's work with a network client. Raises GOVERNANCE_NOT_ADMIN."""
-    with _told_as_admin():
-        return with_network(seat, work)
+    with _refused_as_no_admin():
+        return with_network(signer, work)
 
 
 @dataclass(frozen=True, slots=True)
-class Speaker:
-    """For whom a command speaks, as its options say."""
+class AdminOptions:
+    """The options that say as which organisation's admin a command acts."""
 
     folder: Path | None = None
     organisation: str | None = None
@@ -127,18 +127,18 @@ class Speaker:
 
         Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID.
         """
-        seats = self._seats()
-        if len(seats) > 1:
-            names = " | ".join(seat.name for seat in seats)
+        signers = self._signers()
+        if len(signers) > 1:
+            names = " | ".join(signer.name for signer in signers)
             raise click.UsageError(f"Say for which organisation you speak: --as {names}.")
-        return seats[0]
+        return signers[0]
 
     def read(self, work: Callable[[NetworkClient, PrivateKey], Awaitable[T]]) -> T:
         """Read as any local organisation. Raises GOVERNANCE_NOT_ADMIN, and as `signer`."""
-        with _told_as_admin():
-            return read_with_first(self._seats(), work)
+        with _refused_as_no_admin():
+            return read_with_first(self._signers(), work)
 
-    def _seats(self) -> list[Signer]:
+    def _signers(self) -> list[Signer]:
         place, genesis = open_network(self.folder)
         if self.key_file is not None:
             return [Signer(place, genesis, self.organisation or "", read_private_key(self.key_file))]
@@ -153,7 +153,7 @@ class Speaker:
         return [Signer(place, genesis, name, read_private_key(known[name])) for name in names]
 
 
-governing_options = as_one("speaker", Speaker, folder_option, as_option, key_option)
+governing_options = as_one("admin", AdminOptions, folder_option, as_option, key_option)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,13 +165,15 @@ class SubmittedAct:
     proposal: ProposalRow | None
 
 
-async def _read_act(client: NetworkClient, seat: Signer, decision: Decision, proposal_id: bytes | None) -> SubmittedAct:
-    after = await read_membership(client, seat.key)
+async def _read_act(
+    client: NetworkClient, signer: Signer, decision: Decision, proposal_id: bytes | None
+) -> SubmittedAct:
+    after = await read_membership(client, signer.key)
     return SubmittedAct(decision, after, next((row for row in after.proposals if row.id == proposal_id), None))
 
 
 def propose_once(
-    seat: Signer,
+    signer: Signer,
     contract: str,
     kind: str,
     arguments: Mapping[str, Any],
@@ -184,34 +186,34 @@ def propose_once(
     """
 
     async def run(client: NetworkClient) -> SubmittedAct:
-        before, governor = await read_membership(client, seat.key), Governor(client, seat.key)
-        _refuse_twice(seat, before, contract, kind, arguments)
+        before, governor = await read_membership(client, signer.key), Governor(client, signer.key)
+        _refuse_twice(signer, before, contract, kind, arguments)
         if check is not None:
             await check(client, before, kind, arguments)
         if prepare is not None:
             await prepare(governor)
         decision = await governor.propose(contract, kind, arguments)
-        return await _read_act(client, seat, decision, decision.proposal_id)
+        return await _read_act(client, signer, decision, decision.proposal_id)
 
-    return with_client(seat, run)
+    return with_client(signer, run)
 
 
 def _refuse_twice(
-    seat: Signer, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
+    signer: Signer, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
 ) -> None:
     """Refuse duplicates of open proposals, which would split the approvals.
 
     Exempt: revoking an own certificate, which takes effect at once.
     """
-    if kind == "revoke_certificate" and seat.name in {"", arguments["organisation"]}:
+    if kind == "revoke_certificate" and signer.name in {"", arguments["organisation"]}:
         return
     for row in membership.proposals:
         is_same = all(row.arguments.get(name) == value for name, value in arguments.items() if name != "note")
         if (row.contract, row.kind) == (contract, kind) and is_same:
             command = f"blockrobot {_GROUPS[contract]} approve {shown_id(row.id)} --as"
-            way = f"Approve it: {command} {seat.name or 'ORG'}"
-            if seat.name in row.approvals:
-                way = f"{seat.name} stands behind it already; another organisation approves it: {command} ORG"
+            way = f"Approve it: {command} {signer.name or 'ORG'}"
+            if signer.name in row.approvals:
+                way = f"{signer.name} stands behind it already; another organisation approves it: {command} ORG"
             state = f"is proposed already, by {row.organisation}, and open until {format_time(row.expires_ms)}"
             raise BlockRobotError("GOVERNANCE_PROPOSED_ALREADY", f"{summary_of(row)} {state}. {way}")
 
@@ -228,24 +230,24 @@ async def _tell_closed(client: NetworkClient, key: PrivateKey, text: str) -> Non
 
 
 def decide_on_proposal(
-    seat: Signer, contract: str, text: str, entry: str, check: Check | None = None
+    signer: Signer, contract: str, text: str, entry: str, check: Check | None = None
 ) -> tuple[SubmittedAct, ProposalRow]:
     """Find an open proposal by id prefix, check if requested, approve or withdraw it."""
 
     async def run(client: NetworkClient) -> tuple[SubmittedAct, ProposalRow]:
-        before = await read_membership(client, seat.key)
+        before = await read_membership(client, signer.key)
         try:
             proposal = resolve_proposal([row for row in before.proposals if row.contract == contract], text)
         except BlockRobotError:
-            await _tell_closed(client, seat.key, text)
+            await _tell_closed(client, signer.key, text)
             raise
         if check is not None:
             await check(client, before, proposal.kind, proposal.arguments)
-        governor = Governor(client, seat.key)
+        governor = Governor(client, signer.key)
         decision = await (governor.approve if entry == "approve" else governor.withdraw)(proposal)
-        return await _read_act(client, seat, decision, proposal.id), proposal
+        return await _read_act(client, signer, decision, proposal.id), proposal
 
-    return with_client(seat, run)
+    return with_client(signer, run)
 
 
 # Telling
@@ -345,8 +347,8 @@ def withdraw_command(contract: str, what: str) -> click.Command:
     @click.argument("proposal")
     @governing_options
     @command_output
-    def withdraw(proposal: str, speaker: Speaker, as_json: bool) -> None:
-        submitted, row = decide_on_proposal(speaker.signer(), contract, proposal, "withdraw")
+    def withdraw(proposal: str, admin: AdminOptions, as_json: bool) -> None:
+        submitted, row = decide_on_proposal(admin.signer(), contract, proposal, "withdraw")
         report_decision(submitted, f"Withdrawal of {summary_of(row)}", group, as_json=as_json, needs_others=False)
 
     return withdraw

@@ -47,8 +47,8 @@ from network.cli.governance.governance_answers import (
     ProcessingPlace,
 )
 from network.cli.governance.governance_signer import (
+    AdminOptions,
     Signer,
-    Speaker,
     governing_options,
     shown_id,
     with_client,
@@ -126,8 +126,8 @@ def _version_answer(row: NoticeRow) -> NoticeVersion:
     return NoticeVersion(organisation=row.organisation, version=row.version, hash=row.digest.hex(), height=row.height)
 
 
-async def _own_organisation(client: NetworkClient, seat: Signer) -> str:
-    name = await client.state_value(identity.ADMIN.key(seat.key.public_key), seat.key)
+async def _own_organisation(client: NetworkClient, signer: Signer) -> str:
+    name = await client.state_value(identity.ADMIN.key(signer.key.public_key), signer.key)
     if not isinstance(name, str):
         raise BlockRobotError("GOVERNANCE_NOT_ADMIN")
     return name
@@ -149,7 +149,7 @@ def _ask_to_publish(organisation: str, before: PublishedNotice | None, found: No
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @governing_options
 @command_output
-def publish(file: Path, yes: bool, speaker: Speaker, as_json: bool) -> None:
+def publish(file: Path, yes: bool, admin: AdminOptions, as_json: bool) -> None:
     """Publish a notice as the next version of what your organisation tells people. It stays on the chain for ever.
 
     It shows what changes, and asks. Wallets show it before anybody registers, and tell those who are registered that it
@@ -161,14 +161,14 @@ def publish(file: Path, yes: bool, speaker: Speaker, as_json: bool) -> None:
     encode_notice(found)
     if not yes and not can_ask():
         raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-    seat = speaker.signer()
+    signer = admin.signer()
 
     async def work(client: NetworkClient) -> tuple[PublishedNotice, bool]:
-        name = seat.name or await _own_organisation(client, seat)
+        name = signer.name or await _own_organisation(client, signer)
         _ask_to_publish(name, await read_notice(client, name), found, yes=yes)
-        return await publish_notice(client, seat.key, name, found)
+        return await publish_notice(client, signer.key, name, found)
 
-    published, is_new = with_client(seat, work)
+    published, is_new = with_client(signer, work)
     row = published.row
     if as_json:
         print_answer(extend(NoticePublishAnswer, _version_answer(row), is_new=is_new))
@@ -196,7 +196,7 @@ def show(organisation: str, version: int | None, folder: Path | None, as_json: b
             read_notice(client, organisation) if version is None else read_version(client, organisation, version)
         )
 
-    found = Speaker(folder).read(read)
+    found = AdminOptions(folder).read(read)
     if found is None:
         raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} has published none.")
     row = found.row
@@ -252,20 +252,20 @@ def activities_answer(found: Activities, file: Path | None) -> NoticeActivitiesA
 @click.option("--out", type=FILE, help="Write it to this new file, as Markdown.")
 @governing_options
 @command_output
-def activities(out: Path | None, speaker: Speaker, as_json: bool) -> None:
+def activities(out: Path | None, admin: AdminOptions, as_json: bool) -> None:
     """Make the register of processing activities (GDPR Art. 30) from the chain and the notice in force.
 
     What no program knows of your organisation it names as open: a register is kept by people.
 
     Example: blockrobot notice activities --as hospital --out register.md
     """
-    seat = speaker.signer()
+    signer = admin.signer()
 
     async def read(client: NetworkClient) -> Activities:
-        name = seat.name or await _own_organisation(client, seat)
-        return await read_activities(client, name, await read_membership(client, seat.key))
+        name = signer.name or await _own_organisation(client, signer)
+        return await read_activities(client, name, await read_membership(client, signer.key))
 
-    found = with_client(seat, read)
+    found = with_client(signer, read)
     if out is not None:
         write_new_file(out, activities_text(found))
     if as_json:

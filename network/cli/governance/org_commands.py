@@ -21,8 +21,8 @@ from consensus.state.membership import NodeRow, OrganisationRow
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_answers import MemberNode, MemberOrganisation, OrgListAnswer, OrgNewAnswer
 from network.cli.governance.governance_signer import (
+    AdminOptions,
     Signer,
-    Speaker,
     decide_on_proposal,
     governing_options,
     plain_table,
@@ -63,12 +63,12 @@ def _organisation_answer(row: OrganisationRow, nodes: tuple[NodeRow, ...]) -> Me
 @org.command("list")
 @governing_options
 @command_output
-def list_organisations(speaker: Speaker, as_json: bool) -> None:
+def list_organisations(admin: AdminOptions, as_json: bool) -> None:
     """Show organisations, nodes and open proposals, checked against proofs.
 
     Example: blockrobot org list --json
     """
-    view = speaker.read(read_membership)
+    view = admin.read(read_membership)
     proposals = [row for row in view.proposals if row.contract == "membership"]
     if as_json:
         answer = OrgListAnswer(
@@ -124,11 +124,11 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
 
 
 async def _check(
-    seat: Signer, anyway: bool, client: NetworkClient, before: MembershipView, kind: str, arguments: Mapping[str, Any]
+    signer: Signer, anyway: bool, client: NetworkClient, before: MembershipView, kind: str, arguments: Mapping[str, Any]
 ) -> None:
     check_authority_change(kind, arguments, before.organisations)
     if not anyway:
-        await check_membership_change(client, seat.folder, seat.key, before, kind, arguments)
+        await check_membership_change(client, signer.folder, signer.key, before, kind, arguments)
 
 
 @org.command()
@@ -136,7 +136,7 @@ async def _check(
 @anyway_option
 @governing_options
 @command_output
-def approve(proposal: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
+def approve(proposal: str, anyway: bool, admin: AdminOptions, as_json: bool) -> None:
     """Stand behind a proposed change (named by the first digits of its id).
 
     To take nodes out, or to replace a producer's key, is refused while too few of the others are well, unless you say
@@ -144,17 +144,17 @@ def approve(proposal: str, anyway: bool, speaker: Speaker, as_json: bool) -> Non
 
     Example: blockrobot org approve 3fa2c19b07de --as university
     """
-    seat = speaker.signer()
-    submitted, row = decide_on_proposal(seat, "membership", proposal, "approve", partial(_check, seat, anyway))
+    signer = admin.signer()
+    submitted, row = decide_on_proposal(signer, "membership", proposal, "approve", partial(_check, signer, anyway))
     report_decision(submitted, summary_of(row), "org", as_json=as_json)
 
 
 org.add_command(withdraw_command("membership", "a change"))
 
 
-def _propose(kind: str, arguments: dict[str, Any], speaker: Speaker, *, as_json: bool, anyway: bool = True) -> None:
-    seat = speaker.signer()
-    submitted = propose_once(seat, "membership", kind, arguments, partial(_check, seat, anyway))
+def _propose(kind: str, arguments: dict[str, Any], admin: AdminOptions, *, as_json: bool, anyway: bool = True) -> None:
+    signer = admin.signer()
+    submitted = propose_once(signer, "membership", kind, arguments, partial(_check, signer, anyway))
     named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
     report_decision(submitted, f"{kind.replace('_', '-')} {named}", "org", as_json=as_json)
 
@@ -177,18 +177,18 @@ def propose() -> None:
 )
 @governing_options
 @command_output
-def add_org(name: str | None, source: Path | None, speaker: Speaker, as_json: bool) -> None:
+def add_org(name: str | None, source: Path | None, admin: AdminOptions, as_json: bool) -> None:
     """Propose a new organisation by its entry: certificate authority and public keys, nothing secret.
 
     Example: blockrobot org propose add-org --from organisation-entry.json --as hospital
     """
     if source is None and name is None:
         raise click.UsageError(f"Name the newcomer's {ORGANISATION_ENTRY_FILE} with --from FILE.")
-    place = source or network_folder(speaker.folder) / "organisations" / str(name) / ORGANISATION_ENTRY_FILE
+    place = source or network_folder(admin.folder) / "organisations" / str(name) / ORGANISATION_ENTRY_FILE
     arguments = read_organisation_entry(place)
     if name is not None and arguments["name"] != name:
         raise BlockRobotError("FILE_UNUSABLE", f"{place} is the entry of {arguments['name']!r}, not of {name!r}.")
-    _propose("add_org", arguments, speaker, as_json=as_json)
+    _propose("add_org", arguments, admin, as_json=as_json)
 
 
 @propose.command("remove-org")
@@ -196,12 +196,12 @@ def add_org(name: str | None, source: Path | None, speaker: Speaker, as_json: bo
 @anyway_option
 @governing_options
 @command_output
-def remove_org(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
+def remove_org(name: str, anyway: bool, admin: AdminOptions, as_json: bool) -> None:
     """Propose to remove an organisation with its nodes, keys and voice.
 
     Example: blockrobot org propose remove-org clinic --as hospital
     """
-    _propose("remove_org", {"name": name}, speaker, as_json=as_json, anyway=anyway)
+    _propose("remove_org", {"name": name}, admin, as_json=as_json, anyway=anyway)
 
 
 @propose.command("replace-ca")
@@ -209,7 +209,7 @@ def remove_org(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> None
 @click.option("--certificate", required=True, type=EXISTING_FILE, help="The new CA certificate (PEM).")
 @governing_options
 @command_output
-def replace_ca(name: str, certificate: Path, speaker: Speaker, as_json: bool) -> None:
+def replace_ca(name: str, certificate: Path, admin: AdminOptions, as_json: bool) -> None:
     """Propose a new certificate authority for an organisation. Certificates of the old one count no more.
 
     Only the certificates in the file are sent, written anew; a file that holds a private key too is refused.
@@ -217,7 +217,7 @@ def replace_ca(name: str, certificate: Path, speaker: Speaker, as_json: bool) ->
     Example: blockrobot org propose replace-ca hospital --certificate new-ca.crt.pem --as hospital
     """
     arguments = {"organisation": name, "ca_certificate": read_authority_certificates(certificate)}
-    _propose("replace_ca", arguments, speaker, as_json=as_json)
+    _propose("replace_ca", arguments, admin, as_json=as_json)
 
 
 @propose.command("replace-keys")
@@ -229,7 +229,7 @@ def replace_ca(name: str, certificate: Path, speaker: Speaker, as_json: bool) ->
 @governing_options
 @command_output
 def replace_keys(
-    name: str, admins: tuple[str, ...], registrars: tuple[str, ...], speaker: Speaker, as_json: bool
+    name: str, admins: tuple[str, ...], registrars: tuple[str, ...], admin: AdminOptions, as_json: bool
 ) -> None:
     """Propose new admins and registrars in place of all that an organisation has.
 
@@ -240,7 +240,7 @@ def replace_keys(
         "admins": [_read_public_key(key, "--admin") for key in admins],
         "registrars": [_read_public_key(key, "--registrar") for key in registrars],
     }
-    _propose("replace_keys", arguments, speaker, as_json=as_json)
+    _propose("replace_keys", arguments, admin, as_json=as_json)
 
 
 @propose.command("add-node")
@@ -249,14 +249,14 @@ def replace_keys(
 )
 @governing_options
 @command_output
-def add_node(source: Path, speaker: Speaker, as_json: bool) -> None:
+def add_node(source: Path, admin: AdminOptions, as_json: bool) -> None:
     """Propose a new node. It produces nothing before it is voted in (producer propose).
 
     Example: blockrobot org propose add-node --from node-5/node-entry.json --as hospital
     """
     arguments = read_node_entry(source)
     check_api_url(str(arguments["name"]), str(arguments["api_url"]))
-    _propose("add_node", arguments, speaker, as_json=as_json)
+    _propose("add_node", arguments, admin, as_json=as_json)
 
 
 @propose.command("remove-node")
@@ -264,12 +264,12 @@ def add_node(source: Path, speaker: Speaker, as_json: bool) -> None:
 @anyway_option
 @governing_options
 @command_output
-def remove_node(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
+def remove_node(name: str, anyway: bool, admin: AdminOptions, as_json: bool) -> None:
     """Propose to remove a node. Its certificate and votes count no more from the height at which that takes effect.
 
     Example: blockrobot org propose remove-node node-5 --as hospital
     """
-    _propose("remove_node", {"name": name}, speaker, as_json=as_json, anyway=anyway)
+    _propose("remove_node", {"name": name}, admin, as_json=as_json, anyway=anyway)
 
 
 @propose.command("rekey-producer")
@@ -280,7 +280,7 @@ def remove_node(name: str, anyway: bool, speaker: Speaker, as_json: bool) -> Non
 @anyway_option
 @governing_options
 @command_output
-def rekey_producer(node: str, secret: Path, anyway: bool, speaker: Speaker, as_json: bool) -> None:
+def rekey_producer(node: str, secret: Path, anyway: bool, admin: AdminOptions, as_json: bool) -> None:
     """Propose a new producer key for a node, with proof that it is held. The old one counts no more.
 
     The node is silent until it has the new key; that is refused while the others cannot do without it, unless you say
@@ -291,7 +291,7 @@ def rekey_producer(node: str, secret: Path, anyway: bool, speaker: Speaker, as_j
     key = read_private_key(secret)
     proof = prove_possession(key, node)
     arguments = {"node": node, "producer_key": key.public_key, "producer_possession": proof}
-    _propose("rekey_producer", arguments, speaker, as_json=as_json, anyway=anyway)
+    _propose("rekey_producer", arguments, admin, as_json=as_json, anyway=anyway)
 
 
 def _read_hex(text: str, option: str) -> bytes:

@@ -28,8 +28,8 @@ from network.cli.governance.governance_answers import (
     ProducerVoteAnswer,
 )
 from network.cli.governance.governance_signer import (
+    AdminOptions,
     Signer,
-    Speaker,
     governing_options,
     plain_table,
     shown_id,
@@ -98,12 +98,12 @@ def _print_evidence(row: CandidateRow) -> None:
 @producer.command("list")
 @governing_options
 @command_output
-def list_producers(speaker: Speaker, as_json: bool) -> None:
+def list_producers(admin: AdminOptions, as_json: bool) -> None:
     """Show seats, votes, who is ready and who is suspended with the evidence, checked against proofs.
 
     Example: blockrobot producer list
     """
-    view, membership = speaker.read(_read)
+    view, membership = admin.read(_read)
     needed = membership.majority
     if as_json:
         answer = ProducerListAnswer(
@@ -158,7 +158,7 @@ def _resolve_key(text: str, view: ProducersView, membership: MembershipView) -> 
 
 def _vote(
     node: str,
-    seat: Signer,
+    signer: Signer,
     what: str,
     entry: str,
     *,
@@ -171,15 +171,15 @@ def _vote(
     """
 
     async def run(client: NetworkClient) -> tuple[Decision, ProducersView, MembershipView, bytes]:
-        view, membership = await _read(client, seat.key)
+        view, membership = await _read(client, signer.key)
         key = _resolve_key(node, view, membership)
         if after is not None:
-            await require_live_quorum(client, seat.folder, view, after(view, key))
-        decision = await Governor(client, seat.key).vote(entry, key)
-        now, membership = await _read(client, seat.key)
+            await require_live_quorum(client, signer.folder, view, after(view, key))
+        decision = await Governor(client, signer.key).vote(entry, key)
+        now, membership = await _read(client, signer.key)
         return decision, now, membership, key
 
-    decision, view, membership, key = with_client(seat, run)
+    decision, view, membership, key = with_client(signer, run)
     row = next((row for row in view.candidates if row.key == key), None)
     if as_json:
         answer = ProducerVoteAnswer(
@@ -223,24 +223,24 @@ def _next_step(node: str, row: CandidateRow | None, membership: MembershipView) 
 @click.argument("node")
 @governing_options
 @command_output
-def propose(node: str, speaker: Speaker, as_json: bool) -> None:
+def propose(node: str, admin: AdminOptions, as_json: bool) -> None:
     """Make a node a candidate, with your organisation's vote. The node must be in the network (org propose add-node).
 
     Example: blockrobot producer propose node-5 --as hospital
     """
-    _vote(node, speaker.signer(), "Proposed", "propose", as_json=as_json)
+    _vote(node, admin.signer(), "Proposed", "propose", as_json=as_json)
 
 
 @producer.command()
 @click.argument("node")
 @governing_options
 @command_output
-def approve(node: str, speaker: Speaker, as_json: bool) -> None:
+def approve(node: str, admin: AdminOptions, as_json: bool) -> None:
     """Vote for a candidate, or for a suspended producer's return.
 
     Example: blockrobot producer approve node-5 --as university
     """
-    _vote(node, speaker.signer(), "Voted for", "approve", as_json=as_json)
+    _vote(node, admin.signer(), "Voted for", "approve", as_json=as_json)
 
 
 @producer.command()
@@ -248,14 +248,14 @@ def approve(node: str, speaker: Speaker, as_json: bool) -> None:
 @anyway_option
 @governing_options
 @command_output
-def withdraw(node: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
+def withdraw(node: str, anyway: bool, admin: AdminOptions, as_json: bool) -> None:
     """Take your organisation's vote back. A producer without any vote loses its seat.
 
     Example: blockrobot producer withdraw node-5 --as university
     """
-    seat = speaker.signer()
-    after = None if anyway else lambda view, key: seats_after(view, withdrawn=(key, seat.name))
-    _vote(node, seat, "Vote withdrawn from", "withdraw", as_json=as_json, after=after)
+    signer = admin.signer()
+    after = None if anyway else lambda view, key: seats_after(view, withdrawn=(key, signer.name))
+    _vote(node, signer, "Vote withdrawn from", "withdraw", as_json=as_json, after=after)
 
 
 @producer.command()
@@ -263,7 +263,7 @@ def withdraw(node: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
 @anyway_option
 @governing_options
 @command_output
-def remove(node: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
+def remove(node: str, anyway: bool, admin: AdminOptions, as_json: bool) -> None:
     """Stand for a producer's removal: one of your own goes at once, another's when a majority says so.
 
     It is refused while too few of those who would be left are well, unless you say --anyway.
@@ -271,4 +271,4 @@ def remove(node: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
     Example: blockrobot producer remove node-5 --as hospital
     """
     after = None if anyway else lambda view, key: seats_after(view, leaving={key})
-    _vote(node, speaker.signer(), "Removal of", "remove", as_json=as_json, after=after)
+    _vote(node, admin.signer(), "Removal of", "remove", as_json=as_json, after=after)

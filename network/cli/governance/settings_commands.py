@@ -22,8 +22,8 @@ from clients.sdk.terminal.terminal import command_output, console, print_answer
 from consensus.primitives.keys import PrivateKey
 from network.cli.governance.governance_answers import SettingsListAnswer
 from network.cli.governance.governance_signer import (
+    AdminOptions,
     Signer,
-    Speaker,
     decide_on_proposal,
     governing_options,
     plain_table,
@@ -66,7 +66,7 @@ def settings() -> None:
 @settings.command("list")
 @governing_options
 @command_output
-def list_settings(speaker: Speaker, as_json: bool) -> None:
+def list_settings(admin: AdminOptions, as_json: bool) -> None:
     """Show the settings in force and the open proposals, checked against proofs.
 
     Example: blockrobot settings list --json
@@ -75,7 +75,7 @@ def list_settings(speaker: Speaker, as_json: bool) -> None:
     async def read(client: NetworkClient, key: PrivateKey) -> tuple[ProducersView, MembershipView]:
         return await read_producers(client, key), await read_membership(client, key)
 
-    producers, membership = speaker.read(read)
+    producers, membership = admin.read(read)
     values = settings_in_force(producers)
     proposals = [row for row in membership.proposals if row.contract == "settings"]
     if as_json:
@@ -101,10 +101,10 @@ def _read_value(text: str) -> int | str:
 
 
 async def _check(
-    seat: Signer, anyway: bool, client: NetworkClient, _: MembershipView, _kind: str, arguments: Mapping[str, Any]
+    signer: Signer, anyway: bool, client: NetworkClient, _: MembershipView, _kind: str, arguments: Mapping[str, Any]
 ) -> None:
     if not anyway:
-        await check_setting(client, seat.folder, seat.key, arguments["name"], arguments["value"])
+        await check_setting(client, signer.folder, signer.key, arguments["name"], arguments["value"])
 
 
 @settings.command(context_settings={"ignore_unknown_options": True})  # a value may begin with a minus
@@ -113,16 +113,18 @@ async def _check(
 @anyway_option
 @governing_options
 @command_output
-def propose(name: str, value: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
+def propose(name: str, value: str, anyway: bool, admin: AdminOptions, as_json: bool) -> None:
     """Propose a value for a setting; a majority of the organisations puts it into force.
 
     Fewer seats are refused while too few of the producers left over are well, unless you say --anyway.
 
     Example: blockrobot settings propose base_timeout_ms 800 --as hospital
     """
-    seat = speaker.signer()
+    signer = admin.signer()
     wanted = _read_value(value.strip())
-    submitted = propose_once(seat, "settings", "set", {"name": name, "value": wanted}, partial(_check, seat, anyway))
+    submitted = propose_once(
+        signer, "settings", "set", {"name": name, "value": wanted}, partial(_check, signer, anyway)
+    )
     report_decision(submitted, f"{name} = {wanted}", "settings", as_json=as_json)
 
 
@@ -131,15 +133,15 @@ def propose(name: str, value: str, anyway: bool, speaker: Speaker, as_json: bool
 @anyway_option
 @governing_options
 @command_output
-def approve(proposal: str, anyway: bool, speaker: Speaker, as_json: bool) -> None:
+def approve(proposal: str, anyway: bool, admin: AdminOptions, as_json: bool) -> None:
     """Stand behind a proposed setting (named by the first digits of its id).
 
     Fewer seats are refused while too few of the producers left over are well, unless you say --anyway.
 
     Example: blockrobot settings approve 3fa2c19b07de --as university
     """
-    seat = speaker.signer()
-    submitted, row = decide_on_proposal(seat, "settings", proposal, "approve", partial(_check, seat, anyway))
+    signer = admin.signer()
+    submitted, row = decide_on_proposal(signer, "settings", proposal, "approve", partial(_check, signer, anyway))
     report_decision(submitted, summary_of(row), "settings", as_json=as_json)
 
 

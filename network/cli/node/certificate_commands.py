@@ -15,7 +15,7 @@ from clients.sdk.terminal.terminal import EXISTING_FILE, FOLDER, command_output,
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
-    Speaker,
+    AdminOptions,
     governing_options,
     plain_table,
     propose_once,
@@ -168,7 +168,7 @@ def renew_certificate(
 @governing_options
 @command_output
 def revoke(
-    node: str | None, serial: str | None, file: Path | None, owner: str | None, speaker: Speaker, as_json: bool
+    node: str | None, serial: str | None, file: Path | None, owner: str | None, admin: AdminOptions, as_json: bool
 ) -> None:
     """Revoke a certificate on the chain. An organisation revokes its own alone; another's needs a majority.
 
@@ -177,21 +177,21 @@ def revoke(
     if sum(item is not None for item in (node, serial, file)) != 1:
         raise click.UsageError("Name a node, or a certificate with --serial or --certificate.")
     if node is not None:
-        config = get_node_config(node, speaker.folder)
+        config = get_node_config(node, admin.folder)
         facts = read_report(config).facts
         if facts is None:
             raise BlockRobotError("FILE_UNUSABLE", f"The certificate of {config.name} cannot be read; use --serial.")
-        number, owner = facts.serial, owner or _organisation(config, speaker.folder)
+        number, owner = facts.serial, owner or _organisation(config, admin.folder)
     else:
         number = parse_serial(str(serial) if file is None else f"{read_certificate(file).serial_number:x}")
-    if speaker.organisation is None and speaker.key_file is None:
-        speaker = replace(speaker, organisation=owner)
-    seat = speaker.signer()
-    owner = owner or seat.name
+    if admin.organisation is None and admin.key_file is None:
+        admin = replace(admin, organisation=owner)
+    signer = admin.signer()
+    owner = owner or signer.name
     if not owner:
         raise click.UsageError("Say whose authority issued it: --of ORG.")
     arguments = {"organisation": owner, "serial": serial_bytes(number)}
-    submitted = propose_once(seat, "membership", "revoke_certificate", arguments)
+    submitted = propose_once(signer, "membership", "revoke_certificate", arguments)
     report_decision(submitted, f"revoke certificate {number:x} of {owner}", "org", as_json=as_json)
 
 

@@ -6,9 +6,9 @@ import itertools
 import json
 from typing import Any
 
+from network.console.console_documents import NetworkFacts, NodeFacts
 from network.console.recorder import NETWORKS_MAX_COUNT, Recorder
 from network.console.timeline import make_event
-from network.console.told import NetworkFacts, NodeFacts
 
 
 def _moment(number: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What the console's page and an exported run are told, beside moments and events."""
+"""What the console answers its page and writes into an exported run, beside snapshots and events."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class StepError(Struct, frozen=True):
     detail: str
 
 
-class StepTold(Struct):
+class StepStatus(Struct):
     """A step of a plan, and what became of it."""
 
     at_ms: int
@@ -86,11 +86,11 @@ class StepTold(Struct):
     error: StepError | UnsetType = UNSET
 
 
-class PlanTold(Struct):
+class PlanStatus(Struct):
     """A plan; with its state if it was started."""
 
     seed: int
-    steps: list[StepTold]
+    steps: list[StepStatus]
     state: str | UnsetType = UNSET
 
 
@@ -102,7 +102,7 @@ class Now(Struct, frozen=True):
     moment: ConsoleSnapshot | None
     rounds: list[RoundRow]
     events: list[Event]
-    plan: PlanTold | None
+    plan: PlanStatus | None
     recording: Recording
 
 
