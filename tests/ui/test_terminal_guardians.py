@@ -68,11 +68,6 @@ def type_words(typed: Typed, words: list[str], a_line: int = 11) -> None:
         typed.answer(r"(?:Word|Palavra) \d+: ", " ".join(words[start : start + a_line]))
 
 
-def choose_passphrase(typed: Typed, passphrase: str = PASSPHRASE) -> None:
-    for _ in range(2):
-        typed.answer("(?i)(?:passphrase|frase-passe|again|outra vez)[^:]*: ", passphrase)
-
-
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
     """A home with a wallet of known words, and no network."""
@@ -95,7 +90,7 @@ def test_each_guardian_s_words_are_shown_alone_and_asked_back(home: Path, termin
     again = begin_recovery(home, "--profile", "again", **terminal)
     for share in (shares[2], shares[0]):
         type_words(again, share)
-    choose_passphrase(again)
+    again.choose_passphrase(PASSPHRASE)
     assert again.ended() == 0, again.rest()
     assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
     (known,) = Keystore.open(home / "wallets" / "default.wallet", PASSPHRASE).content.guardian_sets
@@ -195,7 +190,7 @@ def test_a_wrong_word_another_set_and_the_same_guardian_twice_are_told_at_once(h
         typed.answer(f"Word {place + 1} is: ", shares[1][place])
     typed.expect("lead to one wallet")
     typed.answer("does not fit: sheet 2 of set.*Go on with these", "y")
-    choose_passphrase(typed)
+    typed.choose_passphrase(PASSPHRASE)
     assert typed.ended() == 0, typed.rest()
     assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
 
@@ -220,7 +215,7 @@ def test_a_guardian_who_lies_is_made_up_for_by_one_more(home: Path, said: dict[s
     type_words(typed, shares[2], 33)
     typed.expect(f"does not fit: sheet {lie.index + 1} of set")
     typed.answer("any 2 guardians are enough.*Go on with these", "y")
-    choose_passphrase(typed)
+    typed.choose_passphrase(PASSPHRASE)
     assert typed.ended() == 0, typed.rest()
     assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
 
@@ -280,7 +275,7 @@ async def test_a_wallet_that_is_lost_comes_back_by_two_of_three_and_opens_what_w
         typed = begin_recovery(ann.folder, *group)
         for share in (shares[1], shares[2]):
             type_words(typed, share)
-        choose_passphrase(typed)
+        typed.choose_passphrase(PASSPHRASE)
         typed.expect("these words are a member's")
         assert typed.ended() == 0, typed.rest()
         assert Keystore.open(file, PASSPHRASE).content.words == words

@@ -16,14 +16,9 @@ from tests.ui.typed import CONTROL, ROWS, WIPED, Typed, at_terminal
 ABANDON = " ".join(["abandon"] * 23 + ["art"])
 
 
-def type_passphrase(typed: Typed) -> None:
-    for _ in range(2):
-        typed.answer("(?im)^.*(pass|frase)[^:\r\n]*: $", "tea and lemon cake")
-
-
 def make(home: Path, *arguments: str, language: str = "en", **terminal: object) -> Typed:
     typed = at_terminal(home, "--language", language, *arguments, **terminal)  # type: ignore[arg-type]
-    type_passphrase(typed)
+    typed.choose_passphrase("tea and lemon cake")
     return typed
 
 
@@ -172,7 +167,7 @@ def test_a_weak_passphrase_is_told_why_and_asked_for_again(tmp_path: Path) -> No
     typed.answer("Passphrase: ", "tea and lemon cake")
     typed.answer("once more: ", "tea and lemon cakes")
     typed.expect("two different ones")
-    type_passphrase(typed)
+    typed.choose_passphrase("tea and lemon cake")
     typed.expect("Taken. It is long enough")
     assert typed.ended() == 0
 
@@ -211,7 +206,7 @@ def test_no_check_asks_nothing_and_the_words_restore_the_wallet_in_portuguese(tm
     assert typed.ended() == 0
     again = at_terminal(tmp_path, "--language", "pt", "--profile", "again", "restore", "--fast-passphrase")
     again.answer("As 24 palavras: ", " ".join(words[number] for number in range(1, 25)))
-    type_passphrase(again)
+    again.choose_passphrase("tea and lemon cake")
     again.expect("blockrobot wallet --profile again records")
     assert again.ended() == 0
 
@@ -233,7 +228,7 @@ def test_words_that_are_typed_wrong_are_asked_for_again(tmp_path: Path) -> None:
         typed.answer("The 24 words: ", wrong)
         typed.expect(sentence)
     typed.answer("The 24 words: ", right)
-    type_passphrase(typed)
+    typed.choose_passphrase("tea and lemon cake")
     typed.expect("records")
     assert typed.ended() == 0
 

@@ -27,6 +27,11 @@ class Typed(pexpect.spawn):
         self.expect(question)
         self.sendline(said)
 
+    def choose_passphrase(self, passphrase: str) -> None:
+        """Answer both questions for a new one. What is typed sooner, at the advice before them, is thrown away."""
+        self.answer("(?:Passphrase|Frase-passe): ", passphrase)
+        self.answer("(?:once more|outra vez): ", passphrase)
+
     def press_ctrl_c(self, until: Any) -> None:
         """Press Ctrl-C once, as soon as a key is waited for; expect what it must bring: a pattern, or the end."""
         wait_for_reading(self.pid)
