@@ -7,7 +7,6 @@ from pathlib import Path
 
 from consensus.errors import BlockRobotError
 from node.custody.stores.custody_store import CustodyStore
-from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.sqlite_store import SqliteStore
 
 MONGO_SCHEMES = ("mongodb://", "mongodb+srv://")
@@ -21,5 +20,7 @@ def open_store(uri: str, folder: Path, require_space: Callable[[], None] = lambd
     if uri == "sqlite":
         return SqliteStore(folder, require_space)
     if uri.startswith(MONGO_SCHEMES):
+        from node.custody.stores.mongo_store import MongoStore  # noqa: PLC0415 - pymongo is a sixth of a node's start
+
         return MongoStore(uri)
     raise BlockRobotError("CONFIGURATION_INVALID", "The custody store is sqlite or the URI of a MongoDB database.")
