@@ -16,12 +16,10 @@ from clients.officer.officer_answers import (
     VisitInSpan,
 )
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.plurals import pluralize
-from clients.sdk.terminal.terminal import command_output, console, print_answer
+from clients.sdk.terminal.terminal import command_output, console, pluralize, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
-from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.times import MOMENT
-from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
+from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from consensus.errors import BlockRobotError
 from consensus.rights.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, VISITS_MAX_COUNT
 from pages.time_format import format_time

@@ -14,14 +14,12 @@ from clients.officer.mandate_papers import (
     make_receipt,
     read_receipt,
 )
-from clients.sdk.failover import SURE_REFUSALS
+from clients.sdk.node_answers import SURE_REFUSALS
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.terminal.plurals import pluralize
-from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer
+from clients.sdk.terminal.terminal import FILE, command_output, console, pluralize, print_answer
 from clients.wallet.cli.invocation import OFFICER_COMMAND, called
-from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.times import MOMENT
-from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
+from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import APPROVED, PROPOSED, Mandate, Mandates
 from clients.wallet.presentation.mandate_answers import MandateProposalAnswer, MandatesAnswer, mandate_answer
 from consensus.errors import BlockRobotError

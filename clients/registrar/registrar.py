@@ -13,8 +13,8 @@ from pathlib import Path
 
 from clients.sdk.chain.proved_rows import Read, in_session, proved_row, put_query
 from clients.sdk.chain.transactions import Clock, SystemClock
-from clients.sdk.network_client import NetworkClient
-from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from clients.sdk.network_client import NetworkClient, open_pinned_client
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError

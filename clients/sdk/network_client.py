@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -21,12 +23,19 @@ from clients.sdk.connections import (
     Connections,
     NodeAddress,
 )
-from clients.sdk.failover import BY_ITS_CLOCK, NOT_TAKING_PART, failure_of, may_ask_another
 from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeDirectory, read_known_nodes
-from clients.sdk.node_answers import error_of, read_answer, read_hex
+from clients.sdk.node_answers import (
+    BY_ITS_CLOCK,
+    NOT_TAKING_PART,
+    error_of,
+    failure_of,
+    may_ask_another,
+    read_answer,
+    read_hex,
+)
 from clients.sdk.proof_checks import ProofVerifier, ProvedState
 from clients.sdk.sessions import Sessions
-from clients.sdk.trust_pin import open_pin, write_pin
+from clients.sdk.trust_pin import open_pin, read_pin, write_pin, write_pin_file
 from consensus.api_documents import (
     ANNOUNCEMENTS_PAGE_MAX_COUNT,
     PROOF_KEYS_MAX_COUNT,
@@ -454,3 +463,22 @@ class NetworkClient:
 
         await self.find_nodes(key)
         return await self._ask_until_fresh(ask)
+
+
+@contextlib.asynccontextmanager
+async def open_pinned_client(genesis: Genesis, path: Path) -> AsyncIterator[NetworkClient]:
+    """Open a client and save its new pin. Raises FILE_UNUSABLE if damaged."""
+    pinned = read_pin(path)
+    try:
+        client = NetworkClient(genesis, pinned=pinned)
+    except BlockRobotError as error:
+        if pinned is None:
+            raise
+        sentence = f"{path} is damaged, or of another network ({error.code}); without it the client begins anew."
+        raise BlockRobotError("FILE_UNUSABLE", sentence) from None
+    async with client:
+        try:
+            yield client
+        finally:
+            if client.pinned != pinned:
+                write_pin_file(path, client.pinned)

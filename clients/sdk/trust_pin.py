@@ -1,12 +1,18 @@
-"""Client trust state kept between runs."""
+"""A client's trust kept between runs, against rollback: the pin, and its file."""
 
 from __future__ import annotations
+
+import os
+import secrets
+from pathlib import Path
 
 from clients.sdk.known_nodes import KnownNodes
 from consensus.chain.block import EpochProof
 from consensus.chain.genesis import Genesis
 from consensus.chain.light_client import LightClient
 from consensus.primitives.encoding import Wire, decode, encode
+
+PIN_FILE = "client.pin"
 
 
 class Pin(Wire, frozen=True):
@@ -27,3 +33,19 @@ def open_pin(genesis: Genesis, pinned: bytes | None) -> tuple[LightClient, Known
         return LightClient(genesis), None
     pin = decode(pinned, Pin)
     return LightClient(genesis, pin.header_bytes, pin.epochs), pin.known
+
+
+def read_pin(path: Path) -> bytes | None:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        return None
+
+
+def write_pin_file(path: Path, pin: bytes) -> None:
+    """Replace the pin atomically, readable by its owner only."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(pin)
+    temporary.replace(path)

@@ -10,7 +10,7 @@ import click
 
 from clients.sdk.terminal.ascii_output import prepare_output
 from clients.sdk.terminal.lazy_group import LazyGroup
-from clients.sdk.terminal.process_guard import guard_process
+from clients.sdk.terminal.processes import guard_process
 from clients.sdk.terminal.safe_output import safe_streams
 from clients.sdk.terminal.terminal import EXIT_FAILED, fail, wants_json
 from consensus.errors import BlockRobotError

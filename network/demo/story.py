@@ -12,8 +12,7 @@ from typing import Any
 from clients.bundle.bundle_answers import VerifyBundleAnswer
 from clients.robot.run.run_summary import RunSummary
 from clients.robot.synthetic.scenario import Scenario, published_run_1
-from clients.robot.synthetic.scenario_bag import make_bag
-from clients.robot.synthetic.scene_tags import load_or_draw_tags
+from clients.robot.synthetic.scenario_bag import load_or_draw_tags, make_bag
 from clients.wallet.presentation.record_answers import (
     AuditAnswer,
     AuditEvent,

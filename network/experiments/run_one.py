@@ -14,8 +14,7 @@ from msgspec import Struct
 from clients.robot.run.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_RETRIEVE, IMAGE_WITHHELD
 from clients.robot.run.run_summary import FrameCounts, RunLatencies, RunSummary
 from clients.robot.synthetic.scenario import Scenario
-from clients.robot.synthetic.scenario_bag import make_bag
-from clients.robot.synthetic.scene_tags import load_or_draw_tags
+from clients.robot.synthetic.scenario_bag import load_or_draw_tags, make_bag
 from consensus.errors import BlockRobotError
 from network.bench.conditions import Condition, measure_conditions
 from network.demo.checks import CheckList

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from clients.sdk.chain.notices import read_notice
-from clients.sdk.network_client import NetworkClient
-from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from clients.sdk.network_client import NetworkClient, open_pinned_client
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.chain.genesis import genesis_from_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey

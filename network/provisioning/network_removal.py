@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from clients.sdk.trust_pin_file import PIN_FILE
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.errors import BlockRobotError
 
 GENESIS_FILE = "genesis.json"

@@ -24,8 +24,7 @@ import aiohttp
 import numpy as np
 
 from clients.registrar.registrar import Registrar
-from clients.robot.identity.robot_enrolment import register_robot
-from clients.robot.identity.robot_keys import create_identity, load_identity
+from clients.robot.identity.robot_keys import create_identity, load_identity, register_robot
 from clients.robot.recording.sealed_file import read_sealed
 from clients.robot.recording.spool import SpooledClip
 from clients.robot.recording.unclosed_visits import OpenVisits

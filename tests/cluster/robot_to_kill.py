@@ -28,7 +28,7 @@ from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.run import runner
 from clients.robot.run.run_statistics import RunStatistics
-from clients.sdk import trust_pin_file
+from clients.sdk import network_client
 from clients.sdk.chain.custody_client import CustodyClient
 from clients.sdk.network_client import NetworkClient
 from consensus.chain.transaction import Transaction
@@ -111,7 +111,7 @@ STEPS: dict[str, Step] = {
     "closing-submitted": Step(NetworkClient, "submit", after=True, counts=_calls("close_visit")),
     "visit-closed": Step(RobotNetwork, "submit_and_wait", after=True, counts=_calls("close_visit")),
     "visit-forgotten": Step(OpenVisits, "forget", after=True),
-    "pin-written": Step(trust_pin_file, "write_pin_file"),
+    "pin-written": Step(network_client, "write_pin_file"),
     "summary-told": Step(robot_cli, "print_answer"),
     # What must not be recorded is destroyed.
     "clip-nameless": Step(spool, "_wipe"),

@@ -12,8 +12,8 @@ from clients.robot.identity.robot_keys import load_identity
 from clients.robot.run.run_summary import RunSummary
 from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource
+from clients.sdk.chain.empty_frames import PREVIEW_FILE
 from clients.sdk.connections import NodeAddress
-from clients.sdk.pictures.frame_previews import PREVIEW_FILE
 from clients.wallet.records.picture_files import write_pictures
 from clients.wallet.records.viewing import RecordViewer
 from consensus.errors import BlockRobotError

@@ -15,8 +15,7 @@ import pytest
 
 from clients.officer.breaches import Breaches
 from clients.registrar.registrar import Registrar
-from clients.robot.identity.robot_enrolment import register_robot
-from clients.robot.identity.robot_keys import create_identity
+from clients.robot.identity.robot_keys import create_identity, register_robot
 from clients.robot.run.run_summary import FrameCounts, RunSummary
 from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource

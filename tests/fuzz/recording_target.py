@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from rosbags.typesys import get_types_from_msg
 
-from clients.robot.sources.messages import definitions
+from clients.robot.sources.messages import message_types
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.topics import SIGHTING_TOPIC
 from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
@@ -53,7 +53,7 @@ def _remember_definitions() -> Callable[[], None]:
     remembered = functools.lru_cache(maxsize=1024)(get_types_from_msg)
 
     def put(function: object) -> None:
-        definitions.get_types_from_msg = function  # type: ignore[assignment, attr-defined]
+        message_types.get_types_from_msg = function  # type: ignore[assignment, attr-defined]
 
     put(lambda text, name: dict(remembered(text, name)))
     return lambda: put(get_types_from_msg)

@@ -28,7 +28,7 @@ from clients.bundle.proving import (
     sign_parts,
     walk_visits,
 )
-from clients.sdk.terminal.plurals import pluralize
+from clients.sdk.terminal.terminal import pluralize
 from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import recover

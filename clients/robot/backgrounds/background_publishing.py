@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Protocol
 
 from clients.robot.hiding.background import EmptyFrame
+from clients.sdk.chain.empty_frames import PREVIEW_FILE, ROBOT_FILE
 from clients.sdk.new_files import write_private
-from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
+from clients.sdk.pictures.rendition_picture import draw_preview
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 

@@ -38,8 +38,7 @@ from clients.robot.cli.run_report import (
 from clients.robot.cli.source_options import open_recording, source_options, topic_options
 from clients.robot.cli.topics_commands import topics
 from clients.robot.delivery.robot_network import COPIES_DEFAULT_COUNT, COPIES_MAX_COUNT
-from clients.robot.identity.robot_enrolment import register_robot
-from clients.robot.identity.robot_keys import change_passphrase, create_identity
+from clients.robot.identity.robot_keys import change_passphrase, create_identity, register_robot
 from clients.robot.recording.batching import CLIP_DEFAULT_MS
 from clients.robot.recording.spool import count_waiting
 from clients.robot.run.run_summary import RunProgress, RunSummary
@@ -50,7 +49,7 @@ from clients.robot.sources.live.synthetic_source import SyntheticSource
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source
 from clients.robot.synthetic.scenario import load_scenario, published_run_1
-from clients.robot.synthetic.scene_tags import load_or_draw_tags
+from clients.robot.synthetic.scenario_bag import load_or_draw_tags
 from clients.sdk.terminal.json_answers import Problem, extend
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.safe_output import escape, overwrite_line

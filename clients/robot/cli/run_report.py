@@ -10,7 +10,7 @@ from msgspec import UnsetType
 
 from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX
 from clients.robot.hiding.match_evidence import Obstacle
-from clients.robot.hiding.merged_evidence import MergedBy
+from clients.robot.hiding.withhold_reason import MergedBy
 from clients.robot.run.run_summary import (
     AmbiguousTag,
     CameraFigures,

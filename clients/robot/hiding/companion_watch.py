@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 from clients.robot.hiding.companion import Trees, shipped_model
-from clients.robot.hiding.merged_evidence import MergedBy
 from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.hiding.withhold_reason import MergedBy
 
 SAME_M, SAME_PER_M = 0.45, 0.04
 FORGET_AFTER_MS = 1_000

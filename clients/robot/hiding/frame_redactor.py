@@ -16,10 +16,9 @@ from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cutouts import EncodedCutout, extract_encoded_cutout
 from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.matcher import Matcher
-from clients.robot.hiding.merged_evidence import MergedEvidence
 from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Segmented, segment
 from clients.robot.hiding.tracking import Tracker
-from clients.robot.hiding.withhold_reason import WithholdReason
+from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.pairing.tag_pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
 from clients.robot.sensing.sensor_events import Frame, Sighting, check_depth
 from consensus.errors import BlockRobotError

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from clients.robot.hiding.background import Background
 from clients.robot.hiding.companion import CUES, Floats, measure, shipped_model
-from clients.robot.hiding.merged_evidence import MergedBy, MergedEvidence
+from clients.robot.hiding.withhold_reason import MergedBy, MergedEvidence
 from clients.robot.sensing.sensor_events import Depth
 
 Bytes2D = npt.NDArray[np.uint8]

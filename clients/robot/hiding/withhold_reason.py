@@ -1,8 +1,11 @@
-"""Why a frame, or a sample of another sensor, is withheld: for hiding, consent and recording alike."""
+"""Why a frame, or a sample of another sensor, is withheld; and why a silhouette was taken for two people."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
+
+from clients.robot.run.run_summary import MergedNumbers
 
 
 class WithholdReason(StrEnum):
@@ -22,3 +25,50 @@ class WithholdReason(StrEnum):
     STALE = "registry-stale"
     NO_CONSENT = "no-consent"
     OUTSIDE = "outside-consent"
+
+
+class MergedBy(StrEnum):
+    """The rule by which a silhouette was taken for two people."""
+
+    AREA = "area"
+    BREADTH = "breadth"
+    SHAPE = "shape"
+    BEFORE = "before"
+
+
+MERGED_HELP = {
+    MergedBy.AREA: "larger than one person is",
+    MergedBy.BREADTH: "broader than one person is, at that distance",
+    MergedBy.SHAPE: "the model takes the shape for two people: arms held out, a long stride, something broad",
+    MergedBy.BEFORE: "one person in this frame, two in those of the last second",
+}
+"""What each rule means, as the end of a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class MergedEvidence:
+    """`limit`: square metres (`AREA`), metres (`BREADTH`), otherwise natural log-odds."""
+
+    by: MergedBy
+    limit: float
+    log_odds: float
+    area_m2: float
+    breadth_m: float
+    range_m: float
+
+    @property
+    def excess(self) -> float:
+        """Excess as a share of the limit (log-odds: absolute)."""
+        if self.by is MergedBy.AREA:
+            return self.area_m2 / self.limit - 1
+        return self.breadth_m / self.limit - 1 if self.by is MergedBy.BREADTH else self.log_odds - self.limit
+
+    def summarise(self) -> MergedNumbers:
+        return MergedNumbers(
+            by=str(self.by),
+            limit=round(self.limit, 2),
+            log_odds=round(self.log_odds, 2),
+            area_m2=round(self.area_m2, 2),
+            breadth_m=round(self.breadth_m, 2),
+            range_m=round(self.range_m, 2),
+        )

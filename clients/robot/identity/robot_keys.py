@@ -15,6 +15,8 @@ import msgspec
 from nacl.public import PrivateKey as SealingPrivateKey
 
 from clients.robot.recording.sealed_file import write_durably
+from clients.sdk.chain.enrolment import NewMember, Registration, register_member
+from clients.sdk.network_client import open_pinned_client
 from clients.sdk.passphrase import (
     PassphraseCost,
     PassphraseError,
@@ -23,7 +25,10 @@ from clients.sdk.passphrase import (
     new_sealing_key,
     open_sealed,
 )
+from clients.sdk.trust_pin import PIN_FILE
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
+from consensus.members.vouchers import decode_card_code
 from consensus.primitives.keys import PrivateKey
 
 _FILE = "robot.keys"
@@ -138,3 +143,16 @@ def _from_file(keys: _KeyFile) -> RobotIdentity:
         sealing=keys.sealing,
         spool=keys.spool,
     )
+
+
+async def register_robot(folder: Path, identity: RobotIdentity, code: str, genesis: Genesis) -> Registration:
+    """Raises VOUCHER_INVALID, CALL_REFUSED."""
+    card = decode_card_code(code)
+    member = NewMember(
+        identity=identity.identity,
+        spend=identity.spend.public_key,
+        view=identity.view.public_key,
+        sealing=identity.sealing_public,
+    )
+    async with open_pinned_client(genesis, folder / PIN_FILE) as client:
+        return await register_member(client, card, member, [])

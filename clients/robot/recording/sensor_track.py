@@ -17,8 +17,7 @@ from clients.robot.consent.consent_view import Consents
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import KeptFrame, SampleForm, WithheldFrame
 from clients.robot.hiding.match_evidence import MatchEvidence
-from clients.robot.hiding.merged_evidence import MergedEvidence
-from clients.robot.hiding.withhold_reason import WithholdReason
+from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.recording.batching import Batcher, ReadyClip
 from clients.robot.recording.sealing import ClipContent, seal_clip
 from clients.robot.recording.spool import SpooledClip

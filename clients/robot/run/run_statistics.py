@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from clients.robot.delivery.delivery import Delivered
-from clients.robot.hiding import match_evidence, merged_evidence
+from clients.robot.hiding import match_evidence
 from clients.robot.hiding.match_evidence import MatchEvidence
-from clients.robot.hiding.merged_evidence import MergedEvidence
+from clients.robot.hiding.withhold_reason import MERGED_HELP, MergedEvidence
 from clients.robot.run.run_summary import (
     AmbiguousTag,
     DistancesOff,
@@ -92,7 +92,7 @@ class MergedFrames:
     nearest: MergedEvidence
 
     def summarise(self, alias: str) -> MergedTag:
-        help_text = merged_evidence.HELP[self.nearest.by]
+        help_text = MERGED_HELP[self.nearest.by]
         return extend(MergedTag, self.nearest.summarise(), alias=alias, frames=self.frames, help=help_text)
 
 

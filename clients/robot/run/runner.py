@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+import contextlib
+import fcntl
+import os
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -27,7 +30,6 @@ from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
 from clients.robot.run.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.run.pipeline import Pipeline, note_delivered, note_dropped
-from clients.robot.run.robot_lock import lock_robot
 from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.run.run_summary import CameraFigures, RunIntake, RunProgress, RunSummary
 from clients.robot.run.run_validity import RunValidity
@@ -37,10 +39,11 @@ from clients.robot.sensing.sensor_events import RefusedMessage, SourceEvent
 from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source, StoppableClock
-from clients.sdk.network_client import NetworkClient
+from clients.sdk.network_client import NetworkClient, open_pinned_client
 from clients.sdk.terminal.json_answers import extend
-from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.chain.genesis import Genesis
+from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 
 SPOOL_FOLDER = "spool"
@@ -49,6 +52,7 @@ FRESH_WITHIN_MS = 30_000
 
 _START_DELAY_MS = 250
 _PROGRESS_EVERY_S = 0.25
+LOCK_FILE = "robot.lock"
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,3 +287,20 @@ async def replay_recording(
         async with open_pinned_client(genesis, folder / PIN_FILE) as client:
             run = _Run(folder, client, options, progress, stop)
             return await run.work(source)
+
+
+@contextlib.contextmanager
+def lock_robot(folder: Path) -> Iterator[None]:
+    """Hold a robot's lock. Raises ROBOT_RUNNING, ROBOT_NOT_FOUND."""
+    try:
+        descriptor = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except FileNotFoundError:
+        raise BlockRobotError("ROBOT_NOT_FOUND", f"There is no robot in {folder}.") from None
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BlockRobotError("ROBOT_RUNNING", f"The robot in {folder} runs already.") from None
+        yield
+    finally:
+        os.close(descriptor)

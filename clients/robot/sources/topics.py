@@ -1,15 +1,16 @@
-"""The topics file (TOML): which topic and message field holds what."""
+"""The topics file (TOML): which topic and message field holds what, checked against the recorded message types."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M
 from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, RSSI_UNITS_DBM, TIME_UNITS_NS, TagMap, check_path
+from clients.robot.sources.messages.message_types import MessageTypes
 from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
 from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
 from clients.sdk.new_files import read_given_file
@@ -36,6 +37,7 @@ DETECTION_MAP = TagMap(
 STRING_TYPE = "std_msgs/msg/String"
 _STRING_MAP = TagMap(epc="data")
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,252})|[0-9A-Fa-f:.]{2,45}")
+FIELDS_SHOWN_MAX_COUNT = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -365,3 +367,34 @@ class _Table:
 
 def _wrong(detail: str) -> BlockRobotError:
     return BlockRobotError("TOPICS_INVALID", detail)
+
+
+def missing_field(topics: Topics, topic: str, type_name: str, types: MessageTypes) -> str:
+    """Return the setting with a missing field, as a sentence, or empty."""
+    for key, path in _named(topics, topic):
+        if not types.has_path(type_name, path):
+            words = ', and it is neither "front" nor "back"' if key.endswith(".facing") else ""
+            return f'{key} = "{path}" is no field of {type_name}{words}. It has {shown_fields(types, type_name)}.'
+    return ""
+
+
+def shown_fields(types: MessageTypes, type_name: str) -> str:
+    paths = own_paths(types, type_name)
+    more = f" and {len(paths) - FIELDS_SHOWN_MAX_COUNT} more" if len(paths) > FIELDS_SHOWN_MAX_COUNT else ""
+    return ", ".join(paths[:FIELDS_SHOWN_MAX_COUNT]) + more
+
+
+def own_paths(types: MessageTypes, type_name: str) -> list[str]:
+    return [path for path in types.paths(type_name) if not path.startswith("header.")]
+
+
+def _named(topics: Topics, topic: str) -> Iterator[tuple[str, str]]:
+    for place, tags in enumerate(topics.tags):
+        if tags.topic == topic:
+            yield from ((f"tags[{place}].{key}", path) for key, path in tags.map.named_paths.items())
+    if topics.labels is not None and topics.labels.topic == topic:
+        yield "labels.text", topics.labels.text
+        if topics.labels.confidence:
+            yield "labels.confidence", topics.labels.confidence
+    if topics.audio is not None and topics.audio.topic == topic:
+        yield "audio.data", topics.audio.data

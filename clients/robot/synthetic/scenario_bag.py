@@ -1,8 +1,9 @@
-"""Scenario bags (rosbag2, MCAP, zstd), cached by content. They hold tag UIDs; synthetic people only."""
+"""Scenario bags (rosbag2, MCAP, zstd), cached by content, with the tags in them: UIDs, of synthetic people only."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import multiprocessing
 import os
 import re
@@ -21,6 +22,7 @@ from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, Mess
 from clients.robot.synthetic.render import RENDERER_VERSION, Renderer, readings
 from clients.robot.synthetic.scenario import Scenario
 from clients.sdk.terminal.processes import is_process_alive
+from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 
 DEPTH_TOPIC = "/camera/depth/image_raw"
@@ -36,6 +38,8 @@ _UNFINISHED = re.compile(r"\..+-[0-9a-f]{24}\.([1-9][0-9]{0,9})\.[0-9a-f]{8}")
 
 Progress = Callable[[int, int], None]
 Rendered = list[tuple[int, bytes]]
+_TAGS_FILE = "tags.json"
+_UID_BYTES = 12  # an EPC-96
 
 
 def frame_time_ms(scenario: Scenario, index: int) -> int:
@@ -195,3 +199,20 @@ def _start_worker(scenario: Scenario) -> None:
 
 def _render_job(job: range) -> Rendered:
     return _workers["own"].render(job)
+
+
+def load_or_draw_tags(folder: Path, scenario: Scenario) -> dict[str, str]:
+    """Return alias -> UID (upper-case hex), drawing missing ones."""
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    path = folder / _TAGS_FILE
+    known: dict[str, str] = read_json_text(path.read_text(encoding="utf-8")) if path.exists() else {}
+    new = [alias for alias in scenario.tagged_aliases if alias not in known]
+    if not new:
+        return known
+    drawn = {**known, **{alias: secrets.token_hex(_UID_BYTES).upper() for alias in new}}
+    temporary = path.with_suffix(".tmp")
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+        json.dump(drawn, file)
+    temporary.replace(path)
+    return drawn

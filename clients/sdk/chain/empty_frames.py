@@ -11,6 +11,10 @@ from consensus.limits import EMPTY_FRAMES_A_CALL_MAX_COUNT
 from consensus.primitives.keys import PrivateKey
 from consensus.state.records import EMPTY_FRAMES, EmptyFrameRow
 
+ROBOT_FILE = "robot.txt"
+PREVIEW_FILE = "preview.png"
+"""Beside the pictures, in a folder of frames that wait for approval: whose they are, and all in one picture."""
+
 
 async def read_approved(client: NetworkClient, robot: bytes, reader: PrivateKey) -> list[EmptyFrameRow]:
     """Return a robot's proved approvals, oldest first."""

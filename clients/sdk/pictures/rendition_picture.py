@@ -4,6 +4,7 @@ repaired.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import BytesIO
 from typing import Any
 
@@ -15,10 +16,12 @@ from PIL import Image
 from clients.sdk.pictures.depth_colours import UNMEASURED_GREY, Depth, colour_pixels, draw_legend
 from clients.sdk.pictures.picture_guard import PNG_SIGNATURE, has_few_scans, keep_pixels
 from consensus.errors import BlockRobotError
-from consensus.records.png import COLOUR, COLOUR_WITH_ALPHA, DEPTH, SIDE_MAX_PX, PngKind, check_png
+from consensus.records.png import COLOUR, COLOUR_WITH_ALPHA, DEPTH, SIDE_MAX_PX, PngKind, check_depth_png, check_png
 
 PNG_MAX_BYTES = 16 * 1024 * 1024
 PNG_LEVEL = 3
+PREVIEW_COLUMNS = 8
+PREVIEW_MAX_PIXELS = 64 * 1024 * 1024
 
 
 def compose(empty_png: bytes, x: int, y: int, width: int, height: int, pixels_png: bytes) -> Depth:
@@ -131,3 +134,19 @@ def _check_png(png: bytes, kind: PngKind) -> tuple[int, int]:
 
 def _corrupted(detail: str) -> BlockRobotError:
     return BlockRobotError("RENDITION_CORRUPTED", detail)
+
+
+def draw_preview(pngs: Sequence[bytes]) -> bytes:
+    """Return one colour PNG, unscaled, eight per row. Raises BACKGROUND_NOT_A_PICTURE, BACKGROUND_INVALID."""
+    sizes = [check_depth_png(png) for png in pngs]
+    width, height = max(size[0] for size in sizes), max(size[1] for size in sizes)
+    columns = min(PREVIEW_COLUMNS, len(pngs))
+    rows = -(-len(pngs) // columns)
+    if rows * height * columns * width > PREVIEW_MAX_PIXELS:
+        detail = f"Together they have more than {PREVIEW_MAX_PIXELS >> 20} megapixels: approve them in parts."
+        raise BlockRobotError("BACKGROUND_INVALID", detail)
+    sheet = np.zeros((rows * height, columns * width), dtype=np.uint16)
+    for number, (png, size) in enumerate(zip(pngs, sizes, strict=True)):
+        top, left = number // columns * height, number % columns * width
+        sheet[top : top + size[1], left : left + size[0]] = decode_depth_png(png)
+    return colourise(sheet)

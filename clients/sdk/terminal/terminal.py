@@ -252,3 +252,8 @@ def handle_errors(command: F) -> F:
 def command_output(command: F) -> F:
     """Add --json, and handle errors."""
     return json_option(handle_errors(command))
+
+
+def pluralize(count: int, one: str, many: str = "") -> str:
+    """Return count and noun, e.g. `2 records`."""
+    return f"{count} {one if count == 1 else many or one + 's'}"

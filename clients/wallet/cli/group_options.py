@@ -1,7 +1,8 @@
-"""Options naming a wallet, its network and language."""
+"""Options naming a wallet, its network and language, and their shell completion."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,12 +11,33 @@ import click
 
 from clients.sdk.terminal.terminal import FILE, FOLDER, Answers, home_folder, set_confirm_words, set_error_formatter
 from clients.wallet.cli.invocation import DEFAULT_PROFILE, genesis_place
-from clients.wallet.cli.shell_completion import complete_profiles
 from clients.wallet.presentation.translations import LANGUAGES, WrongUsage, choose_language, error_text, text
 
+_RECORD = re.compile(r"[0-9a-f]{32}")
+SHOWN_CHARS = 12
 F = TypeVar("F", bound=Callable[..., Any])
 
 KEYRING_KEY = "blockrobot.keyring"
+
+
+def complete_profiles(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[str]:
+    folder = ctx.params.get("wallet_dir") or home_folder() / "wallets"
+    try:
+        names = sorted(path.stem for path in Path(folder).glob("*.wallet"))
+    except OSError:
+        return []
+    return [name for name in names if name.startswith(incomplete)]
+
+
+def complete_records(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[str]:
+    """Return id prefixes of records written below `--out` (`pictures`)."""
+    folder = Path(ctx.params.get("out") or "pictures")
+    try:
+        names = sorted(path.name for path in folder.iterdir() if _RECORD.fullmatch(path.name) and path.is_dir())
+    except OSError:
+        return []
+    found = [name for name in names if name.startswith(incomplete.lower())]
+    return [name if len(incomplete) > SHOWN_CHARS else name[:SHOWN_CHARS] for name in found]
 
 
 def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:

@@ -13,6 +13,7 @@ import click
 
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
+    ask,
     can_ask,
     error_console,
     load_genesis,
@@ -159,3 +160,16 @@ def print_failed_nodes(troubles: Mapping[str, BlockRobotError]) -> None:
 def print_member_gone(opened: Wallet) -> None:
     for line in member_gone_line(opened):
         error_console.print(text("former.warning", line=line), style="bold red", markup=False)
+
+
+def confirm_or_print(question: str, *, yes: bool, as_json: bool = False, explanation: str = "") -> None:
+    """Announce `explanation` and ask, unless `yes`. Uses standard error beside JSON. Raises Abort, or UsageError without
+    terminal.
+    """
+    if yes:
+        return
+    if not can_ask():
+        raise WrongUsage("no_terminal_yes")
+    if explanation:
+        click.echo(explanation, err=True)
+    ask(question, err=as_json or bool(explanation))

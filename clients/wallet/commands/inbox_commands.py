@@ -11,8 +11,7 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer, status_line
-from clients.wallet.cli.prompts import confirm_or_print
-from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
+from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from clients.wallet.commands.view_commands import list_missing_rooms, print_missing_rooms
 from clients.wallet.ledger.visit_audit import AuditEntry, Finding
 from clients.wallet.ledger.visit_scan import resolve_record
@@ -27,7 +26,7 @@ from clients.wallet.presentation.sharing_answers import (
     LookAtOwn,
 )
 from clients.wallet.presentation.translations import code_text, refusal, text
-from clients.wallet.records.leftover_files import find_earlier_of, print_earlier_files
+from clients.wallet.records.album import find_earlier_of, print_earlier_files
 from clients.wallet.records.picture_files import delete_frames, write_frames
 from clients.wallet.records.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, name_places
 from clients.wallet.sharing.chain_grants import resolve_grant

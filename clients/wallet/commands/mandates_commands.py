@@ -6,8 +6,7 @@ import click
 
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import command_output, console, print_answer
-from clients.wallet.cli.prompts import confirm_or_print
-from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
+from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import ACTIVE, APPROVED, OPEN, Mandate, Mandates
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.mandate_answers import MandateAct, OwnMandate, OwnMandatesAnswer, mandate_answer

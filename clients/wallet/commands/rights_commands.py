@@ -11,8 +11,7 @@ import click
 from clients.sdk.new_files import new_file
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import EXISTING_FILE, FILE, can_ask, command_output, console, print_answer
-from clients.wallet.cli.prompts import confirm_or_print
-from clients.wallet.cli.wallet_context import require_new, run_with_wallet
+from clients.wallet.cli.wallet_context import confirm_or_print, require_new, run_with_wallet
 from clients.wallet.consent.consent_by_mandate import (
     RepresentedPerson,
     for_option,

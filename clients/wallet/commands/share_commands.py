@@ -10,9 +10,8 @@ import click
 
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.terminal import command_output, console, print_answer, status_line
-from clients.wallet.cli.prompts import confirm_or_print
 from clients.wallet.cli.times import read_time
-from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
+from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.share_text import explain, made_share, name_grantee, own_share, role_text, share_lines

@@ -14,14 +14,15 @@ from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.checks.consent_receipts import CheckedReceipt
 from clients.bundle.checks.key_history import CONTRACT, REGISTERED, ROTATED, own_steps, read_step
 from clients.bundle.checks.signed_receipts import is_registering
-from clients.sdk.chain.block_reader import read_transaction
 from clients.sdk.chain.contract_events import Place, read_events
-from clients.sdk.node_answers import read_hex
+from clients.sdk.connections import NodeAddress
+from clients.sdk.network_client import NetworkClient
+from clients.sdk.node_answers import read_answer, read_hex
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.kept_proofs import KeptProof, finality_bytes, kept_of, receipt_proof
 from clients.wallet.store.keystore import KnownVisit
-from consensus.api_documents import PROOF_KEYS_MAX_COUNT
-from consensus.chain.block import FinalityProof, Header
+from consensus.api_documents import PROOF_KEYS_MAX_COUNT, BlockAnswer
+from consensus.chain.block import Block, FinalityProof, Header
 from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
@@ -234,3 +235,17 @@ async def _collect_words(
             found.append((receipt.height, receipt.index, receipt_proof(receipt, receipt.evidence)))
     found.sort(key=lambda each: each[:2])
     return [proof for _, _, proof in found], problems
+
+
+async def read_transaction(client: NetworkClient, key: PrivateKey, height: int, txid: bytes) -> Transaction:
+    """Return a transaction, in a member's session. Raises PROOF_INVALID, BLOCK_PRUNED."""
+
+    async def ask(node: NodeAddress) -> Transaction:
+        content = await client.ask_node(node, "GET", f"/v1/blocks/{height}", key=key)
+        for wire in decode(read_hex(read_answer(content, BlockAnswer).block), Block).transactions:
+            transaction = decode_transaction(wire)
+            if transaction.txid == txid:
+                return transaction
+        raise BlockRobotError("PROOF_INVALID", f"Block {height} of the node does not hold the transaction.")
+
+    return await client.with_any_node(ask)

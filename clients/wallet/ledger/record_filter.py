@@ -1,4 +1,4 @@
-"""Filter records by day, time, robot, sensor, visit; in pages."""
+"""Which records a command is about: named, or filtered by day, time, robot, sensor, visit; in pages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from clients.wallet.ledger.wallet import RecordEntry, VisitReport
+from clients.wallet.ledger.visit_scan import resolve_record
+from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.presentation.linking_notice import print_linking_notice
 from clients.wallet.presentation.translations import WrongUsage
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.rights.sensors import require_sensor
@@ -150,3 +152,20 @@ def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_pa
     )
     matching = sum(entry is not None for _, entry in rows)
     return Page(visits, page, pages_count, matching, sum(len(report.records) for report in reports))
+
+
+async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
+    """Return named records, or all except denied visits'. Raises NOT_FOUND."""
+    reports = await opened.records()
+    reports = [report for report in reports if record_ids or not report.standing.breach_id]
+    entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
+    if not record_ids:
+        return list(entries.values())
+    return [entries[resolve_record(list(entries), record_id)] for record_id in record_ids]
+
+
+def warn_of_linked_visits(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
+    """Warn that acting on several visits links them; return the records."""
+    if not as_json:
+        print_linking_notice(len({entry.visit.owner for entry in entries}))
+    return entries

@@ -9,20 +9,22 @@ import contextlib
 import logging
 import shutil
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.page.access_requests import AccessRequests
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.page.jobs import Jobs
 from clients.wallet.page.open_clips import Clips
 from clients.wallet.page.passphrase_check import PassphraseGate
 from clients.wallet.page.wallet_snapshot import Snapshot, read_snapshot
 from clients.wallet.presentation.translations import refusal
+from clients.wallet.records.viewing import RecordViewer
 from consensus.errors import BlockRobotError
 
+LOOKS_MAX_COUNT = 32
+LOOK_NAME_MAX_CHARS = 64
 READ_EVERY_S = 2.0
 READ_IDLE_EVERY_S = 60.0
 READ_SHARE = 8
@@ -38,6 +40,35 @@ UNKNOWN_YET = "SESSION_REFUSED"
 _PRIVATE_FOLDER = 0o700
 _DESCRIPTORS = Path("/proc/self/fd")
 _log = logging.getLogger("wallet.page")
+
+
+class AccessRequests:
+    """Access requests by look and purpose, least recently used evicted."""
+
+    def __init__(self) -> None:
+        self._requests: dict[tuple[str, str], dict[bytes, bytes]] = {}
+
+    async def request(
+        self, viewing: RecordViewer, look: str, purpose: str, entries: Sequence[RecordEntry]
+    ) -> dict[bytes, bytes]:
+        """Return access ids by record, requesting missing ones on chain."""
+        known = self._requests.pop((look, purpose), {})
+        if look:
+            self._requests[look, purpose] = known
+            while len(self._requests) > LOOKS_MAX_COUNT:
+                del self._requests[next(iter(self._requests))]
+        missing = [entry for entry in entries if entry.record_id not in known]
+        for part in await viewing.split_requests(missing):
+            access_id = await viewing.request_access(part, purpose)
+            known |= {entry.record_id: access_id for entry in part}
+        return known
+
+    def forget(self, look: str) -> None:
+        for key in [key for key in self._requests if key[0] == look]:
+            del self._requests[key]
+
+    def forget_all(self) -> None:
+        self._requests.clear()
 
 
 def wall_clock_ms() -> int:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from clients.sdk.terminal.plurals import pluralize
+from clients.sdk.terminal.terminal import pluralize
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.presentation.translations import refusal

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from clients.wallet.presentation.translations import text
 from clients.wallet.recovery.slip39_shares import show_identifier
-from clients.wallet.store.guardian_set import GuardianSet
-from clients.wallet.store.keystore import WalletContent
+from clients.wallet.store.keystore import GuardianSet, WalletContent
 
 
 class GuardianLine(NamedTuple):

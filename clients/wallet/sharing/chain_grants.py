@@ -12,8 +12,8 @@ from clients.wallet.ledger import id_prefix
 from clients.wallet.ledger.id_prefix import resolve_id_prefix
 from clients.wallet.ledger.visit_audit import AuditEntry
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.store.keystore import ReceivedGrant
 from clients.wallet.store.member_keys import WalletKeys
-from clients.wallet.store.sharing_memory import ReceivedGrant
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.grant_keys import derive_grant_salt

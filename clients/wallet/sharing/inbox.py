@@ -13,7 +13,7 @@ from clients.wallet.sharing.incoming_shares import (
     Receipt,
     UnreadableGrant,
 )
-from clients.wallet.store.sharing_memory import ReceivedGrant
+from clients.wallet.store.keystore import ReceivedGrant
 from consensus.errors import BlockRobotError
 
 

@@ -22,8 +22,7 @@ from clients.wallet.sharing.chain_grants import (
     read_custodians,
     read_grants,
 )
-from clients.wallet.store.keystore import KnownVisit
-from clients.wallet.store.sharing_memory import ReceivedGrant, SharedCopy
+from clients.wallet.store.keystore import KnownVisit, ReceivedGrant, SharedCopy
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.renditions import Rendition

@@ -23,8 +23,6 @@ from clients.sdk.passphrase import (
     open_sealed,
 )
 from clients.wallet.presentation.translations import refusal
-from clients.wallet.store.guardian_set import GuardianSet
-from clients.wallet.store.sharing_memory import GivenGrant, ReceivedGrant
 from consensus.errors import BlockRobotError
 from consensus.rights.right_codes import Correction
 
@@ -32,6 +30,55 @@ _log = logging.getLogger(__name__)
 
 _FORMAT = SealFormat(b"BRWALLET1", "blockrobot/wallet-file")
 WALLET_FILE_MAX_BYTES = 64 * 1024 * 1024
+
+
+class GivenGrant(msgspec.Struct):
+    """A grant by this wallet: grantee handle (32 bytes), label, visit and salt opening the chain's hash."""
+
+    grant_id: bytes
+    owner: bytes
+    handle: bytes
+    label: str
+    salt: bytes
+
+
+class SharedCopy(msgspec.Struct):
+    """Pictures of a shared record written into a local folder."""
+
+    record_id: bytes
+    folder: str
+
+
+class ReceivedGrant(msgspec.Struct):
+    """A grant for this wallet, with key derivation data and written copies.
+
+    `era` numbers the mnemonics from the first; `confirmed` holds `<record id>:<kind>` notices confirmed to the owner.
+    """
+
+    grant_id: bytes
+    owner: bytes
+    ephemeral: bytes
+    era: int = 0
+    copies: list[SharedCopy] = msgspec.field(default_factory=list)
+    confirmed: list[str] = msgspec.field(default_factory=list)
+
+
+class GuardianSet(msgspec.Struct):
+    """One set of guardian shares, with the identifier that all bear.
+
+    `era` numbers the wallet's mnemonics from its first; `handed_count` guardians had received theirs at the end.
+    """
+
+    made_at_ms: int
+    threshold: int
+    guardians: list[str]
+    identifier: int
+    era: int
+    handed_count: int = 0
+
+    @property
+    def is_whole(self) -> bool:
+        return self.handed_count == len(self.guardians)
 
 
 class KnownVisit(msgspec.Struct):

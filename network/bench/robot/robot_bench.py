@@ -18,8 +18,7 @@ from pathlib import Path
 from msgspec import UNSET, Struct, UnsetType
 
 from clients.robot.synthetic.scenario import Scenario
-from clients.robot.synthetic.scenario_bag import make_bag
-from clients.robot.synthetic.scene_tags import load_or_draw_tags
+from clients.robot.synthetic.scenario_bag import load_or_draw_tags, make_bag
 from network.bench.conditions import Condition, Result, measure_conditions, percentile
 from network.bench.fresh_network import find_base_port
 from network.bench.robot.robot_counts import (

@@ -16,11 +16,11 @@ import click
 import msgspec
 
 from clients.sdk.connections import NodeAddress
-from clients.sdk.network_client import NetworkClient
+from clients.sdk.network_client import NetworkClient, open_pinned_client
 from clients.sdk.node_answers import read_answer, read_hex
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console, home_folder, print_answer, status_line
-from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.api_documents import ChallengeAnswer, ChallengeRequest
 from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError

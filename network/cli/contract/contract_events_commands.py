@@ -24,7 +24,7 @@ from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import open_to_append
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console
-from clients.sdk.trust_pin_file import write_pin_file
+from clients.sdk.trust_pin import write_pin_file
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey

@@ -7,11 +7,11 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from clients.sdk.chain.empty_frames import approve_frames, read_approved, withdraw_frames
+from clients.sdk.chain.empty_frames import PREVIEW_FILE, ROBOT_FILE, approve_frames, read_approved, withdraw_frames
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.new_files import write_new_file
-from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE, draw_preview
+from clients.sdk.pictures.rendition_picture import draw_preview
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer
 from consensus.errors import BlockRobotError

@@ -24,10 +24,10 @@ from clients.sdk.chain.governance import (
     read_membership,
     resolve_proposal,
 )
-from clients.sdk.network_client import NetworkClient
+from clients.sdk.network_client import NetworkClient, open_pinned_client
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console, load_genesis, print_answer
-from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey

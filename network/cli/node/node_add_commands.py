@@ -11,9 +11,10 @@ from pathlib import Path
 import click
 
 from clients.sdk.chain.governance import MembershipView
+from clients.sdk.network_client import open_pinned_client
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import command_output, console, print_answer
-from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.chain.genesis import NodeEntry
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey

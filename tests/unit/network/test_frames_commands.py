@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.sdk.pictures.frame_previews import PREVIEW_FILE, draw_preview
-from clients.sdk.pictures.rendition_picture import colourise, decode_colour_png, encode_depth_png
+from clients.sdk.chain.empty_frames import PREVIEW_FILE
+from clients.sdk.pictures.rendition_picture import (
+    colourise,
+    decode_colour_png,
+    draw_preview,
+    encode_depth_png,
+)
 from consensus.errors import BlockRobotError
 from network.cli.main import main
 from tests.unit.consensus.records.test_png import picture

@@ -13,9 +13,8 @@ from clients.robot.sources.live.live_feed import Feed, Message
 from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.messages.decoding import KINDS
 from clients.robot.sources.messages.message_types import LearntTypes, MessageTypes, own_types
-from clients.robot.sources.recordings.empty_frame_choice import EmptyFrames
 from clients.robot.sources.recordings.recording import TopicFigures, explain_undefined
-from clients.robot.sources.source import StoppableClock, SystemClock
+from clients.robot.sources.source import EmptyFrames, StoppableClock, SystemClock
 from consensus.errors import BlockRobotError
 
 TOPICS_MAX_COUNT = 512

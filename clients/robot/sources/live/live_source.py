@@ -24,10 +24,9 @@ from clients.robot.sources.messages.decoding import (
     wrong_type,
 )
 from clients.robot.sources.messages.message_types import LearntTypes, MessageTypes, types_with
-from clients.robot.sources.recordings.path_checks import missing_field
 from clients.robot.sources.recordings.topic_listing import LISTED_MAX_COUNT
 from clients.robot.sources.source import Clock, SystemClock
-from clients.robot.sources.topics import Topics
+from clients.robot.sources.topics import Topics, missing_field
 from consensus.errors import BlockRobotError
 
 SILENT_AFTER_S = 5.0

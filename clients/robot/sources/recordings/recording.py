@@ -16,15 +16,16 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_typestore
 
 from clients.robot.sources.live.live_feed import Message
-from clients.robot.sources.messages.definitions import (
+from clients.robot.sources.messages.message_types import (
     DEFINITIONS_MAX_COUNT,
     DEFINITIONS_MAX_WORK,
     WORD_MAX_CHARS,
     DefinitionTooLongError,
+    MessageTypes,
     count_work,
-    parse,
+    parse_definition,
+    types_with,
 )
-from clients.robot.sources.messages.message_types import MessageTypes, types_with
 from clients.robot.sources.recordings.bounded_chunks import bound_chunks
 from clients.robot.sources.recordings.database import bound_databases
 from clients.robot.sources.recordings.salvage import BrokenOffError, Channel, SalvagedMessage, scan_file
@@ -196,7 +197,7 @@ class Recording:
                 work_left -= count_work(definition)
                 if work_left < 0 or place >= DEFINITIONS_MAX_COUNT:
                     raise DefinitionTooLongError
-                store.register(parse(name, definition))
+                store.register(parse_definition(name, definition))
             except DefinitionTooLongError:
                 shown = name[:WORD_MAX_CHARS]
                 self.broken = self.broken or f"Its definition of {shown} is longer than anybody writes one."

@@ -18,7 +18,7 @@ from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2.storage_mcap import decompress
 from rosbags.typesys.msg import normalize_msgtype
 
-from clients.robot.sources.messages.definitions import DEFINITION_MAX_CHARS, DEFINITIONS_MAX_COUNT
+from clients.robot.sources.messages.message_types import DEFINITION_MAX_CHARS, DEFINITIONS_MAX_COUNT
 from clients.robot.sources.recordings.database import open_database
 
 RECORD_MAX_BYTES = 1 << 30

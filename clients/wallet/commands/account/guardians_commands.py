@@ -20,8 +20,7 @@ from clients.sdk.terminal.terminal import (
     json_option,
     print_answer,
 )
-from clients.wallet.cli.prompts import confirm_or_print
-from clients.wallet.cli.wallet_context import read_passphrase
+from clients.wallet.cli.wallet_context import confirm_or_print, read_passphrase
 from clients.wallet.commands.account.guardians_recover_commands import check, recover
 from clients.wallet.presentation.guardian_answers import GuardiansAnswer, GuardianShares, GuardiansSplitAnswer
 from clients.wallet.presentation.translations import WrongUsage, text
@@ -37,11 +36,12 @@ from clients.wallet.recovery.slip39_shares import (
     show_identifier,
     split_words,
 )
-from clients.wallet.store.guardian_set import GuardianSet, require_names
-from clients.wallet.store.keystore import Keystore, WalletContent
+from clients.wallet.store.keystore import GuardianSet, Keystore, WalletContent
 from clients.wallet.store.wallet_lock import claim_wallet, lock_or_read_only, require_wallet
 from consensus.errors import BlockRobotError
 from pages.time_format import format_time
+
+NAME_MAX_CHARS = 40
 
 
 def _read(ctx: click.Context) -> WalletContent:
@@ -107,7 +107,7 @@ def list_(ctx: click.Context, as_json: bool) -> None:
 def _require_sensible(names: tuple[str, ...], threshold: int | None) -> int:
     if not GUARDIANS_MIN_COUNT <= len(names) <= GUARDIANS_MAX_COUNT:
         raise WrongUsage("guardians_count", least=GUARDIANS_MIN_COUNT, most=GUARDIANS_MAX_COUNT)
-    require_names(names)
+    _require_names(names)
     needed = len(names) // 2 + 1 if threshold is None else threshold
     if needed < THRESHOLD_MIN_COUNT:
         raise WrongUsage("guardians_one")
@@ -236,3 +236,14 @@ def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool
 
 guardians.add_command(recover)
 guardians.add_command(check)
+
+
+def _require_names(names: tuple[str, ...]) -> None:
+    """Raise WrongUsage for unprintable or indistinguishable guardian names."""
+    for name in names:
+        if not name.strip() or len(name) > NAME_MAX_CHARS or not name.isprintable():
+            raise WrongUsage("guardian_name", count=NAME_MAX_CHARS)
+    folded = [" ".join(name.split()).casefold() for name in names]
+    double = next((name for place, name in enumerate(names) if folded[place] in folded[:place]), None)
+    if double is not None:
+        raise WrongUsage("guardian_double", name=double)

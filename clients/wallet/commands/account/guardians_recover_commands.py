@@ -47,8 +47,7 @@ from clients.wallet.recovery.slip39_shares import (
     split_into_words,
 )
 from clients.wallet.recovery.wallet_restore import CHECK_MAX_S, read_words, require_distinct, restore_wallet
-from clients.wallet.store.guardian_set import GuardianSet
-from clients.wallet.store.keystore import Keystore
+from clients.wallet.store.keystore import GuardianSet, Keystore
 from clients.wallet.store.member_keys import derive_keys
 from clients.wallet.store.wallet_lock import claim_place
 from consensus.errors import BlockRobotError

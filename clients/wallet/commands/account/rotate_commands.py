@@ -11,8 +11,7 @@ import click
 
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import FILE, command_output, console, is_at_terminal, print_answer
-from clients.wallet.cli.prompts import confirm_or_print
-from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
+from clients.wallet.cli.wallet_context import confirm_or_print, on_abort, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.former_text import _stuck_lines, _taken_lines, exposed, words_lines

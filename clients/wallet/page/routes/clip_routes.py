@@ -10,12 +10,11 @@ from aiohttp import web
 from clients.sdk.pictures.depth_colours import Depth
 from clients.wallet.ledger.visit_audit import audit_visit, findings_of
 from clients.wallet.ledger.wallet import RecordEntry
-from clients.wallet.page.access_requests import LOOK_NAME_MAX_CHARS
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.open_clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT, OpenClip, little_endian, size_of
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, query_of, route
 from clients.wallet.page.record_seals import Seal, page_seal, verified_block
-from clients.wallet.page.session import PageSession
+from clients.wallet.page.session import LOOK_NAME_MAX_CHARS, PageSession
 from clients.wallet.presentation.translations import refusal
 from clients.wallet.records.viewing import RecordView, RecordViewer, finding_of
 from consensus.errors import BlockRobotError

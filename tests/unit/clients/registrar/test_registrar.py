@@ -18,7 +18,7 @@ from rich.console import Console
 from clients.registrar.cli import card
 from clients.registrar.registrar import CARD_LIFETIME_DEFAULT_MS, Registrar
 from clients.sdk.proof_checks import ProvedState
-from clients.sdk.trust_pin_file import PIN_FILE
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.errors import BlockRobotError
 from consensus.members.roster import Roster, open_roster, roster_tag
 from consensus.members.vouchers import decode_card_code, recover_registrar

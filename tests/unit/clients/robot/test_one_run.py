@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.run.robot_lock import lock_robot
+from clients.robot.run.runner import lock_robot
 from consensus.errors import BlockRobotError
 
 HOLDER = """
 import sys, time
 from pathlib import Path
-from clients.robot.run.robot_lock import lock_robot
+from clients.robot.run.runner import lock_robot
 with lock_robot(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)

@@ -11,7 +11,7 @@ import pytest
 from clients.robot.backgrounds.background_publishing import FOLDER, publish_frames
 from clients.robot.cli.robot_choice import RobotPlace
 from clients.robot.hiding.background import EmptyFrame, empty_bank
-from clients.sdk.pictures.frame_previews import PREVIEW_FILE, ROBOT_FILE
+from clients.sdk.chain.empty_frames import PREVIEW_FILE, ROBOT_FILE
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey

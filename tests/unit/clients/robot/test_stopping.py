@@ -25,7 +25,7 @@ from clients.robot.sensing.sensor_events import Label, SourceEvent
 from clients.robot.sources.live.synthetic_source import SyntheticSource
 from clients.robot.sources.source import Clock, StoppableClock, SystemClock, play_events
 from clients.robot.synthetic.scenario import Scenario
-from clients.robot.synthetic.scene_tags import load_or_draw_tags
+from clients.robot.synthetic.scenario_bag import load_or_draw_tags
 from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
 from tests.unit.clients.robot.test_pipeline import roster
 from tests.virtual_time import run_virtual

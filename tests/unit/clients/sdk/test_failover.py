@@ -7,7 +7,7 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
 
-from clients.sdk.failover import failure_of, may_ask_another
+from clients.sdk.node_answers import failure_of, may_ask_another
 from consensus.api_documents import Problem
 from consensus.chain.schedule import Schedule
 from consensus.errors import CATALOGUE, BlockRobotError

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from clients.sdk.known_nodes import KnownNode, KnownNodes
-from clients.sdk.trust_pin import open_pin, write_pin
-from clients.sdk.trust_pin_file import PIN_FILE, open_pinned_client, read_pin, write_pin_file
+from clients.sdk.network_client import open_pinned_client
+from clients.sdk.trust_pin import PIN_FILE, open_pin, read_pin, write_pin, write_pin_file
 from consensus.chain.light_client import LightClient
 from consensus.errors import BlockRobotError
 from tests.unit.node.api.small_network import SUBJECT

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from clients.wallet.cli.shell_completion import complete_profiles, complete_records
+from clients.wallet.cli.group_options import complete_profiles, complete_records
 from clients.wallet.commands.view_commands import _print_views
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.records import contact_sheet

@@ -17,7 +17,7 @@ from click.testing import CliRunner, Result
 from clients.officer import breach_commands, officer_mandates_commands
 from clients.officer.mandate_papers import make_receipt, read_receipt, write_receipt
 from clients.wallet.cli import main as wallet_cli
-from clients.wallet.cli import prompts
+from clients.wallet.cli import wallet_context
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.mandates import Mandates
 from clients.wallet.ledger.wallet import Wallet
@@ -264,7 +264,7 @@ def test_a_proposal_that_the_network_did_not_take_is_made_again_by_the_same_comm
 def test_questions_leave_the_json_alone(house: House, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     receipt, paper = str(house.folder / "r.json"), str(house.folder / "birth.pdf")
     asked: list[bool] = []
-    monkeypatch.setattr(prompts, "ask", lambda _, err=False: asked.append(err))
+    monkeypatch.setattr(wallet_context, "ask", lambda _, err=False: asked.append(err))
     sit_at_terminal(monkeypatch)
     proposed = json.loads(run("eva", *house.proposal(), "--receipt", receipt, "--json").stdout)
     found = proposed["mandate_id"][:12]

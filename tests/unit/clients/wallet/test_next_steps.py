@@ -15,7 +15,7 @@ from clients.wallet.cli.invocation import WALLET_COMMAND, called, verify_command
 from clients.wallet.presentation.translations import LANGUAGES, Form, describe_error, load, section, text
 from clients.wallet.recovery.guardian_sheets import build_sheet
 from clients.wallet.recovery.slip39_shares import split_words
-from clients.wallet.store.guardian_set import GuardianSet
+from clients.wallet.store.keystore import GuardianSet
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError
 from tests.world.dicts import typed_for

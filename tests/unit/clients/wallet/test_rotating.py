@@ -11,9 +11,8 @@ from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.records.erasure import ErasureClient
 from clients.wallet.recovery.key_rotation import KeyRotation
-from clients.wallet.store.keystore import Keystore, KnownVisit, WalletContent
+from clients.wallet.store.keystore import GivenGrant, Keystore, KnownVisit, WalletContent
 from clients.wallet.store.member_keys import derive_keys, draw_words
-from clients.wallet.store.sharing_memory import GivenGrant
 from consensus.errors import BlockRobotError
 from tests.world.stolen import OLD_WORDS, PowerCut, Story, give_grant, no_pause, take_new_words
 from tests.world.ward import Patient

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
-from clients.robot.sources.messages.definitions import (
+from clients.robot.sources.messages.message_types import (
     DEFINITION_MAX_CHARS,
     DEFINITION_MAX_WORDS,
     DEFINITIONS_MAX_COUNT,

@@ -9,8 +9,14 @@ import time
 import pytest
 
 from clients.robot.sources.live.live_feed import Message
-from clients.robot.sources.messages.definitions import DEFINITION_MAX_CHARS, DEFINITION_MAX_WORDS
-from clients.robot.sources.messages.message_types import LEARNT_MAX_COUNT, LearntTypes, MessageTypes, own_types
+from clients.robot.sources.messages.message_types import (
+    DEFINITION_MAX_CHARS,
+    DEFINITION_MAX_WORDS,
+    LEARNT_MAX_COUNT,
+    LearntTypes,
+    MessageTypes,
+    own_types,
+)
 from clients.robot.synthetic.bag_messages import MessageCodec
 from consensus.errors import BlockRobotError
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from clients.robot.sensing.sensor_events import Facing, Frame, RefusedMessage, Sighting
-from clients.robot.sources.recordings import empty_frame_choice
 from clients.robot.sources.recordings.bag_source import BagSource, EmptyScene
 from clients.robot.sources.topics import Topics, parse_topics
 from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC
@@ -258,7 +257,7 @@ def test_empty_scenes_come_from_a_topic_a_stretch_or_another_recording(tmp_path:
 def test_empty_frames_are_bounded_in_number_and_bytes_and_spread_over_the_stretch(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int, expected: list[int]
 ) -> None:
-    monkeypatch.setattr(empty_frame_choice, limit, most)
+    monkeypatch.setattr(f"clients.robot.sources.source.{limit}", most)
     path = make(tmp_path, more=[Topic(EMPTY_TOPIC, IMAGE, [(i, image(DEPTH + i)) for i in range(10)])])
     assert [int(depth[0, 0]) - 1500 for depth in BagSource(path, topics=topics_of()).empty_frames()] == expected
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from clients.wallet.recovery.slip39_shares import split_words
-from clients.wallet.store.guardian_set import GuardianSet
+from clients.wallet.store.keystore import GuardianSet
 from tests.unit.clients.wallet.page.conftest import Desk
 
 
