@@ -1,4 +1,4 @@
-"""Common base of behaviours: an outbox around the honest one."""
+"""Common base of behaviours: an outbox around the honest one, and what a liar sees of its own node."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from consensus.chain.messages import Timeout, Vote, sign_block, sign_timeout, si
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.protocol.core import Core
 from consensus.protocol.effects import FetchBlocks, Message
-from node.consensus.engine import Outbox
+from node.consensus.engine import Engine, Outbox
+from node.p2p.wire import FrameKind
 
 TICK_MS = 50
 REMEMBERED_MAX_COUNT = 64
@@ -171,3 +173,51 @@ class BoundedCache(OrderedDict[K, V]):
         while len(self) > REMEMBERED_MAX_COUNT:
             self.popitem(last=False)
         return value
+
+
+class RawLinks(Protocol):
+    """The part of a node's links that floods use."""
+
+    def broadcast(self, kind: FrameKind, payload: bytes) -> None: ...
+
+
+class EngineView:
+    """`OwnNode` of a running engine, followed across epochs."""
+
+    def __init__(self, engine: Engine, chain_id: bytes, links: RawLinks) -> None:
+        self._engine = engine
+        self._links = links
+        self.chain_id = chain_id
+
+    @property
+    def _core(self) -> Core:
+        return self._engine.core
+
+    @property
+    def epoch(self) -> int:
+        return self._core.epoch
+
+    @property
+    def round(self) -> int:
+        return self._core.round
+
+    @property
+    def index(self) -> int | None:
+        return self._core.index
+
+    @property
+    def producers_count(self) -> int:
+        return len(self._core.schedule.producers)
+
+    @property
+    def high_qc(self) -> QuorumCertificate:
+        return self._core.high_qc
+
+    def header(self, block_id: bytes) -> Header | None:
+        if block_id == self._core.finalized_id:
+            return self._core.finalized
+        block = self._core.block(block_id)
+        return None if block is None else block.header
+
+    def send_raw(self, kind: int, payload: bytes) -> None:
+        self._links.broadcast(FrameKind(kind), payload)

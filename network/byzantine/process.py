@@ -15,9 +15,8 @@ from random import Random
 import structlog
 
 from consensus.errors import BlockRobotError
-from network.byzantine.behaviour import TICK_MS, Behaviour
+from network.byzantine.behaviour import TICK_MS, Behaviour, EngineView
 from network.byzantine.catalogue import BEHAVIOURS, byzantine_clock, check_behaviour, make_behaviour
-from network.byzantine.engine_view import EngineView
 from node.api.node_services import WallClock
 from node.components import NodeComponents
 from node.config import NodeConfig, load_genesis

@@ -100,11 +100,11 @@ _COMMANDS = {
     ),
     "robot": LazyCommand("clients.robot.cli.main:robot", "Record people who carry a tag, each for themselves alone."),
     "completion": LazyCommand(
-        "network.cli.completion_commands:completion",
+        "network.cli.tool_commands:completion",
         "Print the completion script of a shell: commands, options, profiles, records that were viewed here.",
     ),
     "reference": LazyCommand(
-        "network.cli.reference_commands:reference",
+        "network.cli.tool_commands:reference",
         "Write http-api.md, errors.md, authorisation.md, state.md and json-output.md, made from the tables in the code.",
     ),
 }

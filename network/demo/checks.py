@@ -1,9 +1,11 @@
-"""Checks of the demonstration: name, result and what was seen."""
+"""What a long run tells: its checks with their results, and how often a line of progress."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+
+LINE_EVERY_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,3 +33,22 @@ class CheckList:
     @property
     def ok(self) -> bool:
         return bool(self.checks) and all(check.ok for check in self.checks)
+
+
+class ProgressThrottle:
+    """Passes at most one line per five seconds and stage."""
+
+    def __init__(self) -> None:
+        self._told_s = 0.0
+        self._stage = ""
+
+    def lets_pass(self, line: str, now_s: float) -> bool:
+        """Return whether to print a line; `run: 30 frames seen` is of stage `run`.
+
+        A line without stage always passes; `now_s` is monotonic.
+        """
+        stage = line.rpartition(": ")[0]
+        if stage and stage == self._stage and now_s - self._told_s < LINE_EVERY_S:
+            return False
+        self._stage, self._told_s = stage, now_s
+        return True

@@ -14,10 +14,10 @@ import aiohttp
 
 from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.errors import BlockRobotError
-from network.blocks_kept import kept_lines
 from network.cluster import Cluster, fetch_status
+from network.cluster_monitor import kept_lines
 from network.custody.custody_requests import ask_all
-from network.custody.upload_problems import find_upload_problems
+from network.custody.custody_text import find_upload_problems
 from network.doctor import answers as words
 from network.doctor.answers import Answer
 from network.doctor.data_directory import check_authorities, check_directory

@@ -8,11 +8,10 @@ from pathlib import Path
 from clients.robot.run.event_log import write_csv, write_xes
 from consensus.errors import BlockRobotError
 from network.experiments.log_files import read_log
-from network.experiments.pages.drawing import draw_with_graphviz, write_dot
 from network.experiments.pages.event_table import EventTable
 from network.experiments.pages.flow_graph import FlowGraph, build_flow_graph
 from network.experiments.pages.map_picture import draw_svg
-from network.experiments.pages.process_map import build_dot
+from network.experiments.pages.process_map import build_dot, draw_with_graphviz, write_dot
 from network.experiments.pages.tables import (
     activity_rows,
     figure_rows,

@@ -9,8 +9,7 @@ import click
 
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import error_console
-from network.demo.checks import Check
-from network.demo.pacing import ProgressThrottle
+from network.demo.checks import Check, ProgressThrottle
 from network.experiments.definitions import Experiment
 
 

@@ -1,17 +1,30 @@
-"""Publishes an organisation's privacy notice with its admin's key."""
+"""Publishes an organisation's privacy notice with its admin's key; the demonstration hospital's is shipped."""
 
 from __future__ import annotations
 
+from functools import cache
+from importlib import resources
 from pathlib import Path
 
 from clients.sdk.chain.notices import read_notice
 from clients.sdk.network_client import NetworkClient, open_pinned_client
 from clients.sdk.trust_pin import PIN_FILE
+from consensus.bounded_text import read_toml_text
 from consensus.chain.genesis import genesis_from_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from consensus.rights.notices import Notice, PublishedNotice, encode_notice
-from network.notices.demo_notice import DEMO_ORGANISATION, demo_notice
+from consensus.rights.notices import Notice, PublishedNotice, encode_notice, notice_from
+
+DEMO_ORGANISATION = "hospital"
+
+
+def demo_notice_text() -> str:
+    return resources.files("network.notices").joinpath("demo_notice.toml").read_text(encoding="utf-8")
+
+
+@cache
+def demo_notice() -> Notice:
+    return notice_from(read_toml_text(demo_notice_text()))
 
 
 async def publish_notice(

@@ -49,10 +49,10 @@ WRITES_BESIDE = {
     "network/demo/report.py": "a demo's folder",
     "network/experiments/comparison.py": "an experiment's folder, held by its mark",
     "network/experiments/out_folder.py": "an experiment's mark",
-    "network/experiments/pages/drawing.py": "an experiment's folder",
+    "network/experiments/pages/process_map.py": "an experiment's folder",
     "network/experiments/pages/tables.py": "an experiment's folder",
     "network/experiments/run_all.py": "an experiment's folder",
     "network/lab/hiding/companion_training.py": "a developer's model file",
     "network/lab/pedestrians/judge.py": "a developer's cache of a film",
-    "network/cli/reference_commands.py": "our own reference pages, written again",
+    "network/cli/tool_commands.py": "our own reference pages, written again",
 }

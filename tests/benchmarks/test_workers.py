@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from network.bench.workers import worker_pool
+from network.bench.processes import worker_pool
 from tests.benchmarks.long_work import WORK_MAX_S
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = """
 import signal, sys
-from network.bench.workers import worker_pool
+from network.bench.processes import worker_pool
 from tests.benchmarks.long_work import work_long
 
 if __name__ == "__main__":

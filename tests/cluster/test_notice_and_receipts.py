@@ -14,7 +14,7 @@ import pytest
 from clients.registrar.registrar import Registrar
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import draw_words
-from network.notices.demo_notice import demo_notice, demo_notice_text
+from network.notices.notice_publishing import demo_notice, demo_notice_text
 from tests.cluster.commands import must, run
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.world.dicts import CHEAP

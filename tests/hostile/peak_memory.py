@@ -22,7 +22,7 @@ from contracts.vm import ContractSourceError, InternalFault
 from contracts.vm.builtins.builtins_table import BUILTINS
 from contracts.vm.builtins.methods import METHODS
 from contracts.vm.model.meter import MEMORY_MAX_BYTES
-from network.lab.hostile.corpus import CORPUS
+from network.lab.hostile.families import CORPUS
 from network.lab.hostile.micro import HELPERS, MICRO, STATE
 from network.lab.hostile.program import REFUSED, SPENT, Program, body
 from network.lab.hostile.running import CallHost, call_program, compile_program, make_state

@@ -14,7 +14,7 @@ import pytest
 
 from contracts.vm.builtins.methods import METHODS
 from contracts.vm.frontend.name_binding import CALLABLES, dotted_name
-from network.lab.hostile.corpus import CORPUS, FAMILIES
+from network.lab.hostile.families import CORPUS, FAMILIES
 from network.lab.hostile.program import REFUSED, Program
 from network.lab.hostile.running import run_program
 

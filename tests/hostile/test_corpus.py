@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from network.lab.hostile.corpus import CORPUS, FAMILIES
+from network.lab.hostile.families import CORPUS, FAMILIES
 
 ROOT = Path(__file__).resolve().parents[2]
 GROWTH_MAX_KIB = 96 * 1024

@@ -14,7 +14,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipUpload
 from consensus.upload_quotas import DAY_MS, MIB_BYTES, UploadQuotas
-from network.custody.upload_problems import find_upload_problems
+from network.custody.custody_text import find_upload_problems
 from node.budgets.disk_reserve import DiskReserve
 from node.custody.chain.custody_answers import UploadReport
 from node.custody.chain.upload_admission import (

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from consensus.primitives.keys import PrivateKey
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.unit.clients.bundle.conftest import make
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
 from tests.world.notices import NoticeWard

@@ -13,7 +13,7 @@ from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from consensus.members.vouchers import encode_card_code
 from consensus.rights.notices import RIGHTS_NAMED, Notice
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.world.notices import NoticeWard
 
 

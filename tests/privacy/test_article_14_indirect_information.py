@@ -8,7 +8,7 @@ from __future__ import annotations
 from clients.wallet.consent.notice_reading import Notices
 from consensus.members.vouchers import encode_card_code
 from consensus.rights.notices import SOURCES
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.world.notices import NoticeWard
 
 

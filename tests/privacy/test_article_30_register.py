@@ -13,7 +13,7 @@ from clients.sdk.chain.governance import MembershipView
 from consensus.errors import BlockRobotError
 from consensus.state.membership import NodeRow, OrganisationRow
 from network.cli.governance.notice_commands import activities_answer
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from network.notices.processing_register import OPEN, Activities, activities_text, read_activities
 from tests.world.notices import NoticeWard
 

@@ -20,7 +20,7 @@ from clients.wallet.consent.consent_choices import ConsentClient, ConsentDecisio
 from clients.wallet.page.routes import clip_routes
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.rights.notices import encode_notice
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.ui.shown_page import COMMAND, SOON_MS, Shown, show_ward
 from tests.ui.watched_page import SERVER_ENDED, Watch
 from tests.world.sharing import SharedWard

@@ -14,8 +14,7 @@ from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.qr_codes import qr_svg
 from consensus.chain.genesis import genesis_from_json
 from consensus.primitives.keys import PrivateKey
-from network.notices.demo_notice import DEMO_ORGANISATION, demo_notice
-from network.notices.notice_publishing import publish_notice
+from network.notices.notice_publishing import DEMO_ORGANISATION, demo_notice, publish_notice
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, serve_wallet

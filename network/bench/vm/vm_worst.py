@@ -12,7 +12,7 @@ from consensus.chain.epoch_settings import ChainSettings
 from consensus.limits import BLOCK_GAS_MAX
 from contracts.vm import LANGUAGE_VERSION
 from network.bench.conditions import Condition, Result, measure_conditions
-from network.lab.hostile.corpus import CORPUS
+from network.lab.hostile.families import CORPUS
 from network.lab.hostile.measuring import GAS_LIMIT, Price, cheapest_first, measure_all
 from network.lab.hostile.micro import MICRO
 from network.lab.hostile.places import PLACES

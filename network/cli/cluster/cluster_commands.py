@@ -17,12 +17,11 @@ from rich.text import Text
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import command_output, console, print_answer
 from consensus.errors import BlockRobotError
-from network.blocks_kept import kept_lines
 from network.cli.cluster.cluster_answers import DownAnswer, LogLine, LogsAnswer
 from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
 from network.cli.cluster.status_answers import NodeStatus, StatusAnswer
 from network.cluster import Cluster, NodeStatusReport
-from network.cluster_monitor import accusers_of
+from network.cluster_monitor import accusers_of, kept_lines
 from network.notices.notice_publishing import publish_demo_notice
 from network.provisioning.network_layout import create_network
 from network.provisioning.network_removal import remove_network

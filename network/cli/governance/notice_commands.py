@@ -53,8 +53,7 @@ from network.cli.governance.governance_signer import (
     shown_id,
     with_client,
 )
-from network.notices.demo_notice import DEMO_ORGANISATION, demo_notice_text
-from network.notices.notice_publishing import publish_notice
+from network.notices.notice_publishing import DEMO_ORGANISATION, demo_notice_text, publish_notice
 from network.notices.processing_register import OPEN, SUBJECTS, Activities, activities_text, read_activities
 from pages.time_format import format_time
 

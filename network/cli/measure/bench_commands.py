@@ -14,8 +14,8 @@ from rich.table import Table
 
 from clients.sdk.terminal.safe_output import overwrite_line
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, home_folder, print_json
-from network.bench.bench_ending import run_to_end
 from network.bench.conditions import Result
+from network.bench.processes import run_to_end
 
 LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
 HELD_MAX_COUNT = 1_000_000

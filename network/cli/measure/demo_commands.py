@@ -18,8 +18,7 @@ from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, FOLDER, command_output, console, home_folder, print_json
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
-from network.demo.checks import Check, CheckList
-from network.demo.pacing import ProgressThrottle
+from network.demo.checks import Check, CheckList, ProgressThrottle
 from network.demo.report import build_summary, write_report
 from network.demo.story import Demo, DemoOptions
 

@@ -13,9 +13,8 @@ from clients.robot.synthetic.corridor import Labels
 from network.lab.hiding.hand_made import HAND_MADE
 from network.lab.hiding.learned import Example, LearnedAttacker
 from network.lab.hiding.play import VISIBLE_MIN_PX, Played, Shown, Stage, Timed, owner_cutout, placed, play
-from network.lab.hiding.scenes import Scene
+from network.lab.hiding.scenes import Scene, View, blur_others, half_view, show_owner_only
 from network.lab.hiding.scoring import iou
-from network.lab.hiding.views import View, blur_others, half_view, show_owner_only
 
 FRAMES_A_SCENE_COUNT = 3
 DOUBTED_A_SCENE_COUNT = 2

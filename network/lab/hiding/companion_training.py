@@ -23,7 +23,7 @@ from msgspec.structs import replace as with_fields
 
 from clients.robot.hiding.companion import CUES, Table, trees_of
 from clients.robot.synthetic.scenes import Stratum, draw_scene
-from network.bench.workers import worker_pool
+from network.bench.processes import worker_pool
 from network.lab.hiding.companions import ALONE_SHARE, SECOND_PERSON_SHARE, SEED_STRIDE, observe
 
 TRAINING_SEED, THRESHOLD_SEED = 100_000, 500_000

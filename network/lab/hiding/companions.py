@@ -20,7 +20,7 @@ from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Manner, Scenario
 from clients.robot.synthetic.scenes import Stratum, draw_scene
 from network.bench.conditions import Result, measure_conditions
-from network.bench.workers import worker_pool
+from network.bench.processes import worker_pool
 
 BACKGROUND_FRAMES_COUNT = 7
 SECOND_PERSON_SHARE = 0.06  # of a silhouette's pixels: from here on it is a companion to learn from

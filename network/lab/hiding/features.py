@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from network.lab.hiding.views import View
+from network.lab.hiding.scenes import View
 
 Floats = npt.NDArray[np.float32]
 

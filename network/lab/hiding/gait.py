@@ -17,8 +17,7 @@ from network.lab.hiding.features import Floats
 from network.lab.hiding.hand_made import by_difference
 from network.lab.hiding.learned import LearnedAttacker, require_learning
 from network.lab.hiding.play import VISIBLE_MIN_PX, Stage, owner_cutout, placed, release
-from network.lab.hiding.scenes import Scene
-from network.lab.hiding.views import View, blur_others, half_view, show_owner_only
+from network.lab.hiding.scenes import Scene, View, blur_others, half_view, show_owner_only
 
 WALK_S = 6.0
 FRAMES_A_SECOND = 6

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clients.robot.sensing.sensor_events import Mask
-from network.lab.hiding.views import View
+from network.lab.hiding.scenes import View
 
 DIFFERENCE_MIN_MM = 70.0
 DIFFERENCE_SHARE = 0.035

@@ -11,7 +11,7 @@ import cv2
 from msgspec import UNSET
 
 from network.bench.conditions import Result, count_cores, measure_conditions
-from network.bench.workers import worker_pool
+from network.bench.processes import worker_pool
 from network.lab.hiding.attacks import ON_OURS, ON_RAW, Examples, SceneReport, judge_scene, learn_from
 from network.lab.hiding.companions import judge_companions
 from network.lab.hiding.figures import HidingFigures, summarise

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from clients.robot.sensing.sensor_events import Mask
 from consensus.errors import BlockRobotError
 from network.lab.hiding.features import NAMES, Floats, features
+from network.lab.hiding.scenes import View
 from network.lab.hiding.scoring import iou
-from network.lab.hiding.views import View
 
 PIXELS_A_VIEW_COUNT = 2_400
 TREES_COUNT = 40

@@ -10,7 +10,7 @@ import time
 from dataclasses import asdict
 from typing import Any
 
-from network.lab.hostile.corpus import CORPUS
+from network.lab.hostile.families import CORPUS
 from network.lab.hostile.running import run_program
 
 ADDRESS_SPACE_MAX_BYTES = 1024 * 1024 * 1024

@@ -21,7 +21,7 @@ from typing import Any
 from contracts.lifecycle.registry import PRIVACY_CONTRACTS, read_source
 from contracts.vm import VM_CODES
 from contracts.vm.model.faults import is_author_code
-from network.lab.hostile.corpus import CORPUS
+from network.lab.hostile.families import CORPUS
 from network.lab.hostile.grammar import OTHERS, Grammar, mutate
 from network.lab.hostile.program import REFUSED, Program
 from network.lab.hostile.running import run_program

@@ -7,21 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from network.sim.checkers.agreement import check_agreement
-from network.sim.checkers.calls_succeed import check_calls_succeed
-from network.sim.checkers.chain_equals_store import check_chain_equals_store
-from network.sim.checkers.code_faults import check_code_faults
-from network.sim.checkers.durability import check_durability
-from network.sim.checkers.equal_state_roots import check_equal_state_roots
-from network.sim.checkers.erased_means_erased import check_erased_means_erased
-from network.sim.checkers.exactly_once import check_exactly_once
-from network.sim.checkers.finality_under_flood import check_finality_under_flood
-from network.sim.checkers.liveness import check_liveness
-from network.sim.checkers.no_double_proposal import check_no_double_proposal
-from network.sim.checkers.no_double_vote import check_no_double_vote
-from network.sim.checkers.only_forward import check_only_forward
-from network.sim.checkers.violation import Violation
-from network.sim.history import History
+from network.sim.checkers.agreement import check_agreement, check_equal_state_roots
+from network.sim.checkers.calls import check_calls_succeed, check_durability, check_exactly_once
+from network.sim.checkers.custody import check_chain_equals_store, check_erased_means_erased
+from network.sim.checkers.liveness import check_code_faults, check_finality_under_flood, check_liveness
+from network.sim.checkers.voting import check_no_double_proposal, check_no_double_vote, check_only_forward
+from network.sim.history import History, Violation
 
 Checker = Callable[[History], list[Violation]]
 

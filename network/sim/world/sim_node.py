@@ -12,7 +12,7 @@ from consensus.chain.messages import Proposal, Timeout, Vote
 from consensus.errors import BlockRobotError
 from consensus.protocol.effects import FetchBlocks, Message
 from network.byzantine import TICK_MS, byzantine_clock, make_behaviour
-from network.byzantine.engine_view import EngineView
+from network.byzantine.behaviour import EngineView
 from network.sim.history import (
     BlockFinalized,
     CodeFault,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from network.demo.pacing import LINE_EVERY_S, ProgressThrottle
+from network.demo.checks import LINE_EVERY_S, ProgressThrottle
 
 
 def test_a_stage_speaks_now_and_then_and_another_one_at_once() -> None:

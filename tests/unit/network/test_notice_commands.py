@@ -13,7 +13,7 @@ from consensus.rights.notices import NoticeRow, PublishedNotice, encode_notice, 
 from network.cli.governance import notice_commands
 from network.cli.governance.notice_commands import read_notice_file
 from network.cli.main import main
-from network.notices.demo_notice import demo_notice, demo_notice_text
+from network.notices.notice_publishing import demo_notice, demo_notice_text
 
 
 def run(*arguments: str) -> Result:

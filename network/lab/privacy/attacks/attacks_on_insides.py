@@ -24,8 +24,14 @@ from network.lab.privacy.attacks.insiders import (
     read_erase_keys,
 )
 from network.lab.privacy.hospital.attacked_custodian import CustodyStory
-from network.lab.privacy.hospital.plain_store import open_plain_store, write_plain_store
-from network.lab.privacy.hospital.schemes import OURS, PAPER_SCHEMES, PROTOTYPE, make_schemes
+from network.lab.privacy.hospital.schemes import (
+    OURS,
+    PAPER_SCHEMES,
+    PROTOTYPE,
+    make_schemes,
+    open_plain_store,
+    write_plain_store,
+)
 from network.lab.privacy.scoring import Rate, count_rate
 from node.custody.erase_keys import unwrap_key
 

@@ -8,8 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import secrets
-from collections.abc import Sequence
+import sqlite3
+from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
+
+from consensus.errors import BlockRobotError
+from consensus.records.renditions import decode_rendition
 
 PROTOTYPE = "prototype"
 SALTED = "salted"
@@ -20,6 +26,7 @@ PAPER_SCHEMES = (PROTOTYPE, SALTED, PEPPERED, PEPPER_STOLEN)
 SCHEMES = (*PAPER_SCHEMES, OURS)
 _SALT_BYTES = 16
 _PEPPER_BYTES = 32
+STORE_FILE_NAME = "pictures.sqlite3"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,3 +69,23 @@ def make_schemes() -> dict[str, Scheme]:
         PEPPERED: Scheme(PEPPERED, pepper, None),
         PEPPER_STOLEN: Scheme(PEPPER_STOLEN, pepper, pepper),
     }
+
+
+def write_plain_store(folder: Path, pictures: Iterable[tuple[bytes, bytes]]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with closing(sqlite3.connect(folder / STORE_FILE_NAME)) as database, database:
+        database.execute("CREATE TABLE images (mark BLOB NOT NULL, image BLOB NOT NULL)")
+        database.executemany("INSERT INTO images VALUES (?, ?)", list(pictures))
+
+
+def open_plain_store(folder: Path) -> tuple[int, int]:
+    with closing(sqlite3.connect(folder / STORE_FILE_NAME)) as database:
+        images = [row[0] for row in database.execute("SELECT image FROM images")]
+    return len(images), sum(map(_shows, images))
+
+
+def _shows(image: bytes) -> bool:
+    try:
+        return bool(decode_rendition(image).pixels)
+    except BlockRobotError:
+        return False

@@ -26,7 +26,7 @@ from clients.wallet.export.export_building import ExportChoice
 from consensus.errors import BlockRobotError
 from consensus.rights.consent_receipts import sign_as_controller, sign_as_person
 from consensus.state.identity import MemberRow
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.unit.clients.bundle.conftest import make
 from tests.unit.clients.bundle.repacking import judge, list_anew, pack, sign_anew, unpack
 from tests.unit.contracts.privacy.hospital import key_of

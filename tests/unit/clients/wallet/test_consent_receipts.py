@@ -28,7 +28,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.rights.consent_receipts import sign_as_controller, sign_as_person
 from consensus.rights.notices import Notice
 from consensus.state.identity import MEMBER
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from node.api.services import SignedReceipt
 from tests.unit.contracts.privacy.hospital import key_of
 from tests.world.notices import NoticeWard

@@ -30,7 +30,7 @@ from consensus.rights.notices import NOTICE_LINES, NoticeRow, PublishedNotice, n
 from consensus.rights.purposes import PURPOSES
 from consensus.state.rights import RestrictionRow
 from network.cli.main import main
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.world.commands import open_for_commands
 from tests.world.dicts import NOW_MS, World
 from tests.world.stolen import Desk

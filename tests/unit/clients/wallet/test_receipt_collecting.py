@@ -14,7 +14,7 @@ from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.export.export_building import ExportChoice
 from clients.wallet.recovery.key_rotation import KeyRotation
 from consensus.errors import BlockRobotError
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.unit.clients.bundle.conftest import make
 from tests.world.notices import NoticeWard, entry_of
 

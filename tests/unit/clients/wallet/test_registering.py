@@ -16,7 +16,7 @@ from clients.wallet.commands import consent_commands, notice_commands
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from consensus.members.vouchers import encode_card_code
 from consensus.state.consent import NOTICE
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.world.commands import open_for_commands
 from tests.world.notices import NoticeWard
 

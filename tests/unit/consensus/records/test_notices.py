@@ -21,7 +21,7 @@ from consensus.rights.notices import (
     read_published,
     read_row,
 )
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 
 
 def change(**changes: object) -> Notice:

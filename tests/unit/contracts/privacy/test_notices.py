@@ -5,7 +5,7 @@ from __future__ import annotations
 from consensus.primitives.encoding import decode_value
 from consensus.rights.notices import encode_notice, notice_digest, read_published, read_row
 from consensus.state.consent import NOTICE, NOTICE_TEXT
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.unit.contracts.privacy.hospital import Hospital, data_of, key_of
 
 

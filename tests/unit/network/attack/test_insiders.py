@@ -25,7 +25,7 @@ from network.lab.privacy.attacks.insiders import (
     search_roster,
 )
 from network.lab.privacy.attacks.naming import name_visits
-from network.lab.privacy.hospital.plain_store import open_plain_store
+from network.lab.privacy.hospital.schemes import open_plain_store
 from tests.unit.network.attack.conftest import SERIAL_BITS, SmallHospital
 
 

@@ -8,7 +8,7 @@ import signal
 
 import pytest
 
-from network.bench.bench_ending import run_to_end
+from network.bench.processes import run_to_end
 
 
 class Measurement:

@@ -12,7 +12,6 @@ from click.testing import CliRunner
 from clients.robot.sensing.sensor_events import Facing
 from network.cli.measure.bench_commands import bench
 from network.lab.matcher import matcher_judge as matcher_module
-from network.lab.matcher.matcher_cost import measure_cost
 from network.lab.matcher.matcher_draws import TRACK_MS, Bearer, Drawn, Setting, draw
 from network.lab.matcher.matcher_judge import (
     GROUPS,
@@ -21,6 +20,7 @@ from network.lab.matcher.matcher_judge import (
     headline,
     judge,
     judge_matcher,
+    measure_cost,
     meets_goals,
     play,
     settings_of,

@@ -12,11 +12,10 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from network.experiments.comparison import show_readings, work_out, write_reading
-from network.experiments.pages.drawing import draw_with_graphviz, write_dot
 from network.experiments.pages.event_table import EventTable, LoggedEvent
 from network.experiments.pages.flow_graph import Durations, FlowGraph, build_flow_graph
 from network.experiments.pages.map_picture import draw_svg, order_activities
-from network.experiments.pages.process_map import build_dot, show_duration
+from network.experiments.pages.process_map import build_dot, draw_with_graphviz, show_duration, write_dot
 from network.experiments.pages.tables import HEADINGS, activity_rows, pair_rows, show_value
 from network.experiments.run_figures import DurationFigures, work_out_figures
 

@@ -15,7 +15,7 @@ from consensus.primitives.trie import Proof
 from consensus.rights.notices import encode_notice, notice_digest, read_published
 from consensus.state.consent import NOTICE, NOTICE_TEXT
 from consensus.state.identity import REGISTRAR as REGISTRAR_ROWS
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from node.api import create_api
 from node.custody.chain.consent_receipts import ConsentReceipts
 from tests.unit.node.api.small_network import CUSTODIAN, REGISTRAR, STRANGER, SUBJECT, SmallNode, flat

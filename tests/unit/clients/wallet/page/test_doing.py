@@ -20,7 +20,7 @@ from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
 from consensus.members.vouchers import encode_card_code
 from consensus.rights.notices import encode_notice
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.miscounting_robot import committing_otherwise, miscounting
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.world.sharing import WEEK_MS

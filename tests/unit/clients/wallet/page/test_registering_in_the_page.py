@@ -14,7 +14,7 @@ from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from consensus.members.vouchers import encode_card_code
-from network.notices.demo_notice import demo_notice
+from network.notices.notice_publishing import demo_notice
 from tests.wallet_page_client import WalletPage
 from tests.world.notices import NoticeWard
 

@@ -15,8 +15,8 @@ from network.lab.hiding.features import NAMES, features
 from network.lab.hiding.hand_made import HAND_MADE, by_bite, by_difference, by_holes
 from network.lab.hiding.learned import Example, train
 from network.lab.hiding.play import spread
+from network.lab.hiding.scenes import View, blur_others, half_view, show_owner_only
 from network.lab.hiding.scoring import iou
-from network.lab.hiding.views import View, blur_others, half_view, show_owner_only
 
 HEIGHT, WIDTH = 240, 320
 WALL_MM, OWNER_MM, OTHER_MM = 4000, 2000, 2600

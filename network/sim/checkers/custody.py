@@ -1,18 +1,18 @@
-"""Checker: a custodian's store equals the chain at its checkpoint, never ahead.
-
-At the end it has every clip that a robot gave it or another honest custodian has.
-"""
+"""Checkers: custodians keep what the chain says, and nothing that it calls erased."""
 
 from __future__ import annotations
 
-from network.sim.checkers.violation import Violation
-from network.sim.history import ClipTaken, CustodyAudit, History, NodeRestored, NodeStarted
+from network.sim.history import ClipTaken, CustodyAudit, History, NodeRestored, NodeStarted, Violation
 
 NOTHING_KEPT_RECORDS_COUNT = 9
 """So many records without a single clip are no accident: then the run has tried nothing of custody."""
 
 
 def check_chain_equals_store(history: History) -> list[Violation]:
+    """A store equals the chain at its checkpoint, never ahead.
+
+    At the end it has every clip that a robot gave it or another honest custodian has.
+    """
     found: list[Violation] = []
     for item in history.observations:
         if item.node in history.byzantine:
@@ -84,4 +84,19 @@ def _differences(audit: CustodyAudit) -> list[str]:
         f"access request {access_id.hex()[:8]} is on one side only"
         for access_id in sorted(set(audit.granted) ^ set(audit.chain_granted))
     ]
+    return found
+
+
+def check_erased_means_erased(history: History) -> list[Violation]:
+    """No custodian can open erased or expired records."""
+    found: list[Violation] = []
+    for audit in history.of(CustodyAudit):
+        if audit.node in history.byzantine:
+            continue
+        for record_id in sorted({*audit.confirmed, *audit.missing} & set(audit.chain_erased)):
+            text = f"record {record_id.hex()[:8]} is erased on the chain, and still kept"
+            found.append(Violation("erased_means_erased", audit.at_ms, audit.node, text))
+        if audit.keys_left:
+            text = f"{audit.keys_left} keys of erased frames still open them"
+            found.append(Violation("erased_means_erased", audit.at_ms, audit.node, text))
     return found
