@@ -85,7 +85,7 @@ def _too_large(what: str) -> BlockRobotError:
 
 
 class BundleWriter:
-    """Writes entries into an open file; call `finish` at the end."""
+    """Writes entries into an open file; `finish` ends it."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file

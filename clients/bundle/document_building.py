@@ -56,7 +56,7 @@ def build_visit(number: int, facts: VisitFacts, frames: Sequence[list[doc.FrameD
 
 
 def _count_missing(facts: VisitFacts) -> int:
-    """Count records closed or chained over but never submitted."""
+    """Records closed or chained over, but never submitted."""
     known = [record.metadata for record in facts.records if record.metadata is not None]
     expected = max((metadata.index_in_visit + 1 for metadata in known), default=0)
     if facts.state.status == "closed":
@@ -218,7 +218,7 @@ def read_person(proved: Mapping[bytes, ProvedValue]) -> tuple[bytes, MemberRow]:
 def build_consents(
     proved: Mapping[bytes, ProvedValue], receipts: Sequence[ProvedReceipt], former: Set[bytes] = frozenset()
 ) -> doc.ConsentsDocument:
-    """Return identity and consents; `former`: proved earlier member keys. Raises BUNDLE_UNPROVEN."""
+    """`former`: proved earlier member keys. Raises BUNDLE_UNPROVEN."""
     member, row = read_person(proved)
     choices = read_choices(proved[CHOICES.key(row.handle)].value)
     return doc.ConsentsDocument(

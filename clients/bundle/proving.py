@@ -173,8 +173,7 @@ def sign_parts(chain_id: bytes, manifest: bytes) -> tuple[bytes, bytes]:
     return chain_id, sha256(manifest)
 
 
-def never_heard(_what: str, _done: int, _of: int) -> None:
-    """Hear of progress and say nothing."""
+def never_heard(_what: str, _done: int, _of: int) -> None: ...
 
 
 def known_form(error: Exception) -> Any:

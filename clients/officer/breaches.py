@@ -1,7 +1,4 @@
-"""Officers' breach handling: read, assess, notify, close.
-
-Actions are signed by member key and audited; 72 hours run on chain time.
-"""
+"""Officers' breaches: read, assess, notify, close; signed and audited, 72 hours by chain time."""
 
 from __future__ import annotations
 
@@ -57,14 +54,14 @@ class Breaches:
         self._read = wallet.reading(self._key)
 
     async def read_all(self) -> list[Breach]:
-        """Return breaches in opening order. Raises SESSION_REFUSED."""
+        """Oldest first. Raises SESSION_REFUSED."""
         ids = await proved_list(self._read, rights.BREACH_COUNT, rights.BREACH_NUMBER)
         rows = await proved_rows(self._read, rights.BREACH, ids)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
         return [Breach(breach_id, row, now_ms) for breach_id, row in zip(ids, rows, strict=True)]
 
     async def find(self, start: str) -> Breach:
-        """Find by id prefix. Raises BREACH_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
+        """By id prefix. Raises BREACH_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
         known = await self.read_all()
         return known[resolve_id_prefix(BREACH, [breach.breach_id.hex() for breach in known], start)]
 
@@ -77,9 +74,7 @@ class Breaches:
         return await self._call("notify", [breach.breach_id, recipient, reason])
 
     async def close(self, breach: Breach, outcome: str, reason: str, tell: Tell) -> int:
-        """Close; return erasures ordered. `erased` first erases all records, after required notices. Raises
-        CALL_REFUSED.
-        """
+        """Return how many erasures were ordered; `erased` erases all records after notices. Raises CALL_REFUSED."""
         ids: list[bytes] = []
         if outcome == "erased":
             breach = await self.find(breach.breach_id.hex())

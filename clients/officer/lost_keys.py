@@ -85,7 +85,7 @@ class Proposal:
 
     @property
     def status(self) -> str:
-        """Status: proposed, approved, stopped, or lapsed."""
+        """Proposed, approved, stopped, or lapsed."""
         is_over = self.state.status != "stopped" and self.now_ms > self.state.ends_ms
         return "lapsed" if is_over else self.state.status
 
@@ -130,9 +130,7 @@ class LostKeys:
     # Looking
 
     async def preview(self, robot: str, from_ms: int, until_ms: int) -> Preview:
-        """Preview by robot key prefix; empty suffices for one. Raises SPAN_INVALID, NAME_TOO_SHORT, NAME_AMBIGUOUS,
-        SPAN_EMPTY.
-        """
+        """By robot key prefix; empty suffices for one. Raises SPAN_INVALID, NAME_TOO_SHORT, NAME_AMBIGUOUS, SPAN_EMPTY."""
         if 0 < len(robot) < ID_PREFIX_MIN_CHARS:
             raise BlockRobotError("NAME_TOO_SHORT", f"Name a robot by at least {ID_PREFIX_MIN_CHARS} characters.")
         span = make_span(b"", from_ms, until_ms)
@@ -201,7 +199,7 @@ class LostKeys:
         return Preview(span, tuple(visits))
 
     async def read_all(self) -> list[Proposal]:
-        """Return proposals in order. Raises SESSION_REFUSED."""
+        """Oldest first. Raises SESSION_REFUSED."""
         ids = await proved_list(self._read, officers.PROPOSAL_COUNT, officers.PROPOSAL_NUMBER)
         rows = await proved_rows(self._read, officers.PROPOSAL, ids)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
@@ -209,7 +207,7 @@ class LostKeys:
         return [Proposal(each, row, now_ms, row.proposer in own) for each, row in zip(ids, rows, strict=True)]
 
     async def find(self, start: str) -> Proposal:
-        """Find by id prefix. Raises PROPOSAL_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
+        """By id prefix. Raises PROPOSAL_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
         known = await self.read_all()
         return known[resolve_id_prefix(PROPOSAL, [one.proposal_id.hex() for one in known], start)]
 
@@ -229,7 +227,7 @@ class LostKeys:
         await self._call("stop", [proposal.proposal_id])
 
     async def erase(self, proposal: Proposal, tell: Tell) -> OrderedErasures:
-        """Order erasure of at most the approved visits; repeatable, skips restricted or denied. Raises CALL_REFUSED."""
+        """Erase at most the approved visits; repeatable, skips restricted or denied. Raises CALL_REFUSED."""
         preview = await self.preview_span(proposal.span)
         keys = {visit.owner: officers.TOUCHED.key(proposal.proposal_id, visit.owner) for visit in preview.touched}
         touched = await self._read(list(keys.values()))

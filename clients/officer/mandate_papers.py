@@ -63,7 +63,7 @@ def make_receipt(papers: Sequence[Path], reason: str) -> PapersReceipt:
 
 
 def write_receipt(path: Path, receipt: PapersReceipt) -> None:
-    """Write owner-only. Raises FILE_EXISTS, FILE_UNUSABLE."""
+    """User-only. Raises FILE_EXISTS, FILE_UNUSABLE."""
     content = msgspec.json.format(msgspec.json.encode(receipt), indent=2) + b"\n"
     try:
         write_new_file(path, content)
@@ -86,7 +86,6 @@ def keep_receipt(path: Path, receipt: PapersReceipt) -> tuple[PapersReceipt, boo
 
 
 def find_same(path: Path, receipt: PapersReceipt) -> PapersReceipt | None:
-    """Return a receipt of equal reason and papers, or None."""
     try:
         known = read_receipt(path)
     except BlockRobotError:

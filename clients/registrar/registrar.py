@@ -110,7 +110,7 @@ class Registrar:
         return any(entry.uid == uid.strip().upper() for entry in self.cards())
 
     def forget(self, uid: str) -> int:
-        """Remove a tag; return the number of cards removed."""
+        """Return how many cards were removed."""
         normal = uid.strip().upper()
         cards = self.cards()
         kept = [entry for entry in cards if entry.uid != normal]
@@ -119,7 +119,7 @@ class Registrar:
         return len(cards) - len(kept)
 
     async def forget_former(self) -> int:
-        """Remove ended memberships and expired codes; return their number."""
+        """Remove ended memberships and expired codes; return how many."""
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             return self._keep(await self._states(client))
 

@@ -56,7 +56,7 @@ def check_address(node: NodeAddress) -> NodeAddress:
 
 
 def _tls_context(node: NodeAddress) -> ssl.SSLContext | bool:
-    """Return an HTTPS context trusting only the organisation's CA."""
+    """It trusts only the organisation's CA."""
     if urlsplit(node.url).scheme != "https":
         return True
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -137,7 +137,6 @@ class Connections:
             ) from None
 
     async def close_lane(self, lane: bytes) -> None:
-        """Close one key's connections, if open."""
         client = self._lanes.pop(lane, None)
         if client is not None:
             await client.close()

@@ -55,7 +55,7 @@ def nodes_of_genesis(genesis: Genesis) -> KnownNodes:
 
 
 def address_of(node: KnownNode, url: str | None = None) -> NodeAddress:
-    """Return a node's address. Raises CONFIGURATION_INVALID."""
+    """Raises CONFIGURATION_INVALID."""
     return check_address(NodeAddress(node.name, (url or node.api_url).rstrip("/"), node.ca_certificate))
 
 
@@ -68,7 +68,7 @@ def _usable(node: KnownNode) -> bool:
 
 
 async def read_active_nodes(read: StateReading) -> tuple[int, list[NodeRow]]:
-    """Return height and active nodes, proved; (0, none) if unknown."""
+    """Height and nodes, proved; (0, none) if unknown."""
     names = (NODES.among((await read([NODES.flat])).values) or [])[:NODES_MAX_COUNT]
     if not names:
         return 0, []
@@ -78,7 +78,7 @@ async def read_active_nodes(read: StateReading) -> tuple[int, list[NodeRow]]:
 
 
 async def read_known_nodes(read: StateReading, before: KnownNodes) -> KnownNodes:
-    """Return active nodes, proved, known ones first; `before` if none is usable."""
+    """Proved, known ones first; `before` if none is usable."""
     height, active = await read_active_nodes(read)
     owners = sorted({row.organisation for row in active if row.api_url.startswith("https:")})[:ORGANISATIONS_MAX_COUNT]
     certificates: dict[str, str] = {}
@@ -123,11 +123,11 @@ class NodeDirectory:
         return tuple(node for node in self.addresses if node.name in self._custodians)
 
     def note_failure(self) -> None:
-        """Record that a node did not answer: it may have been removed."""
+        """A node that did not answer may have been removed."""
         self._failed = True
 
     def is_due(self, epoch: int, now_ms: int) -> bool:
-        """Return whether to refresh: new epoch, failed node, a minute passed."""
+        """New epoch, failed node, a minute passed."""
         if self.is_fixed:
             return False
         if self._learned_ms is None or epoch > self._epoch:
@@ -138,7 +138,7 @@ class NodeDirectory:
         self._learned_ms, self._epoch, self._failed = now_ms, epoch, False
 
     def learn(self, found: KnownNodes) -> bool:
-        """Adopt newer nodes; return whether they changed."""
+        """Return whether newer nodes changed anything."""
         if found.height <= self.known.height:
             return False
         before, self.known = self.addresses, found

@@ -74,8 +74,8 @@ _NO_WAIT_HELPS = BY_ITS_CLOCK | {"BLOCK_PRUNED", "CONTRACT_DISABLED", "CONTRACT_
 class NetworkClient:
     """A client of one network; an async context manager.
 
-    `urls` (name to address) fixes the nodes, else they come from genesis and proved state; `first` is tried first.
-    `pinned` is a former client's. `troubles` holds unresolved failures by node.
+    `urls` (name to address) fixes the nodes, else they come from genesis and proved state; `first` is tried first. `pinned`
+    is a former client's. `troubles` holds unresolved failures by node.
     """
 
     def __init__(
@@ -118,18 +118,18 @@ class NetworkClient:
 
     @property
     def pinned(self) -> bytes:
-        """State to persist for the next client; prevents rollback and keeps known nodes."""
+        """For the next client; prevents rollback and keeps known nodes."""
         return write_pin(self.light_client, self._book.known)
 
     @property
     def nodes(self) -> tuple[NodeAddress, ...]:
-        """The known nodes; may change at run time."""
+        """They may change at run time."""
         return self._book.addresses
 
     # Who is there
 
     async def find_nodes(self, key: PrivateKey) -> None:
-        """Refresh nodes when due; reads do so themselves, submit-only clients call this. Failure keeps known nodes."""
+        """Refresh nodes when due; failure keeps known ones. Reads do so themselves, submit-only clients call this."""
         if self._is_finding or not self._book.is_due(self._trust.epoch, self.clock.now_ms()):
             return
         self._is_finding = True
@@ -164,7 +164,7 @@ class NetworkClient:
         query: Mapping[str, str | int] | None = None,
         timeout_ms: int = REQUEST_TIMEOUT_MS,
     ) -> bytes:
-        """Make one request, in the lane of `key` if given; reopens an expired session once."""
+        """In the lane of `key` if given; reopens an expired session once."""
         if key is None:
             return await self._connections.request(
                 node, method, path, lane=lane, body=body, media_type=media_type, query=query, timeout_ms=timeout_ms
@@ -357,7 +357,7 @@ class NetworkClient:
             self._first = self._in_turn()[1 % len(self.nodes)].name
 
     async def _final_after_rejection(self, transaction: Transaction, error: BlockRobotError) -> FinalReceipt:
-        """Look up first: it may have been final before expiring."""
+        """It may have been final before expiring."""
         try:
             receipt = await self.with_any_node(
                 lambda node: self._look_up(node, transaction.txid, 0, transaction.body.sender)
@@ -377,14 +377,14 @@ class NetworkClient:
         *,
         timeout_ms: int = WAIT_DEFAULT_MS,
     ) -> FinalReceipt:
-        """Build, sign, submit and wait. Raises CALL_REFUSED and others."""
+        """Sign, submit and wait. Raises CALL_REFUSED and others."""
         transaction = self.transactions.build(key, contract, entry, arguments)
         return replace((await self.submit_and_wait(transaction, timeout_ms)).require_ok(), transaction=transaction)
 
     # Reading
 
     async def newest_header(self, key: PrivateKey) -> Header:
-        """Return the newest provably finalized header. Raises PROOF_STALE if all lag."""
+        """Provably final. Raises PROOF_STALE if all lag."""
 
         async def ask(node: NodeAddress) -> Header:
             answer = read_answer(await self.ask_node(node, "GET", "/v1/finality", key=key), FinalityAnswer)
@@ -409,12 +409,12 @@ class NetworkClient:
         return self.light_client.header
 
     async def node_header(self, node: NodeAddress, key: PrivateKey) -> Header:
-        """Pin and return this node's newest proved header. Raises PROOF_STALE."""
+        """Proved by this node, and pinned. Raises PROOF_STALE."""
         content = await self.ask_node(node, "GET", "/v1/finality", key=key, timeout_ms=CATCH_UP_TIMEOUT_MS)
         return self._trust.finality(read_answer(content, FinalityAnswer).finality)
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
-        """Return up to 128 proved values of one state. Raises VALUE_INVALID, PROOF_INVALID, PROOF_STALE."""
+        """Up to 128, proved by one state. Raises VALUE_INVALID, PROOF_INVALID, PROOF_STALE."""
         if not 1 <= len(keys) <= PROOF_KEYS_MAX_COUNT:
             raise BlockRobotError("VALUE_INVALID", f"One proof is for 1 to {PROOF_KEYS_MAX_COUNT} keys.")
         await self.find_nodes(key)
@@ -432,7 +432,7 @@ class NetworkClient:
     async def prove_public(
         self, asking: Callable[[NodeAddress], Awaitable[bytes]], keys: Sequence[bytes]
     ) -> ProvedState:
-        """Return values proved without a session. Raises PROOF_*."""
+        """Without a session. Raises PROOF_*."""
 
         async def ask(node: NodeAddress) -> ProvedState:
             return self._trust.values(read_answer(await asking(node), ProofsAnswer), keys)
@@ -440,11 +440,11 @@ class NetworkClient:
         return await self._ask_until_fresh(ask)
 
     async def state_value(self, flat: bytes, key: PrivateKey) -> Any:
-        """Return a key's proved value, None if absent."""
+        """Proved; None if absent."""
         return (await self.state_values([flat], key)).values[flat]
 
     async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:
-        """Return one node's unproved view result. Raises CALL_REFUSED etc."""
+        """From one node, unproved. Raises CALL_REFUSED etc."""
         body = msgspec.json.encode(QueryRequest(contract, view, encode_value(arguments).hex()))
         content = await self.with_any_node(lambda node: self.ask_node(node, "POST", "/v1/queries", key=key, body=body))
         return decode_value(read_hex(read_answer(content, QueryAnswer).result))
@@ -467,7 +467,7 @@ class NetworkClient:
 
 @contextlib.asynccontextmanager
 async def open_pinned_client(genesis: Genesis, path: Path) -> AsyncIterator[NetworkClient]:
-    """Open a client and save its new pin. Raises FILE_UNUSABLE if damaged."""
+    """Its new pin is saved. Raises FILE_UNUSABLE if damaged."""
     pinned = read_pin(path)
     try:
         client = NetworkClient(genesis, pinned=pinned)

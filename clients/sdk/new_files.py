@@ -18,7 +18,7 @@ _PRIVATE, _PUBLIC = 0o600, 0o644
 
 
 def read_given_file(path: Path, max_bytes: int) -> bytes:
-    """Read a foreign file. Raises FILE_UNUSABLE if too large, OSError."""
+    """Raises FILE_UNUSABLE if too large, OSError."""
     with path.open("rb") as file:
         data = file.read(max_bytes + 1)
     if len(data) > max_bytes:
@@ -35,7 +35,7 @@ def require_free(path: Path, *, replace: bool = False, hint: str = "") -> None:
 
 
 def write_new_file(path: Path, data: bytes | str, *, private: bool = True, replace: bool = False) -> None:
-    """Write a file atomically. Raises as `new_file`."""
+    """Atomic. Raises as `new_file`."""
     with new_file(path, private=private, replace=replace) as file:
         file.write(data.encode() if isinstance(data, str) else data)
 
@@ -61,7 +61,7 @@ def temporary_beside(path: Path) -> Path:
 
 
 def create_nameless(temporary: Path, mode: int = _PRIVATE) -> tuple[BinaryIO, Path]:
-    """Return a new file (nameless if supported) and its readable path."""
+    """Return the file (nameless if supported) and its readable path."""
     nameless = getattr(os, "O_TMPFILE", 0) if _DESCRIPTORS.exists() else 0
     try:
         descriptor = os.open(temporary.parent, os.O_RDWR | nameless, mode)
@@ -81,7 +81,7 @@ def finish(file: BinaryIO, place: Path, temporary: Path) -> None:
 
 
 def give_name(temporary: Path, path: Path, *, replace: bool) -> None:
-    """Rename atomically; without `replace`, existing files stay."""
+    """Atomic; without `replace`, existing files stay."""
     if replace:
         temporary.replace(path)
     else:
@@ -102,7 +102,7 @@ def give_name(temporary: Path, path: Path, *, replace: bool) -> None:
 
 
 def open_to_append(path: Path) -> BinaryIO:
-    """Open for appending, private if new, not through links. Raises OSError."""
+    """Private if new, not through links. Raises OSError."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
     except FileNotFoundError:
@@ -111,7 +111,7 @@ def open_to_append(path: Path) -> BinaryIO:
 
 
 def write_private(path: Path, data: bytes | str) -> None:
-    """Overwrite a reproducible file privately, without syncing it. Raises OSError."""
+    """Overwrite a reproducible file, without syncing it. Raises OSError."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, _PRIVATE)
     with os.fdopen(descriptor, "wb") as file:
         os.fchmod(descriptor, _PRIVATE)  # one of an earlier time may be open to others

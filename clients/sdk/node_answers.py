@@ -26,7 +26,7 @@ SURE_REFUSALS = frozenset({"CALL_REFUSED", "TRANSACTION_EXPIRED", "CONTRACT_DISA
 
 
 def read_answer(content: bytes, kind: type[D]) -> D:
-    """Parse a JSON answer. Raises INTERNAL if malformed."""
+    """Raises INTERNAL if malformed."""
     try:
         return read_json_as(content, kind)
     except TextInvalidError:
@@ -34,7 +34,7 @@ def read_answer(content: bytes, kind: type[D]) -> D:
 
 
 def read_hex(text: str) -> bytes:
-    """Decode hexadecimal. Raises INTERNAL."""
+    """Raises INTERNAL."""
     try:
         return bytes.fromhex(text)
     except ValueError:
@@ -42,7 +42,7 @@ def read_hex(text: str) -> bytes:
 
 
 def error_of(problem: Problem) -> BlockRobotError:
-    """Return the exception, without terminal control characters; unknown codes, and none, become INTERNAL."""
+    """Without terminal control characters; unknown codes, and none, become INTERNAL."""
     detail = printable(problem.detail or problem.title)
     if problem.code in CATALOGUE:
         return BlockRobotError(problem.code, detail)
@@ -60,7 +60,7 @@ def read_problem(content: bytes, status: int) -> BlockRobotError:
 
 
 def read_finality(document: Finality) -> FinalityProof:
-    """Return the proof. Raises INTERNAL or ENCODING_*."""
+    """Raises INTERNAL or ENCODING_*."""
     return FinalityProof(
         header_bytes=read_hex(document.header),
         child_header_bytes=read_hex(document.child_header),
@@ -74,8 +74,8 @@ def may_ask_another(error: BlockRobotError) -> bool:
 
 
 def failure_of(failures: Sequence[BlockRobotError]) -> BlockRobotError:
-    """Return the error after all nodes refused. Clock errors count only from more than half of the nodes; else nodes
-    are unreachable.
+    """What to raise after all nodes refused. Clock errors count only from more than half of the nodes; else nodes are
+    unreachable.
     """
     by_clock = [error for error in failures if error.code in BY_ITS_CLOCK]
     others = [error for error in failures if error.code not in BY_ITS_CLOCK | {"NODE_UNREACHABLE"}]

@@ -59,20 +59,20 @@ class SealingKey:
     format: SealFormat
 
     def seal(self, content: bytes) -> bytes:
-        """Return a file holding `content`, under a fresh nonce."""
+        """Under a fresh nonce."""
         nonce = secrets.token_bytes(_NONCE_BYTES)
         sealed = crypto_aead_xchacha20poly1305_ietf_encrypt(content, self.header, nonce, self.secret)
         checksum = tagged_hash(self.format.checksum_tag, self.header, nonce, sealed)
         return msgspec.msgpack.encode((self.header, nonce, sealed, checksum))
 
     def is_from(self, passphrase: str) -> bool:
-        """Return whether the passphrase gives this key; costs a full derivation."""
+        """Costs a full derivation."""
         salt, cost = _read_header(self.header, self.format)
         return secrets.compare_digest(_derive(passphrase, salt, cost), self.secret)
 
 
 def new_sealing_key(passphrase: str, seal_format: SealFormat, cost: PassphraseCost | None = None) -> SealingKey:
-    """Derive a key from a passphrase under a fresh salt."""
+    """Under a fresh salt."""
     cost = cost or PassphraseCost()
     salt = secrets.token_bytes(_SALT_BYTES)
     header = seal_format.magic + msgspec.msgpack.encode([salt, cost.operations_count, cost.memory_bytes])
@@ -80,7 +80,7 @@ def new_sealing_key(passphrase: str, seal_format: SealFormat, cost: PassphraseCo
 
 
 def open_sealed(data: bytes, passphrase: str, seal_format: SealFormat) -> tuple[bytes, SealingKey]:
-    """Return content and key for resealing. Raises SealedFileError, PassphraseError."""
+    """Return content, and key for resealing. Raises SealedFileError, PassphraseError."""
     try:
         header, nonce, sealed, checksum = msgspec.msgpack.decode(data, type=tuple[bytes, bytes, bytes, bytes])
     except msgspec.MsgspecError:

@@ -44,7 +44,6 @@ class ProofVerifier:
 
     @property
     def epoch(self) -> int:
-        """Number of the newest epoch entered."""
         return self._light_client.epoch.number
 
     def follow(self, answer: EpochsAnswer) -> bool:
@@ -78,9 +77,7 @@ class ProofVerifier:
         return self._genesis_header
 
     def values(self, answer: ProofsAnswer, keys: Sequence[bytes]) -> ProvedState:
-        """Return values proved for exactly these keys, in order. Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*,
-        PROOF_STALE.
-        """
+        """Proved for exactly these keys, in order. Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*, PROOF_STALE."""
         header = self.finality(answer.finality)
         if [read_hex(proof.key) for proof in answer.proofs] != list(keys):
             raise BlockRobotError("PROOF_INVALID", "The answer is for other keys than were asked for.")
@@ -92,7 +89,7 @@ class ProofVerifier:
         return ProvedState(header.height, header.timestamp_ms, values, answer)
 
     def receipt(self, evidence: TransactionEvidence, txid: bytes, index: int) -> FinalReceipt:
-        """Check a transaction's receipt in a final block. Raises PROOF_INVALID etc."""
+        """In a final block. Raises PROOF_INVALID etc."""
         header, block_id = self._follow(evidence)
         receipt = decode(read_hex(evidence.receipt), Receipt)
         leaf = tagged_hash("blockrobot/receipt-leaf", encode(receipt))
@@ -113,7 +110,7 @@ class ProofVerifier:
         )
 
     def _follow(self, evidence: TransactionEvidence) -> tuple[Header, bytes]:
-        """Follow headers to a final one; proofs older than the pin are valid."""
+        """Headers up to a final one; proofs older than the pin are valid."""
         chain = [read_hex(header) for header in evidence.headers]
         if not 1 <= len(chain) <= HEADERS_MAX_COUNT:
             raise BlockRobotError("PROOF_INVALID", "The evidence has no headers or too many.")

@@ -25,18 +25,17 @@ class HeaderClient(Protocol):
     light_client: LightClient
 
     @property
-    def nodes(self) -> tuple[NodeAddress, ...]:
-        """The nodes that are known."""
+    def nodes(self) -> tuple[NodeAddress, ...]: ...
 
     async def node_header(self, node: NodeAddress, key: PrivateKey) -> Header:
-        """Return the newest header that this node proves final, and pin it."""
+        """The newest that this node proves final; pinned."""
 
     async def state_values(self, keys: Any, key: PrivateKey) -> ProvedState:
-        """Return proved values of up to 128 flat keys."""
+        """Up to 128, proved."""
 
 
 async def confirm_with_quorum(client: HeaderClient, key: PrivateKey) -> bool:
-    """Return whether a quorum of producers answered with headers not older than the pin."""
+    """Did a quorum of producers answer with headers not older than the pin?"""
     seats = await _seats(client, key)
     epoch = client.light_client.epoch
     missing = {seat for seat in epoch.producers if seat in seats.values()}
@@ -73,7 +72,7 @@ async def require_quorum(client: HeaderClient, key: PrivateKey) -> None:
 
 
 async def is_rejected_by_network(client: HeaderClient, key: PrivateKey) -> bool:
-    """Return whether no node serves this key, and more than may be faulty reject it."""
+    """No node serves this key, and more than may be faulty reject it."""
 
     async def ask(node: NodeAddress) -> str:
         try:

@@ -51,7 +51,7 @@ class Sessions:
         self._tokens: OrderedDict[tuple[str, bytes, bytes], _Token] = OrderedDict()
 
     async def token(self, node: NodeAddress, key: PrivateKey, timeout_ms: int = REQUEST_TIMEOUT_MS) -> str:
-        """Return a valid token, opening a session if needed. Raises SESSION_REFUSED, NODE_UNREACHABLE etc."""
+        """Opens a session if needed. Raises SESSION_REFUSED, NODE_UNREACHABLE etc."""
         place = _place(node, key)
         known = self._tokens.get(place)
         if known is not None and known.expires_at_ms > self._clock.now_ms() + RENEW_BEFORE_MS:
@@ -63,7 +63,7 @@ class Sessions:
         return opened.text
 
     def open_token(self, node: NodeAddress, public_key: bytes) -> str | None:
-        """Return a key's open token at this node, excluding grants, or None."""
+        """Of this node, grants excluded."""
         known = self._tokens.get((node.name, public_key, b""))
         return known.text if known is not None and known.expires_at_ms > self._clock.now_ms() else None
 

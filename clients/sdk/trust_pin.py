@@ -28,7 +28,7 @@ def write_pin(light_client: LightClient, known: KnownNodes) -> bytes:
 
 
 def open_pin(genesis: Genesis, pinned: bytes | None) -> tuple[LightClient, KnownNodes | None]:
-    """Return a light client and nodes restored from the pin. Raises ENCODING_*, PROOF_INVALID for another chain's."""
+    """Raises ENCODING_*, PROOF_INVALID for another chain's."""
     if pinned is None:
         return LightClient(genesis), None
     pin = decode(pinned, Pin)
@@ -43,7 +43,7 @@ def read_pin(path: Path) -> bytes | None:
 
 
 def write_pin_file(path: Path, pin: bytes) -> None:
-    """Replace the pin atomically, readable by its owner only."""
+    """Replace atomically, readable by its owner only."""
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "wb") as file:

@@ -72,7 +72,7 @@ class Verdict:
 
     @property
     def visits_of_member(self) -> tuple[int, ...]:
-        """Numbers of visits with a record shown to be sealed to the member."""
+        """Visits with a record shown to be sealed to the member."""
         return tuple(visit.number for visit in self.visits if any(record.metadata_proved for record in visit.records))
 
 

@@ -100,9 +100,7 @@ def _read_leaves(opening: RecordOpening, state: RecordRow) -> list[bytes]:
 def walk_frames(
     visit: int, record: int, opening: RecordOpening, state: RecordRow, source: FrameSource, seen: set[bytes]
 ) -> Generator[Piece, None, list[FrameDocument]]:
-    """Yield a record's frame files in order; return documents. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN,
-    RENDITION_CORRUPTED.
-    """
+    """Yield a record's files in order; return documents. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN, RENDITION_CORRUPTED."""
     documents = []
     for index, leaf in enumerate(_read_leaves(opening, state)):
         salt = read_bytes(RECORD_OPENINGS, opening.salts[index])

@@ -50,7 +50,7 @@ def read_step(transaction: Transaction) -> KeyStep:
 def prove_sealing_keys(
     chain: ProvedChain, genesis: Genesis, history: doc.KeyHistory, member: bytes, row: MemberRow
 ) -> tuple[bytes, ...]:
-    """Return the person's proved sealing keys, oldest first. Raises BUNDLE_UNPROVEN unless linked to `member`."""
+    """Return proved sealing keys, oldest first. Raises BUNDLE_UNPROVEN unless linked to `member`."""
     if not 1 <= len(history.steps) <= STEPS_MAX_COUNT:
         raise BlockRobotError("BUNDLE_INVALID", f"{KEY_HISTORY} has no steps, or too many.")
     steps = [_prove_step(chain, genesis, step) for step in history.steps]
@@ -77,7 +77,7 @@ def _prove_step(chain: ProvedChain, genesis: Genesis, step: doc.KeyChange) -> tu
 
 
 def own_steps(events: Sequence[tuple[bytes, str, dict[str, Any]]], member: bytes) -> list[bytes]:
-    """Return a member's key-changing transaction ids, oldest first."""
+    """Return ids of a member's key changes, oldest first."""
     before = {data["new_member"]: (txid, data["member"]) for txid, name, data in events if name == ROTATED}
     registered = {data["member"]: txid for txid, name, data in events if name == REGISTERED}
     found: list[bytes] = []

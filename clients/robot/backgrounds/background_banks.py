@@ -181,12 +181,12 @@ def check_empty(frames: Sequence[Depth]) -> None:
 
 
 def moved_px(frames: Sequence[Depth]) -> int:
-    """Return the largest half-resolution blob (px) that differs from the median."""
+    """Return the largest half-resolution blob that differs from the median."""
     return _largest_px(_most_changed(frames)[1])
 
 
 def _most_changed(frames: Sequence[Depth]) -> tuple[int, Mask]:
-    """Return the most-changed frame and half-resolution mask; rarely measured pixels count."""
+    """Return frame number and half-resolution mask; seldom measured pixels count."""
     halves = np.stack([frame[::2, ::2] for frame in frames])
     measured = np.count_nonzero(halves, axis=0)
     usual = np.take_along_axis(np.sort(halves, axis=0), (len(frames) - 1 - measured // 2)[None], axis=0)[0]
@@ -251,6 +251,5 @@ def _pngs(folder: Path, stored: _Stored) -> list[bytes]:
 
 
 def _digest(stored: _Stored, pngs: Sequence[bytes]) -> str:
-    """Return the approval's digest: viewpoint and all present frames."""
     parts = [stored.viewpoint.encode(), *(hashlib.sha256(png).digest() for png in pngs)]
     return hashlib.sha256(b"\n".join(parts)).hexdigest()

@@ -19,14 +19,12 @@ FOLDER = "empty-frames"
 class PublishingNetwork(Protocol):
     """What publishing needs of the network."""
 
-    async def approve_empty_frames(self, frames: tuple[EmptyFrame, ...], approver: PrivateKey) -> None:
-        """Approve frames on the chain."""
+    async def approve_empty_frames(self, frames: tuple[EmptyFrame, ...], approver: PrivateKey) -> None: ...
 
-    async def find_unapproved(self, frames: tuple[EmptyFrame, ...]) -> list[EmptyFrame]:
-        """Return the frames that are not approved."""
+    async def find_unapproved(self, frames: tuple[EmptyFrame, ...]) -> list[EmptyFrame]: ...
 
     async def publish_empty_frames(self, frames: tuple[EmptyFrame, ...]) -> None:
-        """Bring frames to the custodians."""
+        """To the custodians."""
 
 
 async def publish_frames(
@@ -48,7 +46,7 @@ async def publish_frames(
 
 
 def write_for_approval(robot: Path, member: bytes, frames: list[EmptyFrame]) -> Path:
-    """Write frames and preview for approval; return their folder."""
+    """Write frames and preview; return their folder."""
     place = robot / FOLDER
     place.mkdir(parents=True, exist_ok=True, mode=0o700)
     for old in place.glob("*.png"):

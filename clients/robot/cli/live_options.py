@@ -108,7 +108,7 @@ def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:
 
 
 def open_camera(options: Mapping[str, Any], tell: Tell) -> LiveSource:
-    """Return the camera alone. Raises as `open_live`."""
+    """The camera alone. Raises as `open_live`."""
     alone = replace(live_topics(options), tags=(), rgb="", labels=None, audio=None)
     return LiveSource(make_feeds(options["source"], options)[:1], alone, tell)
 

@@ -27,7 +27,7 @@ class RobotPlace:
     passphrase_file: Path | None = None
 
     def find_passphrase(self) -> str | None:
-        """Return the passphrase or None, by file, systemd or terminal. Raises ROBOT_NOT_FOUND, REQUEST_INVALID."""
+        """Take it from a file, systemd or the terminal. Raises ROBOT_NOT_FOUND, REQUEST_INVALID."""
         if not is_sealed(self.folder):
             return None
         handed = os.environ.get("CREDENTIALS_DIRECTORY")
@@ -37,7 +37,7 @@ class RobotPlace:
         return str(click.prompt("Passphrase of the robot", hide_input=True, err=True)) if can_ask() else None
 
     def get_approver(self, organisation: str | None) -> PrivateKey | None:
-        """Return the organisation's admin key beside the genesis file. Raises ORGANISATION_KEY_NOT_FOUND."""
+        """Return the organisation's admin key. Raises ORGANISATION_KEY_NOT_FOUND."""
         if organisation is None:
             return None
         file = self.genesis.parent / "organisations" / organisation / "admin.key"
@@ -47,7 +47,7 @@ class RobotPlace:
             raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key file {file}.") from None
 
     def load(self) -> RobotIdentity:
-        """Return the robot's keys. Raises as `load_identity`."""
+        """Raises as `load_identity`."""
         return load_identity(self.folder, self.find_passphrase())
 
 

@@ -1,9 +1,9 @@
 """Whom the robot may record now, by consents that the chain proves.
 
-Rule: keep a picture only under a fresh view, for a confirmed person whose consent to purpose and sensor holds and
-covers the time taken. A refusal counts once seen, for everything not yet on chain. A sealed clip is recorded only by a
-view of a block later than its last picture, or looked up `SETTLED_AFTER_MS` after it and confirmed by over two thirds
-of producers. Fresh: header at most `STALE_AFTER_MS` (or two heartbeats) old, at most `CLOCK_AHEAD_MAX_MS` ahead.
+A picture is kept only under a fresh view, for a confirmed person whose consent to purpose and sensor holds and covers the
+time taken. A refusal counts once seen, for everything not yet on chain. A sealed clip is recorded only by a view of a block
+later than its last picture, or looked up `SETTLED_AFTER_MS` after it and confirmed by over two thirds of producers. Fresh:
+header at most `STALE_AFTER_MS` (or two heartbeats) old, at most `CLOCK_AHEAD_MAX_MS` ahead.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ _log = structlog.get_logger("consents")
 
 
 def compute_stale_after_ms(heartbeat_ms: int) -> int:
-    """Return the maximum header age in ms, for idle chains' heartbeat blocks."""
+    """Return the maximum header age, for idle chains' heartbeat blocks."""
     return max(STALE_AFTER_MS, 2 * heartbeat_ms)
 
 
 def compute_person_tag(spool_key: bytes, handle: bytes) -> bytes:
-    """Return a person's 32-byte spool tag: HMAC under the spool's key."""
+    """Return 32 bytes: HMAC under the spool's key."""
     return hmac.new(spool_key, _PERSON_TAG + handle, hashlib.sha256).digest()
 
 
@@ -62,7 +62,7 @@ class ConsentFigures:
     clips_dropped: int = 0
 
     def summarise(self, stale_now_ms: int = 0) -> ConsentCounts:
-        """Return the counts; `stale_now_ms`: for how long the view has been stale now."""
+        """`stale_now_ms`: for how long the view has been stale now."""
         return ConsentCounts(
             readings=self.readings,
             failed_readings=self.failures,
@@ -142,10 +142,7 @@ class Consents:
             return False
 
     def _note_beginnings(self, view: Reading) -> None:
-        """Start a consent seen before its height at the first block from there.
-
-        An unbroken prolongation keeps that block's start.
-        """
+        """A consent seen before its height begins at the first block from there; unbroken prolongation keeps its start."""
         places = dict(_places(view))
         self._begun_ms = {place: began for place, began in self._begun_ms.items() if place in places}
         self._coming &= places.keys()
@@ -239,7 +236,7 @@ class Consents:
         return any(place[:3] == (handle, purpose, sensor) for place in self._coming)
 
     def find_beginning(self, handle: bytes, purpose: str, sensor: str) -> int | None:
-        """Return when the present unbroken consent began, or None."""
+        """Return when the present unbroken consent began."""
         consent = None if self._view is None else self._consent(self._view, handle, purpose, sensor)
         return None if consent is None else self._began_ms(handle, purpose, sensor, consent)
 
@@ -256,9 +253,8 @@ class Consents:
         return compute_person_tag(self._person_key, handle)
 
     async def decide_recording(self, clip: SpooledClip) -> bool:
-        """Wait for a fresh view later than the clip's last picture; return whether it may be recorded.
-
-        In replays faster than real time, the sealing time counts. Raises SESSION_REFUSED, INTERNAL.
+        """Wait for a fresh view later than the clip's last picture; return whether it may be recorded. In replays faster
+        than real time, the sealing time counts. Raises SESSION_REFUSED, INTERNAL.
         """
         handle = self._persons.get(clip.person)
         ends = (clip.captured_from_ms, clip.captured_until_ms)

@@ -1,7 +1,6 @@
-"""Reads proved keys, status and consents of everybody on a roster.
+"""Reads proved keys, status and consents of everybody on a roster, in fixed order, so a node learns nothing of who is near.
 
-The whole registry is read in fixed order, so a node learns nothing of who is near. Two on-chain numbers show changes;
-while equal, a small proof renews a reading.
+Two on-chain numbers show changes; while equal, a small proof renews a reading.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ _COUNTS = (identity.CHANGES.flat, consent.CHANGES.flat)
 
 
 class RegistryClient(ProvingClient, Protocol):
-    """What reads the registry: `clients.sdk.network_client.NetworkClient`."""
+    """`clients.sdk.network_client.NetworkClient`."""
 
     async def catch_up(self, key: PrivateKey) -> object:
         """Use the node with the newest final header."""
@@ -39,7 +38,7 @@ class Majority(Protocol):
 
 
 class NetworkMajority:
-    """The majority of a network's nodes, asked in the robot's session."""
+    """Nodes asked in the robot's session."""
 
     def __init__(self, client: HeaderClient, key: PrivateKey) -> None:
         self._client = client
@@ -75,10 +74,8 @@ class RegistryReader:
         await self._client.catch_up(self._key)
 
     async def read(self, known: Reading | None) -> Reading:
-        """Return a new reading; `known` is carried on while nothing changed.
-
-        Valid as of the change numbers, which are read first: later changes show next time. Raises PROOF_INVALID,
-        PROOF_STALE, network errors.
+        """Return a new reading; `known` is carried on while nothing changed. Change numbers are read first: later changes
+        show next time. Raises PROOF_INVALID, PROOF_STALE, network errors.
         """
         state = await self._client.state_values(_COUNTS, self._key)
         counts = tuple(state.values[key] for key in _COUNTS)

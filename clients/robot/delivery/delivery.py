@@ -1,7 +1,7 @@
 """Delivers spooled clips to custodians and chain: upload, record, confirm.
 
-One transaction per clip, after up to 0.5 s random delay, so a scene's owners are not adjacent on chain. Visits are
-announced first. Steps are idempotent; after a crash, spooled clips are delivered again.
+One transaction per clip, after up to 0.5 s random delay, so a scene's owners are not adjacent on chain. Steps are
+idempotent; after a crash, spooled clips are delivered again.
 """
 
 from __future__ import annotations
@@ -45,15 +45,14 @@ class ConsentEnded(Exception):  # noqa: N818 - no error: the person's word
     """The clip's person no longer consents."""
 
 
-async def _nothing(_: SpooledClip) -> None:
-    """Take no notice of a clip that was destroyed."""
+async def _nothing(_: SpooledClip) -> None: ...
 
 
 class DeliveryNetwork(Protocol):
     """What delivery needs of the network, signed as the robot."""
 
     def sign(self, contract: str, entry: str, arguments: list[Any]) -> Transaction:
-        """Sign a call as the robot."""
+        """As the robot."""
 
     async def submit_and_wait(self, transaction: Transaction) -> Confirmation:
         """Raises network errors."""
@@ -64,16 +63,14 @@ class DeliveryNetwork(Protocol):
     async def knows_visit(self, owner: bytes) -> bool:
         """Raises network errors."""
 
-    def now_ms(self) -> int:
-        """Wall clock in ms."""
+    def now_ms(self) -> int: ...
 
 
 class Confirmation(Protocol):
     """A final receipt."""
 
     @property
-    def ok(self) -> bool:
-        """Whether the call succeeded."""
+    def ok(self) -> bool: ...
 
     @property
     def code(self) -> str:
@@ -103,9 +100,8 @@ class Delivery:
         on_dropped: Callable[[SpooledClip], Awaitable[None]] = _nothing,
         at_once: bool = False,
     ) -> None:
-        """`decide_recording` is checked before each announcement or record, and again after upload.
-
-        Refused clips are destroyed; `on_dropped` is called once that is durable.
+        """`decide_recording` is checked before each announcement or record, and after upload. Refused clips are destroyed,
+        then `on_dropped` is called.
         """
         self._spool = spool
         self._network = network
@@ -162,17 +158,15 @@ class Delivery:
         self._known_visits.add(clip.owner)
 
     async def close_visits(self, visits: OpenVisits) -> None:
-        """Close all visits known to the chain and forget all, after delivery of every clip.
-
-        Closing does not reveal visits destroyed before announcement. If a restart leaves this unknown, a node is asked.
+        """Close all visits known to the chain and forget all, after delivery of every clip. Visits destroyed before
+        announcement are not revealed. If a restart leaves this unknown, a node is asked.
         """
         for owner, record_count in visits.counts.items():
             await self._close(visits, owner, record_count)
 
     async def close_over(self, visits: OpenVisits, goes_on: Callable[[bytes], bool]) -> None:
-        """Close this run's ended visits whose records are all final; retry others next time.
-
-        `goes_on` is checked before the record count is read, so the count is complete.
+        """Close this run's ended visits whose records are all final; others next time. `goes_on` is checked before the
+        record count is read, so the count is complete.
         """
         for owner in visits.counts:
             if owner in visits.inherited or goes_on(owner) or self._done_counts[owner] != visits.counts[owner]:
@@ -234,9 +228,8 @@ class Delivery:
         clip: SpooledClip | None = None,
         upload: ClipUpload | None = None,
     ) -> tuple[bytes, int]:
-        """Upload, then submit until final, across disconnections and expiries; return (txid, submission time).
-
-        Raises NOT_PERMITTED if the contract refuses, ConsentEnded.
+        """Upload, then submit until final, across disconnections and expiries; return (txid, submission time). Raises
+        NOT_PERMITTED if the contract refuses, ConsentEnded.
         """
         wait_ms = RETRY_FIRST_MS
         while True:
@@ -304,7 +297,7 @@ class Delivery:
         await asyncio.shield(task)
 
     async def _destroy(self, name: str, clip: SpooledClip) -> None:
-        """Destroy a clip, then report it: a crash between shows it as missing."""
+        """Destroyed before it is reported: a crash between shows it as missing."""
         async with self._destroying:
             await asyncio.to_thread(self._spool.destroy, name)
             await self._on_dropped(clip)

@@ -28,10 +28,8 @@ class _Pool:
 
 
 class CompanionWatch:
-    """Follows silhouettes by nearest place and averages their log-odds over about 0.7 s.
-
-    `merged`: pooled to two; `contact`: two in this frame only, withheld on the same track. Not thread-safe; one per
-    camera.
+    """Follows silhouettes by nearest place and averages their log-odds over about 0.7 s. `merged`: pooled to two;
+    `contact`: two in this frame only, withheld on the same track. One per camera; not thread-safe.
     """
 
     def __init__(self, model: Trees | None = None) -> None:

@@ -1,7 +1,7 @@
-"""Redacts a camera's stream frame by frame: one verdict per covered frame and owner, nobody else in any picture.
+"""Redacts a camera's stream frame by frame: a `KeptFrame` or `WithheldFrame` per covered frame and owner, in time order,
+nobody else in any picture.
 
-Silhouettes are cut out on arrival and whole frames never held. A `KeptFrame` or `WithheldFrame` per owner in time
-order; ambiguity means withheld.
+Silhouettes are cut out on arrival and whole frames never held; ambiguity means withheld.
 """
 
 from __future__ import annotations
@@ -83,9 +83,8 @@ class _Seen:
 
 
 class FrameRedactor:
-    """Pairs, segments, tracks, matches and cuts one camera's stream. Not thread-safe.
-
-    Calls return settled outputs: each frame's `Decision` once, then `KeptFrame` or `WithheldFrame` per owner.
+    """Pairs, segments, tracks, matches and cuts. Not thread-safe. Calls return settled outputs: each frame's `Decision`
+    once, then `KeptFrame` or `WithheldFrame` per owner.
     """
 
     def __init__(
@@ -114,7 +113,6 @@ class FrameRedactor:
 
     @property
     def form(self) -> SampleForm:
-        """A depth frame's."""
         height, width = self._background.shape
         return SampleForm(width, height, ENCODING_PNG16)
 
@@ -138,9 +136,8 @@ class FrameRedactor:
         return self._queue_decided(decided) if decided else []
 
     def push_frame(self, frame: Frame) -> list[Output]:
-        """Add a frame. Raises FRAME_INVALID for wrong size or a held sequence number.
-
-        Also raises FRAME_TIME_WRONG and PAIRING_FULL as `Pairing.add_frame`; a receipt time vouches for the stamp.
+        """Raises FRAME_INVALID for wrong size or a held sequence number, FRAME_TIME_WRONG and PAIRING_FULL as
+        `Pairing.add_frame`; a receipt time vouches for the stamp.
         """
         depth = check_depth(frame.depth, shape=self._background.shape)
         if frame.sequence in self._seen:
@@ -183,7 +180,7 @@ class FrameRedactor:
         return [*before, *self._queue_decided(decided)]
 
     def advance(self, now_ms: int) -> list[Output]:
-        """Advance time, for a stopped camera."""
+        """For a stopped camera."""
         self.matcher.advance(now_ms - self.pairing.lateness_ms)
         return self._queue_decided(self.pairing.advance(now_ms))
 
@@ -224,7 +221,7 @@ class FrameRedactor:
         return outputs
 
     def _verdict(self, alias: str, seen: _Seen, *, due: bool) -> KeptFrame | WithheldFrame | None:
-        """Return one verdict, or None while readings may still change it."""
+        """Return None while readings may still change it."""
         number = self.matcher.bound_track(alias, seen.tracks)
         if number is not None and number in seen.cutouts:
             alone = len(seen.tracks) == 1 and not seen.merged and not seen.stray
@@ -260,7 +257,7 @@ class FrameRedactor:
 
 
 def _stray_px(segmented: Segmented) -> int:
-    """Return half-resolution foreground px outside silhouettes."""
+    """Half-resolution foreground outside silhouettes."""
     if segmented.labels is None:
         return 0
     counts = np.bincount(segmented.labels.ravel() + 1, minlength=2)  # labels begin with -1

@@ -1,7 +1,7 @@
 """Likelihood of a tag's readings, worn by a followed person or by an absent bearer.
 
-Mixtures of Kalman filters, one reading at a time; natural log densities, metres, ms. State: position (m; bias if in
-view), speed (m/s), reader drift (standard deviations). Uninformative readings change nothing.
+Mixtures of Kalman filters, one reading at a time; natural log densities, metres, ms. State: position (m; bias if in view),
+speed (m/s), reader drift (standard deviations).
 """
 
 from __future__ import annotations
@@ -134,7 +134,6 @@ def log_evidence(belief: Belief) -> tuple[float, float]:
 
 
 def log_sum(values: list[float]) -> float:
-    """Return log(sum(exp(values)))."""
     top = max(values)
     return top if math.isinf(top) else top + math.log(sum(math.exp(value - top) for value in values))
 

@@ -1,7 +1,7 @@
 """Binds tags to tracks by likelihood over whole tracks, against rivals and an absent bearer.
 
-Bind at log-odds 9.2, unbind below 0. No binding without informative distances, nor while an unfollowed person at
-similar range may be the bearer. Readings are weighed by time taken.
+Bind at log-odds 9.2, unbind below 0. No binding without informative distances, nor while an unfollowed person at similar
+range may be the bearer.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class _Tag:
 
 
 class Matcher:
-    """Holds each tag's readings by alias and decides the bearer's track."""
+    """Each tag's readings by alias, and its bearer's track."""
 
     def __init__(self) -> None:
         self._tags: dict[str, _Tag] = {}
@@ -154,10 +154,8 @@ class Matcher:
         self._now_ms: int | None = None
 
     def note_unfollowed(self, at_ms: int, ranges: Sequence[float]) -> None:
-        """Record ranges (m) of people not followed, or possibly hidden, in this frame.
-
-        Call in time order, before `advance` to that time. Readings beside it only count against binding people at
-        similar range: the real bearer may lack a track.
+        """Record ranges (m) of people not followed, or possibly hidden, in time order, before `advance` to that time.
+        Readings beside them only count against binding people at similar range: the real bearer may lack a track.
         """
         # From the frame before, so that a reading between the two counts the same whether it comes in time or late.
         after_ms = at_ms - NEAREST_RANGE_MS if self._now_ms is None else min(self._now_ms, at_ms - 1)
@@ -167,9 +165,8 @@ class Matcher:
         self._tracks[track.number] = track
 
     def add_sighting(self, alias: str, sighting: Sighting, *, known: bool = True) -> None:
-        """Add a reading in any order, duplicates once; the next `advance` weighs it.
-
-        Too old or a minute ahead of the camera: dropped. Not `known` (off the roster): evicted first.
+        """Add in any order, duplicates once; the next `advance` weighs it. Too old or a minute ahead of the camera:
+        dropped. Not `known` (off the roster): evicted first.
         """
         now_ms = self._now_ms
         if now_ms is not None and not _first_kept_ms(now_ms) <= sighting.middle_ms <= now_ms + AHEAD_MAX_MS:
@@ -200,7 +197,7 @@ class Matcher:
         self._waiting.clear()
 
     def bound_track(self, alias: str, present: Sequence[int]) -> int | None:
-        """Return the one present track that the tag is bound to; None if none, several, or also another tag's."""
+        """None if none, several, or also another tag's."""
         mine = [number for number in present if self._is_bound(alias, number)]
         if len(mine) != 1:
             return None
@@ -226,7 +223,7 @@ class Matcher:
         return {number: score.odds for number, score in scores if score.odds is not None}
 
     def explain(self, alias: str, present: Sequence[int]) -> MatchEvidence | None:
-        """Return best-fit evidence, None if never compared."""
+        """Best fit; None if never compared."""
         tag = self._tags.get(alias)
         if tag is None:
             return None
@@ -272,10 +269,7 @@ class Matcher:
         return score is not None and score.bound
 
     def _make_room(self, *, known: bool) -> bool:
-        """Evict the longest-silent stranger's tag, or for a roster tag a roster one.
-
-        Return whether there is room. An evicted tag's owner is withheld, never shown.
-        """
+        """Evict the longest-silent stranger's tag, or for a roster tag a roster one; its owner is withheld, never shown."""
         order = {alias: (tag.known, tag.readings[-1].middle_ms, alias) for alias, tag in self._tags.items()}
         oldest = min(order, key=lambda alias: order[alias])
         if self._tags[oldest].known and not known:
@@ -401,7 +395,7 @@ def _without_nonsense(sighting: Sighting) -> Sighting:
 
 
 def _find_delay_ms(readings: Sequence[Sighting], track: Track) -> int | None:
-    """Return how far tag distances lag behind the track in ms, None if no shift helps; reported only."""
+    """Return how far distances lag behind the track, None if no shift helps; reported only."""
     measured = [reading for reading in readings if reading.distance_m is not None][-SHIFT_READINGS_MAX_COUNT:]
     if len(measured) < SHIFT_READINGS_MIN_COUNT or not track.times:
         return None

@@ -103,7 +103,7 @@ def foreground_of(depth: Depth, background: Depth, threshold: Depth) -> Bytes2D:
 
 
 def _cut_at_edges(foreground: Bytes2D, half: Depth) -> None:
-    """Remove pixels at depth jumps, in place."""
+    """At depth jumps, in place."""
     signed = half.astype(np.int32)
     across = np.abs(np.diff(signed, axis=1)) > DEPTH_EDGE_MM
     down = np.abs(np.diff(signed, axis=0)) > DEPTH_EDGE_MM
@@ -141,10 +141,7 @@ def _pieces(half: Depth, raw: Labels, stats: npt.NDArray[np.int32], count: int, 
 
 
 def _with_aids(pieces: list[_Piece], focal: float) -> list[_Piece]:
-    """Join low small pieces just before a lone body to it (walking frame, knees).
-
-    Near two bodies they stay separate; whoever they touch is withheld.
-    """
+    """Join low small pieces just before a lone body to it (walking frame, knees); near two bodies they stay apart."""
     small = [_is_small(piece, focal) for piece in pieces]
     kept = []
     for piece, is_small in zip(pieces, small, strict=True):

@@ -1,7 +1,7 @@
 """Follows silhouettes between frames in plan view.
 
-A track is certainly one person, or ends: if two people may have been exchanged, both tracks end. A person lost beside
-another counts as hidden until equally many are seen again.
+If two people may have been exchanged, both tracks end. A person lost beside another counts as hidden until equally many are
+seen again.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Track:
         return self.x_m + self.speed_x * ahead, self.z_m + self.speed_z * ahead
 
     def range_at(self, at_ms: int) -> float | None:
-        """Return the nearest measured range, None if too far."""
+        """None if too far."""
         place = bisect_left(self.times, at_ms)
         near = [i for i in (place - 1, place) if 0 <= i < len(self.times)]
         best = min(near, key=lambda i: abs(self.times[i] - at_ms), default=None)
@@ -83,10 +83,7 @@ class Track:
 
 @dataclass(slots=True, eq=False)
 class _Together:
-    """Where people were last together: number unseen, tracks of those seen apart.
-
-    `counted`: tracks ended in this step and already among the hidden.
-    """
+    """Where people were last together. `counted`: tracks ended in this step and already among the hidden."""
 
     x_m: float
     z_m: float
@@ -103,7 +100,7 @@ class _Together:
             self.x_m, self.z_m, self.seen_ms = track.x_m, track.z_m, max(self.seen_ms, track.seen_ms)
 
     def is_open(self, at_ms: int) -> bool:
-        """Whether it matters: until equally many are seen at once."""
+        """Until equally many are seen at once."""
         all_seen = self.hidden_count == 0 and len({track.seen_ms for track in self.apart}) <= 1
         return not all_seen and at_ms - self.seen_ms <= (HIDDEN_MS if self.apart else GONE_MS)
 
@@ -239,9 +236,8 @@ class Tracker:
                 return
 
     def _note_apart(self, track: Track, before: Track | None, at_ms: int) -> None:
-        """Record that a possibly hidden person is seen alone.
-
-        If track `before` just ended in doubt and was not counted hidden, the number hidden stays.
+        """Record that a possibly hidden person is seen alone; if `before` just ended in doubt and was not counted, the
+        number hidden stays.
         """
         near = [g for g in self._together if g.hidden_count > 0 and g.is_near(track.x_m, track.z_m, at_ms)]
         if not near:

@@ -96,7 +96,7 @@ def is_sealed(folder: Path) -> bool:
 def change_passphrase(
     folder: Path, passphrase: str | None, new: str | None, cost: PassphraseCost | None = None
 ) -> None:
-    """Replace the passphrase; None unseals. Raises as `load_identity`, SPOOL_FULL."""
+    """None unseals. Raises as `load_identity`, SPOOL_FULL."""
     write_durably(folder / _FILE, _to_bytes(_read(folder, passphrase), new, cost))
 
 

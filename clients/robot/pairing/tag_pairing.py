@@ -1,7 +1,7 @@
 """Decides which tags own a frame: sighting [a, b] covers [a - window, b + window].
 
-Frames are decided once no possible sighting can change owners (`lateness_ms` after first reading). All bounded; rejects
-raise or count in `refused`. Only aliases, never tag UIDs.
+Frames are decided once no possible sighting can change owners (`lateness_ms` after first reading). Rejects raise or count
+in `refused`. Only aliases, never tag UIDs.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Decision:
 
 
 class _Intervals:
-    """A union of closed intervals, as sorted disjoint pairs."""
+    """Sorted disjoint closed intervals."""
 
     def __init__(self) -> None:
         self._starts: list[int] = []
@@ -75,10 +75,9 @@ class _Intervals:
 
 
 class Pairing:
-    """Pairs frames with sightings that may be late, early, duplicate or unordered.
-
-    Stream time: newest frame, receipt or `advance`. Later than `lateness_ms` counts in `late_count`, covering undecided
-    frames. A clock set back over `MEMORY_MS` starts a new timeline; single such stamps are rejected.
+    """Pairs frames with sightings that may be late, early, duplicate or unordered. Stream time: newest frame, receipt or
+    `advance`. Later than `lateness_ms` counts in `late_count`, covering undecided frames. A clock set back over `MEMORY_MS`
+    starts a new timeline; single such stamps are rejected.
     """
 
     def __init__(self, window_ms: int = WINDOW_DEFAULT_MS, lateness_ms: int = LATENESS_DEFAULT_MS) -> None:
@@ -99,10 +98,8 @@ class Pairing:
         return len(self._waiting)
 
     def add_frame(self, sequence: int, captured_at_ms: int, *, vouched: bool = False) -> list[Decision]:
-        """Add a frame and return new decisions; `vouched`: stamp agrees with receipt.
-
-        Raises FRAME_TIME_WRONG if unvouched and over `MEMORY_MS` off, until `CONFIRM_COUNT` in a row agree;
-        PAIRING_FULL.
+        """`vouched`: the stamp agrees with receipt. Raises FRAME_TIME_WRONG if unvouched and over `MEMORY_MS` off, until
+        `CONFIRM_COUNT` in a row agree; PAIRING_FULL.
         """
         self._check_time(sequence, captured_at_ms, vouched=vouched)
         made: list[Decision] = []
@@ -123,10 +120,7 @@ class Pairing:
         known: bool = True,
         received_at_ms: int | None = None,
     ) -> list[Decision]:
-        """Add a sighting and return new decisions; `known`: on the roster.
-
-        Strangers' tags count as one. Too distant in time or without room: counted in `refused`.
-        """
+        """`known`: on the roster; strangers' tags count as one. Too distant or without room: counted in `refused`."""
         now = self.now_ms if received_at_ms is None else max(received_at_ms, self.now_ms or received_at_ms)
         if now is not None:
             if first_seen_ms > now + MEMORY_MS or last_seen_ms < now - MEMORY_MS:
@@ -145,7 +139,7 @@ class Pairing:
         return self.advance(now) if now is not None and now != self.now_ms else []
 
     def advance(self, now_ms: int) -> list[Decision]:
-        """Advance, never back; return decisions in time order."""
+        """Never back; decisions in time order."""
         self.now_ms = now_ms if self.now_ms is None else max(self.now_ms, now_ms)
         made = []
         while self._waiting and self._waiting[0][0] + self.window_ms + self.lateness_ms < self.now_ms:
@@ -165,7 +159,7 @@ class Pairing:
         return made
 
     def owners_so_far(self, captured_at_ms: int) -> tuple[str, ...]:
-        """Return owners so far; later sightings only add."""
+        """Later sightings only add."""
         return tuple(sorted(alias for alias, seen in self._known.items() if seen.covers(captured_at_ms)))
 
     def _check_time(self, sequence: int, captured_at_ms: int, *, vouched: bool) -> None:

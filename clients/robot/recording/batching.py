@@ -53,12 +53,12 @@ class Batcher:
         return ready
 
     def add_withheld(self, alias: str, reason: str, count: int = 1) -> None:
-        """Count withheld frames, reported with the owner's next clip."""
+        """Told with the owner's next clip."""
         counts = self._open.setdefault(alias, OpenClip()).withheld
         counts[reason] = counts.get(reason, 0) + count
 
     def drop(self, alias: str) -> list[KeptFrame]:
-        """Drop one owner's waiting frames and return them."""
+        """Return an owner's waiting frames."""
         clip = self._open.pop(alias, None)
         return clip.frames if clip is not None else []
 

@@ -24,7 +24,7 @@ def seal_content(name: str, key: bytes, content: bytes) -> bytes:
 
 
 def read_sealed(path: Path, key: bytes) -> bytes:
-    """Return a sealed file's content. Raises SPOOL_DAMAGED."""
+    """Raises SPOOL_DAMAGED."""
     try:
         data = path.read_bytes()
         return crypto_aead_xchacha20poly1305_ietf_decrypt(
@@ -37,7 +37,7 @@ def read_sealed(path: Path, key: bytes) -> bytes:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """Replace a file atomically and durably, user-only. Raises SPOOL_FULL."""
+    """Replace atomically, user-only. Raises SPOOL_FULL."""
     temporary = path.with_name(TEMPORARY_PREFIX + path.name)
     try:
         with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
@@ -53,7 +53,7 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Sync a folder, so that renames and removals survive power loss."""
+    """So that renames and removals survive power loss."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,7 +1,7 @@
 """One sensor's way from hiding to a sealed clip: consent, batching, sealing.
 
-Consent is checked by the current registry view at tag reading, after hiding, at sealing, and (in delivery) before
-recording; waiting samples are dropped once a refusal is seen.
+Consent is checked at tag reading, after hiding, at sealing, and (in delivery) before recording; waiting samples are dropped
+once a refusal is seen.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class SensorTrack:
         return refusal is None
 
     def process(self, output: KeptFrame | WithheldFrame) -> list[ReadyClip]:
-        """Add what came out of hiding; return the clips that it closes."""
+        """Return the clips that an output closes."""
         row = self._people[output.alias]
         refusal = self._find_withhold_reason(row, output.captured_at_ms + self._offset_ms)
         if isinstance(output, KeptFrame) and refusal is None:
@@ -114,7 +114,7 @@ class SensorTrack:
         return self.batcher.flush() if final else self.batcher.close_idle(self._now_ms())
 
     def seal(self, ready: ReadyClip) -> SpooledClip | None:
-        """Seal what of a clip may be sealed now, None if nothing may."""
+        """None if nothing may be sealed."""
         clip = self.admit(ready)
         if clip is None:
             return None
@@ -138,7 +138,7 @@ class SensorTrack:
         return sealed
 
     def admit(self, clip: ReadyClip) -> ReadyClip | None:
-        """Return a clip's sealable part, or None."""
+        """Return the part that may be sealed."""
         row = self._people[clip.alias]
         kept, stale_count = [], 0
         for frame in clip.frames:
@@ -171,7 +171,7 @@ class SensorTrack:
 
     @property
     def _offset_ms(self) -> int:
-        """Robot clock minus camera clock; samples and readings carry camera time."""
+        """Robot clock minus camera clock, which samples and readings carry."""
         return self._run.clocks.camera_offset_ms
 
     def _find_beginning(self, row: RosterRow) -> int | None:

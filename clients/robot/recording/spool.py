@@ -1,7 +1,7 @@
 """The robot's spool: sealed clips on disk until their records are final.
 
-One file per clip, encrypted under the spool key, written atomically. Refused clips lose their name before overwriting,
-so no later run delivers them.
+One file per clip, encrypted under the spool key. Refused clips lose their name before overwriting, so no later run delivers
+them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class SpooledClip(Wire, frozen=True):
 
 
 def number_of(name: str) -> int:
-    """Return a clip name's number, higher for later ones."""
+    """Higher for later clips."""
     return int(name.removesuffix(_SUFFIX))
 
 
@@ -76,7 +76,7 @@ class Spool:
         return sorted(self._sizes)
 
     def put(self, clip: SpooledClip) -> str:
-        """Store a clip atomically and durably. Raises SPOOL_FULL."""
+        """Atomic and durable. Raises SPOOL_FULL."""
         name = f"{self._next:012d}{_SUFFIX}"
         sealed = seal_content(name, self._key, encode(clip))
         if self.size_bytes + len(sealed) > self._max_bytes:
@@ -88,7 +88,7 @@ class Spool:
         return name
 
     def get(self, name: str) -> SpooledClip:
-        """Read a clip. Raises SPOOL_DAMAGED."""
+        """Raises SPOOL_DAMAGED."""
         content = read_sealed(self._folder / name, self._key)
         try:
             return decode(content, SpooledClip)
@@ -102,7 +102,7 @@ class Spool:
         self._sizes.pop(name, None)
 
     def destroy(self, name: str) -> None:
-        """Overwrite and remove a clip; residues stay sealed to its owner."""
+        """Overwrite and remove; residues stay sealed to the owner."""
         path = self._folder / name
         doomed = path.with_name(TEMPORARY_PREFIX + name)
         try:

@@ -1,7 +1,7 @@
-"""Counts of visits still to be closed, kept across crashes.
+"""Visits still to be closed, kept across crashes: encrypted owner keys and counts.
 
-Encrypted owner keys and counts. A clip is counted after spooling, saved before delivery;
-`recover_spooled` counts a missed one. Counts change on the event loop; call `save` in a thread.
+A clip is counted after spooling, saved before delivery; `recover_spooled` counts a missed one. Counts change on the event
+loop; call `save` in a thread.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class _Kept:
 
 
 class OpenVisits:
-    """Counts of open visits in one file; `inherited`: owner keys from earlier runs."""
+    """One file; `inherited`: owner keys from earlier runs."""
 
     def __init__(self, path: Path, key: bytes) -> None:
         """Raises SPOOL_DAMAGED."""
@@ -82,15 +82,15 @@ class OpenVisits:
         self.save()
 
     def count(self, owner: bytes, sealed_count: int) -> None:
-        """Record the number of sealed clips, destroyed ones included."""
+        """Destroyed clips count."""
         self._counts[owner] = sealed_count - self._dropped[owner]
 
     def spooled(self, owner: bytes, name: str) -> None:
-        """Record a durably spooled clip; save before its delivery."""
+        """Save before the clip's delivery."""
         self._keep(owner, self._kept.counts.get(owner, 0) + 1, number_of(name))
 
     def missed(self, owner: bytes) -> None:
-        """Record that a sealed clip is lost and counts as missing."""
+        """A sealed clip is lost, and counts as missing."""
         self._keep(owner, self._kept.counts.get(owner, 0) + 1)
 
     def lower(self, owner: bytes) -> None:
@@ -101,7 +101,7 @@ class OpenVisits:
             self._keep(owner, max(0, self._kept.counts.get(owner, 0) - 1))
 
     def forget(self, owner: bytes) -> None:
-        """Forget a visit closed on chain; save afterwards."""
+        """Once closed on chain; save afterwards."""
         self._counts.pop(owner, None)
         self._dropped.pop(owner, None)
         left = {other: count for other, count in self._kept.counts.items() if other != owner}
@@ -112,7 +112,7 @@ class OpenVisits:
         self._kept = _Kept(before.counts | {owner: count}, before.counted_up_to if number is None else number)
 
     def save(self) -> None:
-        """Save counts of durably spooled clips, from any thread. Raises SPOOL_FULL."""
+        """From any thread. Raises SPOOL_FULL."""
         with self._lock:
             kept = self._kept
             if kept != self._saved:

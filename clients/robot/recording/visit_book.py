@@ -56,14 +56,14 @@ class VisitBook:
         return chain
 
     def _forget_ended(self, now_ms: int) -> None:
-        """Forget the owners of ended visits, in case the robot is stolen."""
+        """In case the robot is stolen."""
         self._open = {
             alias: visit for alias, visit in self._open.items() if now_ms - visit.opened_at_ms < _VISIT_ROLL_MS
         }
 
     def goes_on(self, owner: bytes, now_ms: int) -> bool:
-        """Return whether a visit stays open on chain: nine minutes plus random delay, independent of consent, hiding
-        its owner.
+        """Return whether a visit stays open on chain: nine minutes plus random delay, independent of consent, hiding its
+        owner.
         """
         self._forget_ended(now_ms)
         if now_ms >= self._closes_at_ms.get(owner, now_ms):
@@ -71,5 +71,5 @@ class VisitBook:
         return owner in self._closes_at_ms
 
     def forget(self, alias: str) -> None:
-        """End recording in a person's visit; a later one is new."""
+        """A person's later visit is new."""
         self._open.pop(alias, None)

@@ -123,7 +123,7 @@ class WaitingSamples:
         self._waiting[sensor].empty_last()
 
     def drain(self, *, final: bool = False) -> list[tuple[SensorTrack, ReadyClip]]:
-        """Return clips, by track, of everything settled; `final`: end of input."""
+        """`final`: end of input."""
         for queue in self._waiting.values():
             while queue and self._conclude_first(queue, final=final):
                 pass
@@ -214,7 +214,7 @@ def _encode(pixels: Any, *, exact: bool) -> bytes:
 
 
 def cut_out_colour(colour: npt.NDArray[np.uint8], cutout: EncodedCutout) -> npt.NDArray[np.uint8]:
-    """Return a depth cut's box in BGR colour as BGRA, 0 outside the owner."""
+    """Return a depth cut's box of BGR colour as BGRA, 0 outside the owner."""
     depth = np.asarray(cv2.imdecode(np.frombuffer(cutout.pixels_png, np.uint8), cv2.IMREAD_UNCHANGED))
     own = np.zeros((cutout.height, cutout.width, 4), np.uint8)
     mask = depth > 0

@@ -67,7 +67,7 @@ def _draw() -> str:
 
 
 class AliasBook:
-    """Draws a run's tag aliases; in memory only."""
+    """Tag aliases of one run, in memory only."""
 
     def __init__(self) -> None:
         self._aliases: dict[bytes, str] = {}
@@ -120,7 +120,7 @@ class EventLog:
             self._file = None
 
     def write(self, time_ms: int, activity: str, case: str, *, alias: str = "", **detail: str | int | float) -> None:
-        """Append one event; wall clock in ms."""
+        """Wall clock in ms."""
         if self._file is None:
             raise ValueError("the event log is closed")
         self.counts[activity] += 1
@@ -134,13 +134,12 @@ class EventLog:
     def write_withheld(
         self, time_ms: int, sensor: str, sequence: int, *, alias: str, reason: str, **numbers: str | int | float
     ) -> None:
-        """Append that a depth frame, or another sensor's sample, is not kept."""
         activity, kind = (IMAGE_WITHHELD, "frame") if sensor == DEPTH else (SENSE_WITHHELD, sensor)
         self.write(time_ms, activity, f"{kind}-{sequence}", alias=alias, reason=reason, **numbers)
 
 
 def _end_whole(path: Path) -> None:
-    """Cut off or end an incomplete last line. Raises EVENTS_FILE_FOREIGN."""
+    """Cut off or end a last line. Raises EVENTS_FILE_FOREIGN."""
     if not path.is_file():
         return
     with path.open("r+b") as file:

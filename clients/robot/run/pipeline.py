@@ -47,7 +47,7 @@ _BACKPRESSURE_POLL_S = 0.05
 
 
 class Pipeline:
-    """One run of the robot; pictures of it are put onto `empty_frames`."""
+    """One run; its pictures are put onto `empty_frames`."""
 
     def __init__(
         self,
@@ -89,9 +89,8 @@ class Pipeline:
             track.drop_refused()
 
     async def run(self, events: AsyncIterator[Event | SensorSample], *, live: bool = False) -> None:
-        """Process a stream until records are final and visits closed, leftovers included.
-
-        `live`: events come when received. Raises permanent failures, even while idle.
+        """Process a stream until records are final and visits closed, leftovers included. `live`: events come when
+        received. Raises permanent failures, even while idle.
         """
         await asyncio.to_thread(self._open_visits.recover_spooled, self._spool)
         for name in self._spool.names():
@@ -118,7 +117,7 @@ class Pipeline:
         await self._delivery.close_visits(self._open_visits)
 
     async def _with_idle_work(self, events: AsyncIterator[Event | SensorSample]) -> AsyncIterator[Event | SensorSample]:
-        """Yield events; whenever none comes for `QUIET_S`, decide what is due by clock."""
+        """Whenever no event comes for `QUIET_S`, decide what is due by clock."""
         coming = asyncio.ensure_future(anext(events, None))
         try:
             while True:
@@ -198,7 +197,7 @@ class Pipeline:
             await asyncio.sleep(_BACKPRESSURE_POLL_S)
 
     def _identify(self, sighting: Sighting) -> list[Output]:
-        """Find the tag's bearer; without consent a tag counts as unknown."""
+        """Without consent a tag counts as unknown."""
         row = self._roster.find(sighting.uid, self._came_at_ms)
         if row is None:
             self._unknown_tags.note(sighting.uid)
@@ -217,7 +216,7 @@ class Pipeline:
         return self._redactor.push_sighting(alias, sighting, known=consents)
 
     def _filter(self, outputs: list[Output]) -> list[ReadyClip]:
-        """Note what hiding found; return the clips that are full of what may be kept."""
+        """Return clips that are full."""
         ready: list[ReadyClip] = []
         now = self._now_ms()
         for output in outputs:
@@ -236,7 +235,7 @@ class Pipeline:
         return ready
 
     async def _seal_settled(self, clips: list[ReadyClip], *, final: bool = False) -> None:
-        """Seal clips of depth, then those of other sensors on which depth has decided."""
+        """Clips of depth, then of sensors on which depth has decided."""
         for clip in clips:
             await self._seal(self._depth, clip)
         for track, clip in self._samples.drain(final=final):
@@ -283,7 +282,7 @@ def note_delivered(done: Delivered, statistics: RunStatistics, log: EventLog) ->
 
 
 async def note_dropped(clip: SpooledClip, run: RunContext, statistics: RunStatistics) -> None:
-    """Count a clip destroyed for ended consent. Raises SPOOL_FULL."""
+    """Consent ended. Raises SPOOL_FULL."""
     run.consents.figures.clips_dropped += 1
     run.open_visits.lower(clip.owner)
     reason, now = str(WithholdReason.NO_CONSENT), run.now_ms()

@@ -48,7 +48,7 @@ class Distribution:
         self.counts[value_ms // step * step] += 1
 
     def summarise(self) -> Latency:
-        """Return rounded median, 95th percentile and maximum; zeros if empty."""
+        """Zeros if empty."""
         if not self.counts:
             return Latency(p50=0.0, p95=0.0, max=0.0)
         values = np.array(sorted(self.counts))
@@ -74,7 +74,7 @@ class SealedFrames:
 
 @dataclass(slots=True)
 class Ambiguity:
-    """A tag's number of ambiguous frames and nearest-decision evidence."""
+    """A tag's ambiguous frames, and evidence nearest to a decision."""
 
     frames: int
     nearest: MatchEvidence
@@ -86,7 +86,7 @@ class Ambiguity:
 
 @dataclass(slots=True)
 class MergedFrames:
-    """A tag's number of merged frames and nearest-to-one silhouette."""
+    """A tag's merged frames, and the silhouette nearest to one person."""
 
     frames: int
     nearest: MergedEvidence
@@ -131,20 +131,20 @@ class RunStatistics:
             del self.arrivals_ms[next(iter(self.arrivals_ms))]
 
     def frame_decided(self, alias: str, sequence: int, decided_at_ms: int) -> None:
-        """Record when a frame was settled as kept, independent of processing delay."""
+        """When a frame was settled as kept, independent of processing delay."""
         self._decided[alias, sequence] = decided_at_ms
 
     def forget_decided(self, alias: str, sequence: int) -> None:
         self._decided.pop((alias, sequence), None)
 
     def clip_sealed(self, record_id: bytes, frames: list[tuple[int, int]], alias: str = "") -> None:
-        """Record a clip's frames (sequence, captured_at_ms) and owner alias."""
+        """`frames`: sequence, captured_at_ms."""
         decided = tuple(self._decided.pop((alias, sequence), None) for sequence, _ in frames)
         arrived = tuple(self.arrivals_ms.get(sequence) for sequence, _ in frames)
         self.sealed[record_id] = SealedFrames(alias, tuple(frames), arrived, decided)
 
     def clip_dropped(self, record_id: bytes, reason: str) -> SealedFrames:
-        """Record a dropped clip; return its frames, none from earlier runs."""
+        """Return its frames, none from earlier runs."""
         sealed = self.sealed.pop(record_id, SealedFrames())
         self.add_withheld(reason, len(sealed.frames))
         return sealed
@@ -173,13 +173,13 @@ class RunStatistics:
             self.merged[alias] = MergedFrames(1, evidence)
 
     def add_off(self, alias: str, evidence: MatchEvidence) -> None:
-        """Record a kept frame despite disagreeing distances; newest numbers stay."""
+        """A frame was kept despite disagreeing distances; newest numbers stay."""
         if alias in self.distances_off or len(self.distances_off) < AMBIGUOUS_TAGS_MAX_COUNT:
             count, _ = self.distances_off.get(alias, (0, evidence))
             self.distances_off[alias] = count + 1, evidence
 
     def delivered(self, done: Delivered) -> SealedFrames:
-        """Count a final record's frames as kept and return them."""
+        """Count a final record's frames as kept."""
         for sense in self.senses.values():
             if done.clip.upload.record_id in sense.sealed:
                 sense.delivered(done)
@@ -208,7 +208,7 @@ class RunStatistics:
         return sum(self.withheld.values())
 
     def count_frames(self) -> FrameCounts:
-        """Return frame counts; `lost`: covered, neither final nor withheld."""
+        """`lost`: covered, neither final nor withheld."""
         return FrameCounts(
             published=self.published,
             covered=self.covered,
@@ -245,7 +245,7 @@ class RunStatistics:
         }
 
     def summarise_latencies(self) -> RunLatencies:
-        """Return latencies: `frame_to_final` from pairing window's end, `decided_to_final` from hiding's."""
+        """`frame_to_final` from pairing window's end, `decided_to_final` from hiding's."""
         return RunLatencies(
             frame_to_final=self.frame_to_final.summarise(),
             decided_to_final=self.decided_to_final.summarise(),

@@ -56,7 +56,7 @@ class RunValidity:
             self._over = BlockRobotError("BACKGROUND_EXPIRED", detail)
 
     async def watch(self, end: Callable[[], None]) -> None:
-        """Check repeatedly, also when idle; call `end` once due."""
+        """Also when idle; call `end` once due."""
         while self._over is None:
             await asyncio.sleep(LOOK_EVERY_S)
             try:

@@ -57,10 +57,8 @@ LOCK_FILE = "robot.lock"
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """Replay options. With `viewpoint` the approved bank supplies empty frames.
-
-    `lasts_s`: source seconds in real time; `copies`: required custodians (or all); `passphrase`: key file's;
-    `approver`: admin key that approves empty frames.
+    """With `viewpoint` the approved bank supplies empty frames. `lasts_s`: source seconds in real time; `copies`: required
+    custodians (or all); `passphrase`: key file's; `approver`: admin key that approves empty frames.
     """
 
     roster: Path
@@ -79,8 +77,7 @@ class ReplayOptions:
 class ProgressListener(Protocol):
     """Receives a run's progress figures."""
 
-    def __call__(self, figures: RunProgress, *, last: bool = False) -> None:
-        """Take the newest figures."""
+    def __call__(self, figures: RunProgress, *, last: bool = False) -> None: ...
 
 
 async def _events(
@@ -151,7 +148,7 @@ class _Run:
         )
 
     async def work(self, source: Source) -> RunSummary:
-        """Process a source until records are final; first requires a recent block. Raises REGISTRY_STALE."""
+        """First requires a recent block. Raises REGISTRY_STALE."""
         await self._consents.refresh()
         watch = asyncio.create_task(self._consents.watch())
         try:
@@ -275,11 +272,10 @@ async def replay_recording(
     progress: ProgressListener,
     stop: asyncio.Event | None = None,
 ) -> RunSummary:
-    """Replay a source; return the summary once records are final. `stop` ends the source early.
+    """Return the summary once records are final; `stop` ends the source early.
 
     `intake` counts unusable messages and the `fault`; `camera` the focal length's origin. Raises ROBOT_RUNNING,
-    EMPTY_SCENE_MISSING, EMPTY_FRAME_NOT_APPROVED, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, network
-    errors.
+    EMPTY_SCENE_MISSING, EMPTY_FRAME_NOT_APPROVED, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, network errors.
     """
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)

@@ -28,7 +28,7 @@ class CameraIntrinsics:
         self._take()
 
     async def learnt(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[SourceEvent]:
-        """Yield events; a live first frame waits `FOCAL_WAIT_MAX_S` at most."""
+        """A live first frame waits `FOCAL_WAIT_MAX_S` at most."""
         async for event in events:
             if self._focal_px is None and isinstance(event, Frame):
                 if self._live:  # a recording has told it at the start, or never will

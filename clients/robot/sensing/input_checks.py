@@ -69,7 +69,7 @@ class Inputs:
         self._unnoted.clear()
 
     def summarise_refused(self) -> dict[str, dict[str, int]]:
-        """Return numbers of refused messages by kind and reason."""
+        """By kind and reason."""
         return {kind: dict(sorted(found.items())) for kind, found in self.refused.items()}
 
     def summarise_fault(self) -> RunFault | None:

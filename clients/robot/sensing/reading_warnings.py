@@ -26,7 +26,7 @@ _WALKS_M, _WALKS_EVERY_S = 1.0, 8.0  # to and fro by a metre, a turn every eight
 
 
 def warn_of_readings(topics: Topics) -> Iterator[str]:
-    """Yield a sentence per way the readings will keep little."""
+    """A sentence per way the readings will keep little."""
     measured = [tags for tags in topics.tags if tags.map.distance]
     if not measured:
         named = ", ".join(tags.topic for tags in topics.tags) or "the readers"
@@ -48,7 +48,7 @@ def warn_of_readings(topics: Topics) -> Iterator[str]:
 
 
 def warn_of_lens(focal_px: float | None) -> Iterator[str]:
-    """Yield a sentence if a recording's focal length is unknown."""
+    """If a recording's focal length is unknown."""
     if focal_px is None:
         yield (
             f"No focal length is known: {FOCAL_DEFAULT_PX:g} pixels are assumed, and people's sizes and distances will be "

@@ -110,13 +110,13 @@ class ClockEstimator:
         return TimestampStatus.FITS
 
     def offset_at(self, received_ms: int) -> float | None:
-        """Return host minus device time (ms), None before the first stamp."""
+        """Host minus device time (ms), None before the first stamp."""
         if not self._bins:
             return None
         return self._origin[1] + self._line(received_ms - self._origin[0])
 
     def estimate(self, received_ms: int) -> ClockEstimate | None:
-        """Return the estimate at a host time, None before the first stamp."""
+        """None before the first stamp."""
         offset = self.offset_at(received_ms)
         if offset is None:
             return None
@@ -179,7 +179,7 @@ class ClockEstimator:
         self._fit()
 
     def _drop_a_lone_stamp_ahead(self) -> None:
-        """Drop the lowest bin if all others are far above: a wrong stamp."""
+        """If all other bins are far above, the lowest is a wrong stamp."""
         lowest = min(self._bins, key=lambda number: self._bins[number].low - self._line(self._bins[number].at))
         if lowest not in sorted(self._bins)[:-STEP_BINS_COUNT]:
             return
@@ -196,7 +196,7 @@ class ClockEstimator:
             self._fit()
 
     def _drop_what_is_before_a_step(self) -> None:
-        """Drop bins before several far above the line: a clock set back."""
+        """Several bins far above the line: a clock set back."""
         order = sorted(self._bins)
         older, recent = order[:-STEP_BINS_COUNT], order[-STEP_BINS_COUNT:]
         if not older:
@@ -226,7 +226,7 @@ class ClockEstimator:
         return self._level + self._slope * at
 
     def _uncertainty(self, at: float) -> float:
-        """Return the line's uncertainty in ms: stamp rounding, scatter, delay spread, drift."""
+        """In ms: stamp rounding, scatter, delay spread, drift."""
         middle = (min(self._bins) + max(self._bins) + 1) * BIN_MS / 2
         return 1 + self._spread + DELAY_MAX_MS / (self._samples + 1) + self._drift_doubt * abs(at - middle)
 
@@ -236,7 +236,7 @@ def _tolerance(uncertainty_ms: float) -> float:
 
 
 def _middle_slope(points: list[tuple[float, float]]) -> float:
-    """Return the lower hull's slope at mean time; two time-ordered points minimum."""
+    """The lower hull's, at mean time; points in time order, at least two."""
     hull: list[tuple[float, float]] = []
     for at, low in points:
         while len(hull) > 1 and (hull[-1][0] - hull[-2][0]) * (low - hull[-2][1]) <= (hull[-1][1] - hull[-2][1]) * (
@@ -272,7 +272,7 @@ class RunClocks:
         self._readers: dict[str, _Reader] = {}  # the one heard last stands last
 
     def admit(self, event: Event) -> list[Event]:
-        """Add an event in receipt order; return those released."""
+        """In receipt order; return events released."""
         if event.received_at_ms is not None:
             self.newest_ms = event.received_at_ms
         if isinstance(event, Frame):
@@ -292,7 +292,7 @@ class RunClocks:
         return round(self.camera.offset_at(self.newest_ms or 0) or 0.0)
 
     def estimates(self) -> dict[str, ClockEstimate]:
-        """Return newest estimates by `camera` and `reader ORIGIN`."""
+        """By `camera` and `reader ORIGIN`."""
         at = self.newest_ms if self.newest_ms is not None else 0
         found = {f"reader {origin}".rstrip(): one.clock.estimate(at) for origin, one in sorted(self._readers.items())}
         found["camera"] = self.camera.estimate(at)
@@ -319,7 +319,7 @@ class RunClocks:
         return [self._move(one, reader.clock) for one in self._sort(sighting, status, reader.held, "sighting-time")]
 
     def _reader_of(self, origin: str) -> _Reader:
-        """Return an origin's reader, evicting the longest silent one."""
+        """Evicts the longest silent one."""
         reader = self._readers.pop(origin, None) or _Reader()
         if len(self._readers) >= READERS_MAX_COUNT:
             self._refuse_held(self._readers.pop(next(iter(self._readers))))

@@ -20,20 +20,19 @@ EMPTY_FRAMES_MAX_BYTES = 256 * 1024 * 1024
 
 
 class Clock(Protocol):
-    """Clock for real-time playing."""
+    """For real-time playing."""
 
-    def now_ms(self) -> int:
-        """Return the time in milliseconds."""
+    def now_ms(self) -> int: ...
 
     async def sleep_until(self, at_ms: int) -> None:
-        """Return at or after a time."""
+        """At or after a time."""
 
 
 class SystemClock:
     """The machine's clock."""
 
     def now_ms(self) -> int:
-        """Return wall-clock milliseconds since 1970."""
+        """Since 1970."""
         return time.time_ns() // NS_PER_MS
 
     async def sleep_until(self, at_ms: int) -> None:
@@ -68,7 +67,7 @@ class Source(Protocol):
 
     @property
     def focal_px(self) -> float | None:
-        """Focal length in pixels, None if unknown."""
+        """None if unknown."""
 
     @property
     def focal_from(self) -> str:
@@ -84,7 +83,7 @@ class Source(Protocol):
         """Yield events unthrottled in arrival order, frames numbered from 0."""
 
     def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-        """Yield events no earlier than their arrival on `clock`."""
+        """No earlier than their arrival on `clock`."""
 
 
 def happened_ms(event: SourceEvent) -> int:
@@ -100,7 +99,7 @@ def happened_ms(event: SourceEvent) -> int:
 
 
 async def play_events(events: Iterator[SourceEvent], clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-    """Yield events no earlier than their arrival on `clock` (default: system)."""
+    """No earlier than their arrival on `clock` (default: system)."""
     ticking = clock or SystemClock()
     for event in events:
         await ticking.sleep_until(happened_ms(event))
@@ -108,7 +107,7 @@ async def play_events(events: Iterator[SourceEvent], clock: Clock | None = None)
 
 
 class EmptyFrames:
-    """Collects frames one by one, all of the first's size."""
+    """Of a bounded number and size, evenly spread; all of the first's size."""
 
     def __init__(self) -> None:
         self.frames: list[Depth] = []

@@ -188,17 +188,17 @@ def tags_by_type(topic: str, type_name: str) -> TagTopic:
 
 
 def with_topic(topics: Topics, **changes: Any) -> Topics:
-    """Return `topics` with replacements; None keeps one. Raises TOPICS_INVALID."""
+    """Replace what is given; None keeps. Raises TOPICS_INVALID."""
     return check_topics(replace(topics, **{name: value for name, value in changes.items() if value is not None}))
 
 
 def rooted(name: str) -> str:
-    """Return a topic's name with ROS's leading slash."""
+    """With ROS's leading slash."""
     return f"/{name}" if name and not name.startswith(("/", "~")) else name
 
 
 def with_rooted_names(topics: Topics) -> Topics:
-    """Return `topics` with rooted names. Raises TOPICS_INVALID on duplicates."""
+    """Raises TOPICS_INVALID on duplicates."""
     return with_topic(
         topics,
         depth=rooted(topics.depth),

@@ -66,7 +66,7 @@ def _body(person: Person, phase: float, swing: float, sway: float) -> list[Row]:
 
 
 def _upright(person: Person, phase: float, swing: float, sway: float) -> list[Row]:
-    """Return rows (right, up, ahead of both ends, radius) in the person's frame."""
+    """Rows (right, up, ahead of both ends, radius) in the person's frame."""
     h, g = person.height_m, person.girth
     hip, shoulder = 0.52 * h, 0.80 * h
     bob = 0.015 * swing * math.cos(2 * phase) - 0.03 * person.limp * swing * math.cos(phase)

@@ -53,7 +53,7 @@ class Camera:
 
 
 def empty_corridor(camera: Camera) -> Image:
-    """Return the empty corridor's depth in metres from the camera."""
+    """Depth in metres from the camera."""
     ry = np.broadcast_to(camera.ray_y, camera.shape)
     with np.errstate(divide="ignore"):
         vertical = np.where(ry > 0, camera.height_m / ry, (camera.height_m - CEILING_M) / ry)
@@ -90,7 +90,7 @@ def _corridor_from(camera: Camera, ry: Image, vertical: Image) -> Image:
 
 
 def directions(camera: Camera) -> tuple[Image, Image]:
-    """Return column rays (right, ahead) per metre along the optical axis."""
+    """Column rays (right, ahead) per metre along the optical axis."""
     cos, sin = np.float32(math.cos(camera.at[2])), np.float32(math.sin(camera.at[2]))
     dx = np.broadcast_to(camera.ray_x * cos + sin, camera.shape)
     dz = np.broadcast_to(cos - camera.ray_x * sin, camera.shape)
@@ -152,7 +152,7 @@ def _draw_capsule(
 
 
 def _hit_capsule(rx: Image, ry: Image, a: Image, b: Image, radius: np.float32) -> Image:
-    """Return the depth where rays hit a capsule; infinity on miss."""
+    """Depth where rays hit; infinity on miss."""
     ba = b - a
     baba = float(ba @ ba) + 1e-9
     baoa = -float(ba @ a)

@@ -24,7 +24,7 @@ HOLE_SIZE_PX = 1.6
 
 
 class CameraNoise:
-    """Random fields drawn once and shifted for each frame, for speed."""
+    """Random fields drawn once and shifted for each frame."""
 
     def __init__(self, shape: tuple[int, int], focal_px: float, seed: int, holes: float = 0.0) -> None:
         self._shape = shape
@@ -46,7 +46,7 @@ class CameraNoise:
         self._holes = [_blotches(large, holes, rng) for _ in range(POOL_COUNT)] if holes > 0 else []
 
     def apply(self, depth: Image, labels: Labels | None, index: int) -> tuple[Depth, Labels | None]:
-        """Return the noisy frame in millimetres, and `labels` shifted alike."""
+        """Return the noisy frame in mm, and `labels` shifted alike."""
         rng = np.random.default_rng([self._seed, 1, index])
         disparity = self._disparity / depth
         lost = self._shadow(disparity)

@@ -39,7 +39,7 @@ class Renderer:
         self._noise = _noise_of(self.camera.shape, scenario.focal_px, scenario.seed, scenario.surroundings.holes)
 
     def frame(self, index: int) -> Depth:
-        """Return a frame as uint16 millimetres."""
+        """In mm."""
         return self.frame_with_truth(index)[0]
 
     def frame_with_truth(self, index: int) -> tuple[Depth, Labels]:
@@ -66,7 +66,7 @@ class Renderer:
         return GroundTruth(image, own, np.where(moved >= AID_BIT, own, np.uint8(0)))
 
     def empty_frame(self, index: int) -> Depth:
-        """Return an unpeopled frame from the robot's first position."""
+        """From the robot's first position."""
         return self._noise.apply(self._empty_of(0.0), None, EMPTY_FRAME_OFFSET + index)[0]
 
     def _empty_of(self, at_s: float) -> Image:
@@ -92,7 +92,7 @@ def _noise_of(shape: tuple[int, int], focal_px: float, seed: int, holes: float) 
 
 
 class Reading:
-    """One synthetic tag reading: times of measurement and arrival, alias, measurements."""
+    """One synthetic tag reading, with times of measurement and arrival."""
 
     __slots__ = ("alias", "antenna", "arrives_s", "at_s", "distance_m", "facing", "rssi_dbm", "sigma_m")
 
@@ -118,7 +118,7 @@ class Reading:
 
 
 def readings(scenario: Scenario) -> list[Reading]:
-    """Return received readings in arrival order, without absent people's."""
+    """Received readings in arrival order, without absent people's."""
     made = []
     for number, person in enumerate(scenario.people):
         if person.alias in scenario.absent:

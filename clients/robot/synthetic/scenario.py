@@ -96,7 +96,7 @@ class Person:
         return LYING_CHEST_M if self.aid == "bed" else CHEST_HEIGHT_SHARE * self.height_m
 
     def place(self, at_s: float) -> tuple[float, float] | None:
-        """Return (x, z) in metres at a time; None while absent."""
+        """(x, z) in metres; None while absent."""
         times = [point[0] for point in self.path]
         if not times[0] <= at_s <= times[-1]:
             return None
@@ -216,7 +216,7 @@ class Scenario:
 
 
 def without(scenario: Scenario, *aliases: str) -> Scenario:
-    """Return the scene without some people, all else unchanged."""
+    """All else stays unchanged."""
     known = {person.alias for person in scenario.people}
     if not set(aliases) <= known:
         raise BlockRobotError("CONFIGURATION_INVALID", "Nobody in the scenario has that alias.")
@@ -265,7 +265,7 @@ def _beside(person: Person, leader: Person) -> Person:
 
 
 def parse_scenario(text: str) -> Scenario:
-    """Parse a TOML scenario. Raises CONFIGURATION_INVALID at the first error."""
+    """From TOML. Raises CONFIGURATION_INVALID at the first error."""
     try:
         table = read_toml_text(text)
         scenario = _scenario(table, hashlib.sha256(text.encode()).hexdigest())
@@ -282,7 +282,7 @@ def parse_scenario(text: str) -> Scenario:
 
 
 def load_scenario(path: Path) -> Scenario:
-    """Load a scenario file. Raises CONFIGURATION_INVALID."""
+    """Raises CONFIGURATION_INVALID."""
     try:
         if path.stat().st_size > SCENARIO_FILE_MAX_BYTES:
             raise BlockRobotError("CONFIGURATION_INVALID", "The scenario file is too large.")
@@ -293,7 +293,7 @@ def load_scenario(path: Path) -> Scenario:
 
 
 def published_run_1() -> Scenario:
-    """Return the bundled scenario: the prototype's first published run."""
+    """The bundled scenario: the prototype's first published run."""
     file = resources.files("clients.robot") / "scenarios" / "published-run-1.toml"
     return parse_scenario(file.read_text(encoding="utf-8"))
 

@@ -43,7 +43,7 @@ _UID_BYTES = 12  # an EPC-96
 
 
 def frame_time_ms(scenario: Scenario, index: int) -> int:
-    """Return a frame's capture time on the bag's timeline."""
+    """On the bag's timeline."""
     return RUN_START_MS + round(index * 1000 / scenario.frame_rate)
 
 
@@ -57,9 +57,7 @@ def bag_key(scenario: Scenario, uids: Mapping[str, str]) -> str:
 def make_bag(
     scenario: Scenario, uids: Mapping[str, str], cache: Path, *, progress: Progress | None = None, workers: int = 0
 ) -> Path:
-    """Return the scenario's bag, rendered if not cached. `workers` 0: one per core; `progress` is per batch. Raises
-    CONFIGURATION_INVALID.
-    """
+    """Render it if not cached. `workers` 0: one per core; `progress` is per batch. Raises CONFIGURATION_INVALID."""
     missing = [alias for alias in scenario.tagged_aliases if not uids.get(alias)]
     if missing:
         raise BlockRobotError("CONFIGURATION_INVALID", f"No tag is given for {', '.join(missing)}.")
@@ -81,15 +79,14 @@ def make_bag(
 
 
 def _remove_abandoned(cache: Path) -> None:
-    """Remove unfinished bags left by killed processes."""
+    """Unfinished bags of killed processes."""
     for path in cache.iterdir():
         found = _UNFINISHED.fullmatch(path.name)
         if found and not is_process_alive(int(found[1])) and path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
 
 
-def _silent(done: int, total: int) -> None:
-    """Take no notice of progress."""
+def _silent(done: int, total: int) -> None: ...
 
 
 def _settle(unfinished: Path, target: Path) -> None:
@@ -153,7 +150,7 @@ def _sightings(scenario: Scenario, uids: Mapping[str, str], codec: MessageCodec)
 
 
 def _render_batches(scenario: Scenario, workers: int) -> Iterator[Rendered]:
-    """Yield encoded frames in time order, empty ones (negative indices) first."""
+    """Encoded frames in time order, empty ones (negative indices) first."""
     first = -scenario.empty_frames
     jobs = [
         range(start, min(start + BATCH_FRAMES_COUNT, scenario.frame_count))
@@ -202,7 +199,7 @@ def _render_job(job: range) -> Rendered:
 
 
 def load_or_draw_tags(folder: Path, scenario: Scenario) -> dict[str, str]:
-    """Return alias -> UID (upper-case hex), drawing missing ones."""
+    """Alias -> UID (upper-case hex), in a file private to its user."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     path = folder / _TAGS_FILE
     known: dict[str, str] = read_json_text(path.read_text(encoding="utf-8")) if path.exists() else {}

@@ -23,7 +23,7 @@ PATCH_SIZE_PX = 4.0
 
 
 def door_angle(door: Door, at_s: float) -> float:
-    """Return a door's opening angle at a time, in radians."""
+    """In radians."""
     opened = (at_s - door.opens_s) / DOOR_SWING_S
     closed = (at_s - door.closes_s) / DOOR_SWING_S
     share = min(max(opened, 0.0), 1.0) - min(max(closed, 0.0), 1.0)
@@ -68,7 +68,7 @@ def _draw_door(camera: Camera, depth: Image, door: Door, angle: float) -> None:
 
 
 def mirror(camera: Camera, depth: Image, labels: Labels, bodies: list[Capsules], share: float, seed: int) -> None:
-    """Mirror bodies in part of the floor, with holes. In place; reflections are unlabelled, at fixed pixels."""
+    """Mirror bodies in part of the floor, with holes, in place; reflections are unlabelled, at fixed pixels."""
     ry = np.broadcast_to(camera.ray_y, camera.shape)
     with np.errstate(divide="ignore"):
         floor = np.where(ry > 0, camera.height_m / ry, np.inf)

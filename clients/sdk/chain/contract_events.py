@@ -17,7 +17,7 @@ from consensus.primitives.keys import PrivateKey
 
 @dataclass(frozen=True, slots=True, order=True)
 class Place:
-    """An event's place: block height, and index among the block's events."""
+    """Block height, and index among the block's events."""
 
     height: int
     index: int
@@ -47,7 +47,7 @@ class EventPage:
 
 
 def read_place(text: str) -> Place:
-    """Parse a place. Raises VALUE_INVALID."""
+    """Raises VALUE_INVALID."""
     height, _, index = text.partition(":")
     if not (text.isascii() and height.isdigit() and index.isdigit() and len(height) <= 15 and len(index) <= 9):
         raise BlockRobotError("VALUE_INVALID", f"{text[:40]!r} is no place of events: it has the form height:index.")

@@ -117,7 +117,7 @@ class CustodyClient:
         return shared
 
     async def put_background(self, node: NodeAddress, content: bytes, key: PrivateKey) -> bytes:
-        """Store an empty frame at one custodian; return its SHA-256."""
+        """Return its SHA-256."""
         digest = sha256(content)
         await self._ask(
             node,
@@ -133,9 +133,7 @@ class CustodyClient:
     async def find_background(
         self, digest: bytes, key: PrivateKey, missing: dict[bytes, BlockRobotError]
     ) -> bytes | None:
-        """Return an empty frame, or None with the reason in `missing` (skipped later). EMPTY_FRAME_WITHDRAWN there is
-        proven.
-        """
+        """Return None with the reason in `missing` (skipped later); EMPTY_FRAME_WITHDRAWN there is proven."""
         if digest in missing:
             return None
         try:
@@ -151,7 +149,7 @@ class CustodyClient:
         return None
 
     async def get_background(self, digest: bytes, key: PrivateKey) -> bytes:
-        """Fetch an empty frame from any custodian. Raises NOT_FOUND only if all do."""
+        """From any custodian. Raises NOT_FOUND only if all do."""
         failure = BlockRobotError("NOT_FOUND", "There is no custodian to ask for the empty frame.")
         for node in self.custodians:
             try:
@@ -161,7 +159,7 @@ class CustodyClient:
         raise failure
 
     async def get_background_of(self, node: NodeAddress, digest: bytes, key: PrivateKey) -> bytes:
-        """Fetch an empty frame. Raises UPLOAD_HASH_MISMATCH, NOT_FOUND."""
+        """Raises UPLOAD_HASH_MISMATCH, NOT_FOUND."""
         path = f"/v1/backgrounds/{digest.hex()}"
         content = await self._ask(node, "GET", path, key=key, timeout_ms=TRANSFER_TIMEOUT_MS)
         if sha256(content) != digest:

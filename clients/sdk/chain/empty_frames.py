@@ -17,14 +17,14 @@ PREVIEW_FILE = "preview.png"
 
 
 async def read_approved(client: NetworkClient, robot: bytes, reader: PrivateKey) -> list[EmptyFrameRow]:
-    """Return a robot's proved approvals, oldest first."""
+    """Proved, oldest first."""
     return await proved_row(in_session(client, reader), EMPTY_FRAMES, robot) or []
 
 
 async def approve_frames(
     client: NetworkClient, approver: PrivateKey, robot: bytes, frames: Sequence[bytes]
 ) -> FinalReceipt | None:
-    """Approve new frames; return the last receipt, None if none."""
+    """Return the last receipt, None if no frame is new."""
     known = {frame.digest for frame in await read_approved(client, robot, approver)}
     wanted = [frame for frame in dict.fromkeys(frames) if frame not in known]
     return await _decide(client, approver, "approve_empty_frames", robot, wanted)
@@ -33,7 +33,7 @@ async def approve_frames(
 async def withdraw_frames(
     client: NetworkClient, key: PrivateKey, robot: bytes, frames: Sequence[bytes]
 ) -> FinalReceipt | None:
-    """Withdraw approvals; custodians delete frames that no robot has left."""
+    """Custodians delete frames that no robot has left."""
     return await _decide(client, key, "withdraw_empty_frames", robot, list(dict.fromkeys(frames)))
 
 

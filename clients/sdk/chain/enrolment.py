@@ -33,7 +33,7 @@ class Registration:
 
 
 def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purposes: list[str]) -> list[Any]:
-    """Return `identity.register` arguments, bound to the keys by the card."""
+    """Of `identity.register`, bound to the keys by the card."""
     signature = sign_card(
         card,
         chain_id=chain_id,
@@ -57,7 +57,7 @@ def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purpo
 
 
 async def find_registration(client: NetworkClient, identity: PrivateKey) -> MemberRow | None:
-    """Return a key's proved row, None if no active member's."""
+    """Proved; None if no active member's."""
     try:
         found = await proved_row(in_session(client, identity), MEMBER, identity.public_key)
     except BlockRobotError as error:

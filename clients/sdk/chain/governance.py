@@ -116,7 +116,7 @@ def _proposal(proposal_id: bytes, row: GovernanceProposalRow, keys_numbers: Mapp
 
 
 async def read_membership(client: NetworkClient, reader: PrivateKey) -> MembershipView:
-    """Return proved organisations, nodes and open proposals. Raises PROOF_INVALID etc."""
+    """Proved. Raises PROOF_INVALID etc."""
     await client.catch_up(reader)
     found, _, _ = await _proved(client, [ORGANISATIONS.flat, NODES.flat, OPEN.flat], reader)
     names, nodes = ORGANISATIONS.among(found) or [], NODES.among(found) or []
@@ -258,11 +258,11 @@ class Governor:
         return await self._call(contract, "propose", values)
 
     async def upload_part(self, source_hash: bytes, parts: int, place: int, data: bytes) -> Decision:
-        """Upload one source part (at most 6,000 bytes); `source_hash` covers the whole."""
+        """At most 6,000 bytes; `source_hash` covers the whole."""
         return await self._call("lifecycle", "upload", [source_hash, parts, place, data])
 
     async def check_upload(self, source_hash: bytes) -> Decision:
-        """Compile an uploaded source once; proposals report its errors."""
+        """Compile it once; proposals report its errors."""
         return await self._call("lifecycle", "check_upload", [source_hash])
 
     async def approve(self, proposal: ProposalRow) -> Decision:

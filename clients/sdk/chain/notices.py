@@ -23,7 +23,7 @@ from consensus.state.identity import REGISTRAR
 
 
 async def public_values(client: NetworkClient, keys: Sequence[bytes]) -> ProvedState:
-    """Return proved values about organisations, without a session. Raises PROOF_*, NOT_PERMITTED."""
+    """About organisations, without a session. Raises PROOF_*, NOT_PERMITTED."""
     body = msgspec.json.encode(ProofsRequest([key.hex() for key in keys]))
 
     async def ask(node: NodeAddress) -> bytes:
@@ -33,13 +33,13 @@ async def public_values(client: NetworkClient, keys: Sequence[bytes]) -> ProvedS
 
 
 async def read_newest(client: NetworkClient, organisation: str) -> NoticeRow | None:
-    """Return the version in force, None if never published."""
+    """In force; None if never published."""
     key = NOTICE.key(organisation)
     return read_row(organisation, (await public_values(client, [key])).values[key])
 
 
 async def read_version(client: NetworkClient, organisation: str, version: int) -> PublishedNotice:
-    """Return one version with its text. Raises NOTICE_NOT_FOUND, NOTICE_INVALID."""
+    """With its text. Raises NOTICE_NOT_FOUND, NOTICE_INVALID."""
     key = NOTICE_TEXT.key(version, organisation)
     found = read_published(organisation, (await public_values(client, [key])).values[key])
     if found is None:
@@ -48,13 +48,13 @@ async def read_version(client: NetworkClient, organisation: str, version: int) -
 
 
 async def read_notice(client: NetworkClient, organisation: str) -> PublishedNotice | None:
-    """Return the notice in force with text, or None. Raises NOTICE_INVALID."""
+    """In force, with text. Raises NOTICE_INVALID."""
     row = await read_newest(client, organisation)
     return None if row is None else await read_version(client, organisation, row.version)
 
 
 async def organisation_of_card(client: NetworkClient, card: Card) -> str:
-    """Return a card issuer's organisation, proved. Raises VOUCHER_INVALID if unknown."""
+    """The issuer's, proved. Raises VOUCHER_INVALID if unknown."""
     key = REGISTRAR.key(recover_registrar(card, client.genesis.chain_id))
     name = (await public_values(client, [key])).values[key]
     if not isinstance(name, str):

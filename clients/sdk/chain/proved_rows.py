@@ -17,7 +17,7 @@ Read = Callable[[Sequence[bytes]], Awaitable[dict[bytes, Any]]]
 
 
 class ProvingClient(Protocol):
-    """Proves state values."""
+    """A `NetworkClient`."""
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         """Return up to 128 proved values of one state."""
@@ -38,7 +38,7 @@ async def proved_row(read: Read, rows: Prefix[T], *parts: bytes | str | int) -> 
 
 
 async def proved_rows(read: Read, rows: Prefix[T], ids: Sequence[bytes]) -> list[T]:
-    """Return rows by id. Raises PROOF_INVALID if one is absent."""
+    """By id. Raises PROOF_INVALID if one is absent."""
     values = await read([rows.key(each) for each in ids])
     found = [rows.among(values, each) for each in ids]
     if None in found:
@@ -47,7 +47,7 @@ async def proved_rows(read: Read, rows: Prefix[T], ids: Sequence[bytes]) -> list
 
 
 async def proved_list(read: Read, count: StateKey[int], numbers: Prefix[bytes]) -> list[bytes]:
-    """Return all ids numbered from 0, in order. Raises PROOF_INVALID on gaps."""
+    """All ids numbered from 0, in order. Raises PROOF_INVALID on gaps."""
     total = count.among(await read([count.flat])) or 0
     values = await read([numbers.key(number) for number in range(total)])
     return [numbers.convert(values[numbers.key(number)]) for number in range(total)]

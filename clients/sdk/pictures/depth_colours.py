@@ -26,7 +26,7 @@ _NARROW_PX = 320
 
 
 def _make_table() -> Pixels:
-    """Return level colours, near to far, in OpenCV's channel order."""
+    """Near to far, in OpenCV's channel order."""
     anchors, steps = [bytes.fromhex(each)[::-1] for each in ANCHORS], len(ANCHORS) - 1
     rows = []
     for level in range(_LEVELS):
@@ -40,7 +40,7 @@ _TABLE = _make_table()
 
 
 def colour_pixels(depth: Depth) -> Pixels:
-    """Return depth in colours (height x width x 3: blue, green, red)."""
+    """Height x width x 3: blue, green, red."""
     within = np.clip(depth, NEAR_MM, FAR_MM).astype(np.uint32) - NEAR_MM
     colours = _TABLE[within * (_LEVELS - 1) // (FAR_MM - NEAR_MM)]
     colours[depth == 0] = UNMEASURED_GREY

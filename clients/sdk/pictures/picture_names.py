@@ -10,7 +10,7 @@ _PICTURE = re.compile(PICTURE_NAME)
 
 
 def name_picture(index: int, sequence: int, suffix: str) -> str:
-    """Return the name, e.g. `picture-0005.frame-00000009.png` for index 4, frame 9."""
+    """E.g. `picture-0005.frame-00000009.png` for index 4, frame 9."""
     return f"picture-{index + 1:04d}.frame-{sequence:08d}.{suffix}"
 
 
@@ -19,7 +19,7 @@ def is_picture_name(name: str) -> bool:
 
 
 def read_robot_frame(name: str) -> int:
-    """Return a picture's robot frame number (from 0). Raises ValueError."""
+    """From 0. Raises ValueError."""
     found = _PICTURE.fullmatch(name)
     if found is None:
         raise ValueError(f"{name!r} is no picture's file")

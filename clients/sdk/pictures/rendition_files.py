@@ -19,7 +19,7 @@ LABEL_MAX_BYTES = 4_096
 
 
 def sense_file(rendition: Rendition) -> tuple[str, bytes]:
-    """Return a non-depth rendition's suffix and bytes. Raises RENDITION_CORRUPTED."""
+    """Suffix and bytes; not of depth. Raises RENDITION_CORRUPTED."""
     if rendition.encoding == ENCODING_PNG_RGBA:
         box = (rendition.x, rendition.y, rendition.box_width, rendition.box_height)
         return "rgb.png", paint_colour(rendition.width, rendition.height, box, rendition.pixels)
@@ -52,12 +52,12 @@ def _check_label(data: bytes) -> bytes:
 
 
 def own_pixels(rendition: Rendition) -> bytes:
-    """Return own pixels on a whole frame: 16-bit PNG, mm, 0 elsewhere. Raises RENDITION_CORRUPTED."""
+    """On a whole frame: 16-bit PNG, mm, 0 elsewhere. Raises RENDITION_CORRUPTED."""
     return encode_depth_png(own_depth(rendition))
 
 
 def own_depth(rendition: Rendition) -> Depth:
-    """Return the same as an unpacked image."""
+    """The same, unpacked."""
     whole = np.zeros((rendition.height, rendition.width), dtype=np.uint16)
     box = decode_depth_png(rendition.pixels)
     if box.shape != (rendition.box_height, rendition.box_width):

@@ -30,7 +30,7 @@ def compose(empty_png: bytes, x: int, y: int, width: int, height: int, pixels_pn
 
 
 def compose_on(empty: Depth, x: int, y: int, width: int, height: int, pixels_png: bytes) -> Depth:
-    """As `compose`, on a decoded frame, which is not modified."""
+    """As `compose`; `empty` is not modified."""
     picture = empty.copy()
     pixels = decode_depth_png(pixels_png)
     if pixels.shape != (height, width):
@@ -43,13 +43,13 @@ def compose_on(empty: Depth, x: int, y: int, width: int, height: int, pixels_png
 
 
 def decode_depth_png(png: bytes) -> Depth:
-    """Decode a 16-bit grey PNG as uint16. Raises RENDITION_CORRUPTED."""
+    """16-bit grey. Raises RENDITION_CORRUPTED."""
     size = _check_png(png, DEPTH)
     return np.array(_decode(png, size[::-1], np.uint16), dtype=np.uint16)
 
 
 def decode_colour_png(png: bytes) -> npt.NDArray[np.uint8]:
-    """Decode an 8-bit colour PNG without transparency. Raises RENDITION_CORRUPTED."""
+    """8-bit, without transparency. Raises RENDITION_CORRUPTED."""
     width, height = _check_png(png, COLOUR)
     return np.array(_decode(png, (height, width, 3), np.uint8), dtype=np.uint8)
 
@@ -68,7 +68,7 @@ def paint_colour(width: int, height: int, box: tuple[int, int, int, int], pixels
 
 
 def check_jpeg(data: bytes, width: int, height: int) -> bytes:
-    """Check a colour JPEG of that size. Raises RENDITION_CORRUPTED."""
+    """Raises RENDITION_CORRUPTED unless in colour and of that size."""
     if len(data) > PNG_MAX_BYTES or not data.startswith(b"\xff\xd8") or not data.endswith(b"\xff\xd9"):
         raise _corrupted("The picture is no JPEG, or not whole.")
     if max(width, height) > SIDE_MAX_PX:
@@ -99,14 +99,14 @@ def _decode(data: bytes, shape: tuple[int, ...], kind: type[np.generic]) -> npt.
 
 
 def encode_depth_png(depth: Depth) -> bytes:
-    """Encode uint16 depth as lossless 16-bit grey PNG."""
+    """16-bit grey."""
     if depth.dtype != np.uint16 or depth.ndim != 2:
         raise BlockRobotError("FRAME_INVALID", "A depth picture must be two-dimensional and of 16 bits.")
     return _encode(depth)
 
 
 def colourise(depth: Depth, *, legend: bool = True) -> bytes:
-    """Return depth as colour PNG, with a legend in metres."""
+    """As PNG, with a legend in metres."""
     colours = colour_pixels(depth)
     return encode_colour_png(np.vstack([colours, draw_legend(depth.shape[1])]) if legend else colours)
 

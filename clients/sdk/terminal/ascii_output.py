@@ -18,12 +18,12 @@ _SPACES = dict.fromkeys(map(ord, "\n\r\t"), " ")
 
 
 def printable(text: str, max_chars: int = STRANGE_MAX_CHARS) -> str:
-    """Make foreign text printable: one line, no controls, limited length."""
+    """One line, no controls, limited length."""
     return escape_controls(text[:max_chars].translate(_SPACES), "")[:max_chars]
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
-    """Return what stands for letters that ASCII lacks; see codecs.register_error."""
+    """What stands for letters that ASCII lacks; see codecs.register_error."""
     from anyascii import anyascii  # noqa: PLC0415 - most outputs need none
 
     assert isinstance(error, UnicodeEncodeError)
@@ -31,7 +31,7 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
 
 
 def _find(name: str) -> codecs.CodecInfo | None:
-    """Return ASCII under a name of its own: click writes UTF-8 to an output whose encoding is called ASCII."""
+    """ASCII under another name: click writes UTF-8 to an output whose encoding is called ASCII."""
     if name.replace("_", "-") != PLAIN_ENCODING:
         return None
     codec = ascii_encoding.Codec()
@@ -49,7 +49,7 @@ codecs.register(_find)
 
 
 def is_utf8(stream: TextIO, environment: Mapping[str, str] | None = None) -> bool:
-    """Return whether a stream takes UTF-8, by encoding and locale."""
+    """By encoding and locale."""
     try:
         utf8 = codecs.lookup(getattr(stream, "encoding", None) or "ascii").name == "utf-8"
     except LookupError:

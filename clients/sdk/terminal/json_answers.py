@@ -17,7 +17,7 @@ Seconds = Annotated[float, Meta(extra_json_schema={"unit": "s"})]
 
 
 def doc(text: str) -> Meta:
-    """Return the description of a field, for `Annotated`; it says when the field is null or absent."""
+    """A field's description, for `Annotated`; it says when the field is null or absent."""
     return Meta(description=text)
 
 
@@ -45,12 +45,12 @@ A = TypeVar("A", bound=Answer)
 
 
 def extend(kind: type[A], part: Answer, /, **more: Any) -> A:
-    """Return an answer with all fields of `part`, which is of a class that `kind` extends, and more. Raises TypeError."""
+    """All fields of `part`, which is of a class that `kind` extends, and more. Raises TypeError."""
     return kind(**{name: getattr(part, name) for name in part.__struct_fields__}, **more)
 
 
 def convert_row(row: Struct, kind: type[A]) -> A:
-    """Return a row of the ledger as an answer with the same fields, byte strings in hexadecimal."""
+    """A row of the ledger, with byte strings in hexadecimal."""
     fields = msgspec.to_builtins(row, builtin_types=(bytes,))
     return msgspec.convert({name: _shown(value) for name, value in fields.items()}, kind)
 
@@ -71,7 +71,7 @@ _OK = {"type": "object", "properties": {"ok": {"type": "boolean"}}, "required": 
 
 
 def write_schema(answers: AnswersByCommand) -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of these answers: what is under `commands` refers into `$defs`."""
+    """JSON Schema (2020-12): what is under `commands` refers into `$defs`."""
     kinds = list(dict.fromkeys(kind for answer in answers.values() for kind in list_kinds(answer)))
     schemas, definitions = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
     of_kind = {

@@ -61,7 +61,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; suggest similar spellings for unknown ones."""
+        """Suggests similar spellings for unknown ones."""
         try:
             return super().resolve_command(ctx, args)
         except click.NoSuchCommand as unknown:
@@ -83,7 +83,7 @@ class LazyGroup(click.Group):
         return list(self.places)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Complete without importing every command."""
+        """Imports few commands."""
         named = [
             CompletionItem(name, help=self.summary(name, _COMPLETION_MAX_CHARS))
             for name in self.visible_commands()

@@ -10,7 +10,7 @@ _PR_SET_DUMPABLE = 4
 
 
 def is_process_alive(pid: int) -> bool:
-    """Return whether a PID is in use; PIDs may be reused."""
+    """PIDs may be reused."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):

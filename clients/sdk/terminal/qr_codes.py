@@ -28,7 +28,7 @@ def _matrix(text: str) -> list[list[bool]]:
 
 
 def qr_lines(text: str) -> Text:
-    """Return a QR code, two rows per line, black on white."""
+    """Two rows per line, black on white."""
     rows = _matrix(text)
     if len(rows) % 2:
         rows.append([False] * len(rows[0]))
@@ -42,7 +42,7 @@ def qr_columns(text: str) -> int:
 
 
 def qr_svg(text: str) -> str:
-    """Return a QR code as a scalable SVG element."""
+    """A scalable SVG element."""
     rows = _matrix(text)
     cells = "".join(f"M{x} {y}h1v1h-1z" for y, row in enumerate(rows) for x, cell in enumerate(row) if cell)
     side = len(rows)

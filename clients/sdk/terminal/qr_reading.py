@@ -51,7 +51,7 @@ def find_text(data: bytes) -> str:
 
 
 def _limit_process() -> None:
-    """Limit the process's time, memory, files and core dumps."""
+    """In time, memory, files and core dumps."""
     for what, most in (
         (resource.RLIMIT_CPU, CPU_MAX_S),
         (resource.RLIMIT_AS, MEMORY_MAX_BYTES),

@@ -35,7 +35,7 @@ class SafeStream:
 
     @property
     def trusted(self) -> TextIO:
-        """The raw stream, for text already safe."""
+        """For text already safe."""
         return self._stream
 
     def write(self, text: str) -> int:
@@ -68,28 +68,28 @@ class SafeConsole(Console):
         self._file = new_file
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Return text with its markup only if valid and ours."""
+        """Its markup only if valid and ours."""
         text = escape_controls(text, _ALLOWED)
         if options.get("markup") is False:
             return super().render_str(text, **options)
         return super().render_str(keep_own_tags(text), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """Render with escaped controls; only our own segments move the cursor."""
+        """Only our own segments move the cursor."""
         for segment in super().render(renderable, options):
             safe = segment.text if segment.control else escape_controls(segment.text, _ALLOWED)
             yield segment if safe == segment.text else Segment(safe, segment.style)
 
 
 def escape(text: str) -> str:
-    """Return text as markup that shows it, as `rich.markup.escape` does; a longer run of backslashes is shown by number."""
+    """Markup that shows the text, as `rich.markup.escape` does; a longer run of backslashes is shown by number."""
     text = _LONG_RUN.sub(lambda run: f"({len(run[0])} backslashes)", text)
     text = _MARKUP.sub(lambda found: f"{found[1] * 2}\\{found[2]}", text)
     return text + "\\" if text.endswith("\\") and not text.endswith("\\\\") else text
 
 
 def keep_own_tags(text: str) -> str:
-    """Return markup with only our own, balanced tags active."""
+    """Only our own, balanced tags stay active."""
     opened: list[str] = []
     text = _LONG_RUN.sub(lambda run: f"({len(run[0])} backslashes)", text)
 
@@ -109,7 +109,7 @@ def keep_own_tags(text: str) -> str:
 
 
 def write_trusted(text: str) -> None:
-    """Write our own text unescaped to standard output."""
+    """Our own text, unescaped."""
     stream = sys.stdout
     (stream.trusted if isinstance(stream, SafeStream) else stream).write(text)
 
@@ -124,7 +124,7 @@ def overwrite_line(text: str = "", *, ends: bool = False) -> None:
 
 @contextmanager
 def safe_streams() -> Iterator[None]:
-    """Escape foreign controls on standard output and error while inside."""
+    """On standard output and error."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (cast(TextIO, _safe(stream)) for stream in before)
     try:

@@ -45,7 +45,7 @@ _ANSWERS_KEY = "blockrobot.answers"
 
 
 def home_folder() -> Path:
-    """Return BLOCKROBOT_HOME, else the platform's folder for data."""
+    """BLOCKROBOT_HOME, else the platform's folder for data."""
     named = os.environ.get("BLOCKROBOT_HOME")
     if named:
         return Path(named)
@@ -55,7 +55,7 @@ def home_folder() -> Path:
 
 
 def load_genesis(path: Path) -> Genesis:
-    """Read a genesis file. Raises GENESIS_INVALID, also if missing."""
+    """Raises GENESIS_INVALID, also if missing."""
     from consensus.chain.genesis import genesis_from_json  # noqa: PLC0415 - help needs no genesis
 
     try:
@@ -71,13 +71,13 @@ def json_option(command: F) -> F:
 
 
 def wants_json(arguments: Sequence[str]) -> bool:
-    """Return whether --json is present, even in an unparsable line."""
+    """Even in an unparsable line."""
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
     return JSON_OPTION in options
 
 
 def write_json(value: Any) -> str:
-    """Return indented JSON, ASCII-only where the output requires it."""
+    """Indented; ASCII-only where the output requires it."""
     return json.dumps(value, indent=2, ensure_ascii=not is_utf8(sys.stdout))
 
 
@@ -86,7 +86,7 @@ def print_json(value: Any) -> None:
 
 
 def print_answer(answer: Answer, *, ok: bool = True) -> None:
-    """Print a typed answer as one JSON object, `ok` first."""
+    """As one JSON object, `ok` first."""
     import msgspec  # noqa: PLC0415 - help needs none
 
     print_json({"ok": ok, **msgspec.to_builtins(answer, builtin_types=(bytes,))})
@@ -140,12 +140,11 @@ class Declined(click.Abort):
 
 
 def set_confirm_words(context: click.Context, answers: Answers) -> None:
-    """Set the running command's words for answers."""
     context.meta[_ANSWERS_KEY] = answers
 
 
 def ask(question: str, *, err: bool = False) -> None:
-    """Ask yes or no, also inside the event loop. Raises Abort."""
+    """Also inside the event loop. Raises Abort."""
     context = click.get_current_context(silent=True)
     answers = None if context is None else context.meta.get(_ANSWERS_KEY)
     with _stopped_by_interrupt():
@@ -166,29 +165,28 @@ def _is_yes(question: str, answers: Answers, *, err: bool) -> bool:
 
 
 def ask_for(text: str) -> str:
-    """Read a line, also inside the event loop. Raises Abort."""
+    """Also inside the event loop. Raises Abort."""
     with _stopped_by_interrupt():
         return str(click.prompt(text))
 
 
 def ask_for_enter(text: str) -> None:
-    """Wait for Enter. Raises Abort at Ctrl-C."""
+    """Raises Abort at Ctrl-C."""
     with _stopped_by_interrupt():
         click.prompt(text, default="", show_default=False)
 
 
 def can_ask() -> bool:
-    """Return whether somebody is there to answer."""
     return sys.stdin.isatty()
 
 
 def is_at_terminal() -> bool:
-    """Return whether input and output are both terminals, fit for secrets."""
+    """Input and output: fit for secrets."""
     return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def clear_screen() -> None:
-    """Clear screen and scrollback of secrets, or print empty lines."""
+    """And scrollback of secrets, or print empty lines."""
     if not console.is_terminal:
         return
     wiped = "\n" * _PLAIN_ROWS_COUNT if console.is_dumb_terminal else "\x1b[H\x1b[2J\x1b[3J"
@@ -197,7 +195,7 @@ def clear_screen() -> None:
 
 
 def set_error_formatter(context: click.Context, saying: Callable[[BlockRobotError], str]) -> None:
-    """Set the running command's error wording for people, not for JSON."""
+    """For people, not for JSON."""
     context.meta[_SAYING_KEY] = saying
 
 
@@ -221,7 +219,7 @@ def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
 
 
 def handle_errors(command: F) -> F:
-    """Turn errors into message, code, next step and exit code."""
+    """Into message, code, next step and exit code."""
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> Any:
@@ -255,5 +253,5 @@ def command_output(command: F) -> F:
 
 
 def pluralize(count: int, one: str, many: str = "") -> str:
-    """Return count and noun, e.g. `2 records`."""
+    """E.g. `2 records`."""
     return f"{count} {one if count == 1 else many or one + 's'}"

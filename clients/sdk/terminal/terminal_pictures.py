@@ -42,7 +42,7 @@ _SIXEL_TERMS = frozenset({"foot", "foot-extra", "mlterm", "contour", "contour-la
 
 
 def find_picture_protocol(console: Console, environment: Mapping[str, str] | None = None) -> PictureProtocol:
-    """Return the method: protocols only if TERM names them, blocks in tmux or screen, letters without colour."""
+    """Protocols only if TERM names them, blocks in tmux or screen, letters without colour."""
     environment = os.environ if environment is None else environment
     term = environment.get("TERM", "")
     if not console.is_terminal or console.width < COLUMNS_MIN or term in {"", "dumb", "unknown"}:
@@ -61,7 +61,7 @@ def find_picture_protocol(console: Console, environment: Mapping[str, str] | Non
 
 
 def show_picture(console: Console, picture: Image.Image, way: PictureProtocol | None = None) -> None:
-    """Show an RGB picture at most as wide as the terminal."""
+    """At most as wide as the terminal."""
     way = find_picture_protocol(console) if way is None else way
     columns = min(console.width - 1, 120)
     if way is PictureProtocol.NONE:
@@ -93,7 +93,7 @@ def _pixel(small: Image.Image, x: int, y: int) -> tuple[int, int, int]:
 
 
 def half_blocks(picture: Image.Image, columns: int) -> Iterator[Text]:
-    """Return rows of two pixels per cell, in the terminal's colours."""
+    """Two pixels per cell, in the terminal's colours."""
     small = _cells(picture, columns, 2)
     for y in range(0, small.height, 2):
         row = Text()
@@ -104,7 +104,7 @@ def half_blocks(picture: Image.Image, columns: int) -> Iterator[Text]:
 
 
 def letters(picture: Image.Image, columns: int) -> Iterator[Text]:
-    """Return rows of letters, denser for brighter."""
+    """Denser for brighter."""
     small = _cells(picture, columns, 1).convert("L")
     for y in range(small.height):
         greys = small.crop((0, y, small.width, y + 1)).tobytes()
@@ -118,7 +118,7 @@ def _png(picture: Image.Image) -> bytes:
 
 
 def kitty(picture: Image.Image) -> str:
-    """Return Kitty graphics protocol: chunked PNG at the cursor, no replies."""
+    """Chunked PNG at the cursor, no replies."""
     data = base64.standard_b64encode(_png(picture)).decode("ascii")
     pieces = [data[start : start + _KITTY_CHUNK] for start in range(0, len(data), _KITTY_CHUNK)]
     last = len(pieces) - 1
@@ -129,14 +129,14 @@ def kitty(picture: Image.Image) -> str:
 
 
 def iterm(picture: Image.Image) -> str:
-    """Return iTerm2's inline image protocol."""
+    """Inline image protocol."""
     data = _png(picture)
     header = f"inline=1;size={len(data)};width={picture.width}px;height={picture.height}px;preserveAspectRatio=1"
     return f"\x1b]1337;File={header}:{base64.standard_b64encode(data).decode('ascii')}\x07"
 
 
 def sixel(picture: Image.Image) -> str:
-    """Return sixels (DEC STD 070)."""
+    """DEC STD 070."""
     packed = picture.quantize(_SIXEL_COLOURS)
     palette = packed.getpalette() or []
     width, height = packed.size

@@ -30,7 +30,7 @@ def complete_profiles(ctx: click.Context, _: click.Parameter, incomplete: str) -
 
 
 def complete_records(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[str]:
-    """Return id prefixes of records written below `--out` (`pictures`)."""
+    """Id prefixes of records written below `--out` (`pictures`)."""
     folder = Path(ctx.params.get("out") or "pictures")
     try:
         names = sorted(path.name for path in folder.iterdir() if _RECORD.fullmatch(path.name) and path.is_dir())
@@ -84,7 +84,7 @@ def wallet_options(command: F) -> F:
 
 
 def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) -> tuple[Path, Path]:
-    """Return a wallet's file and its genesis file."""
+    """Wallet file and genesis file."""
     if not profile.replace("-", "").replace("_", "").isalnum():
         raise WrongUsage("profile")
     return (

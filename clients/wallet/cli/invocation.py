@@ -27,7 +27,7 @@ def _group() -> click.Context | None:
 
 
 def genesis_place(named: Path | None) -> Path:
-    """Return the named genesis file, else the user's default."""
+    """The user's default if none is named."""
     return named or home_folder() / "network" / "genesis.json"
 
 
@@ -38,7 +38,7 @@ def verify_command(file: Path | str) -> str:
 
 
 def called(command: str = WALLET_COMMAND) -> str:
-    """Return the command with profile, folder and genesis options, if given."""
+    """With profile, folder and genesis options, if given."""
     context = _group()
     if context is None:
         return command

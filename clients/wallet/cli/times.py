@@ -24,7 +24,7 @@ def read_time(written: str | None, now_ms: int) -> int:
 
 
 class TimeParamType(click.ParamType[int]):
-    """A date, or a date and a time, as ms since 1970."""
+    """As ms since 1970."""
 
     name = "time"
 

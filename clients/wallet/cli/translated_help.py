@@ -31,7 +31,7 @@ def paragraphs(english: str) -> list[str]:
 
 
 def placeholders(usage: str) -> list[str]:
-    """Return the placeholders (`FILE`) of a usage line or option."""
+    """`FILE` of a usage line or option."""
     return _PLACEHOLDER.findall(usage)
 
 
@@ -46,7 +46,7 @@ def _with_placeholders(usage: str, language: str) -> str:
 
 
 def _translate_paragraphs(english: str | None, language: str) -> str:
-    """Return a help text in the language; in an example only placeholders are translated."""
+    """In an example only placeholders are translated."""
     return "\n\n".join(
         _translate(EXAMPLE, language) + _with_placeholders(part.removeprefix(EXAMPLE), language)
         if part.startswith(EXAMPLE)
@@ -57,7 +57,7 @@ def _translate_paragraphs(english: str | None, language: str) -> str:
 
 @contextmanager
 def click_speaks(language: str) -> Iterator[None]:
-    """Let click speak the language inside; errors are shown before leaving, while it does."""
+    """Errors are shown before leaving."""
     if language == DEFAULT_LANGUAGE:
         yield
         return
@@ -81,7 +81,7 @@ def click_speaks(language: str) -> Iterator[None]:
 
 
 def _translated_copy(command: C, ctx: click.Context, language: str) -> C:
-    """Return a copy of a command, and of those below it, with all texts in the language."""
+    """Commands below it too."""
     translated = copy.copy(command)
     translated._help_option = None
     with click_speaks(language):
@@ -136,7 +136,7 @@ class TranslatedGroup(LazyGroup):
             return super().invoke(ctx)
 
     def _language_of(self, args: list[str]) -> str:
-        """Determine the language before anything is parsed, even in an unparsable line."""
+        """Before anything is parsed, even in an unparsable line."""
         if wants_json(args):
             return DEFAULT_LANGUAGE
         parser = copy.copy(self).make_parser(click.Context(self, resilient_parsing=True))

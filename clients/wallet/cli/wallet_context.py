@@ -39,9 +39,7 @@ _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a va
 
 
 def read_only_wallet(command: F) -> F:
-    """Mark a command as safe beside another program; its wallet changes are dropped, so they must be recoverable from
-    the chain.
-    """
+    """Mark a command as safe beside another program; its wallet changes are dropped, so the chain must have them."""
     setattr(command, _READS_ONLY_MARK, True)
     return command
 
@@ -59,7 +57,7 @@ def on_abort(ctx: click.Context, say: Callable[[], str]) -> Iterator[None]:
 
 
 def read_passphrase(*, from_keyring: bool = True) -> str:
-    """Return the passphrase from file or terminal, or the keyring with `--keyring`."""
+    """From file or terminal, or the keyring with `--keyring`."""
     context = click.get_current_context(silent=True)
     if from_keyring and context is not None and context.meta.get(KEYRING_KEY):
         return read_from_keyring(context.obj[0])
@@ -109,15 +107,13 @@ def _ask_hidden(key: str) -> str:
 
 
 def require_new(out: Path | None) -> None:
-    """Raise FILE_EXISTS for anything there, including dangling links."""
+    """Raise FILE_EXISTS for anything, including dangling links."""
     if out is not None and (out.exists() or out.is_symlink()):
         raise refusal("FILE_EXISTS", "file_kept", path=str(out))
 
 
 def run_with_wallet(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
-    """Open the wallet and run `action`; read-only commands run beside another program without saving. Warns if
-    membership ended.
-    """
+    """Read-only commands run beside another program without saving. Warns if membership ended."""
     path, genesis_path = ctx.obj
     require_wallet(path)
     genesis = load_genesis(genesis_path)
@@ -134,7 +130,7 @@ def run_with_wallet(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]
 
 
 def run_made(store: Keystore, genesis_path: Path, action: Callable[[Wallet], Awaitable[T]]) -> T:
-    """Run `action` with a new wallet. Raises GENESIS_INVALID."""
+    """Raises GENESIS_INVALID."""
     return _run(store, load_genesis(genesis_path), action)
 
 
@@ -151,7 +147,7 @@ def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable
 
 
 def print_failed_nodes(troubles: Mapping[str, BlockRobotError]) -> None:
-    """Name nodes with false proofs on standard error."""
+    """Nodes with false proofs, on standard error."""
     for name, error in sorted(troubles.items()):
         if error.code in _LIES:
             click.echo(text("ask.lied", name=name, code=error.code), err=True)

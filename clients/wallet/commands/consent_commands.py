@@ -84,7 +84,7 @@ async def _tell(
     as_json: bool,
     answer: ConsentWordAnswer,
 ) -> None:
-    """Print the final statement before fetching its receipt. Statements for a represented person have none."""
+    """Before fetching the receipt; statements for a represented person have none."""
     if not as_json:
         if person is not None:
             console.print(text("mandates.said_for", name=encode_short(person.handle)))
@@ -106,7 +106,7 @@ def _word_answer(
     sensors: Collection[str],
     person: RepresentedPerson | None,
 ) -> ConsentWordAnswer:
-    """Return an answer without the receipt, which is fetched last."""
+    """Without the receipt, which is fetched last."""
     return extend(
         ConsentWordAnswer,
         spoken_for(person),
@@ -309,7 +309,7 @@ def list_choices(
 
 
 def _without_depth(found: Choices, purposes: Collection[str]) -> list[str]:
-    """Return, per purpose, sensors without effect because depth is not consented."""
+    """Per purpose, sensors without effect because depth is not consented."""
     lines = []
     for purpose in sorted(purposes):
         lacking = sorted(row.sensor for row in found.lacking_depth if row.purpose == purpose)

@@ -62,7 +62,7 @@ class _EraseResult:
 
 
 def _read_frames(written: str | None) -> list[int]:
-    """Return indexes of numbers from 1. Raises WrongUsage: an empty selection would mean the whole record."""
+    """Indexes of numbers from 1. Raises WrongUsage: an empty selection would mean the whole record."""
     if written is None:
         return []
     numbers = [part.strip(" ") for part in written.split(",")]
@@ -74,7 +74,7 @@ def _read_frames(written: str | None) -> list[int]:
 async def _select_pictures(
     erasing: ErasureClient, entry: RecordEntry, wish: _EraseOptions
 ) -> tuple[list[int], list[int], int]:
-    """Return selected pictures left to erase, others, and the total. Raises WrongUsage."""
+    """Left to erase, others, and the total. Raises WrongUsage."""
     count = await erasing.count_pictures(entry, wish.frames)
     missing = missing_pictures(wish.frames, count)
     if not count:
@@ -88,7 +88,7 @@ async def _select_pictures(
 
 
 def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipients: Sequence[Share]) -> None:
-    """Explain the erasure and confirm. Raises Abort."""
+    """Raises Abort."""
     if frames:
         (entry,) = entries
         times = {
@@ -109,8 +109,7 @@ def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipi
     ask(text("erase.ask"))
 
 
-def _ignore(_: Sequence[ErasureReport]) -> None:
-    """Tell nobody."""
+def _ignore(_: Sequence[ErasureReport]) -> None: ...
 
 
 def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
@@ -168,7 +167,7 @@ def erase(
 
 
 async def _erase(wish: _EraseOptions, opened: Wallet) -> _EraseResult:
-    """Confirm and erase. Raises Abort, WrongUsage."""
+    """Raises Abort, WrongUsage."""
     chosen = await choose_records(opened, wish.record_ids)
     entries = [entry for entry in chosen if entry.state.status == "active"]
     erasing, done, frames, of = ErasureClient(opened), _EraseResult(), wish.frames, 0

@@ -157,8 +157,8 @@ async def look_at(
 ) -> tuple[list[SharedView], list[bytes], list[Path], dict[bytes, BlockRobotError]]:
     """Request, fetch, verify and write a grant's records below `out` (absolute).
 
-    Returns views, restricted records left out, leftover files, and missing empty frames with reasons. Restricted
-    records fail only if named. Raises GRANT_ENDED, CALL_REFUSED.
+    Returns views, restricted records left out, leftover files, and missing empty frames with reasons. Restricted records
+    fail only if named. Raises GRANT_ENDED, CALL_REFUSED.
     """
     receiving, receipt = await _find(opened, start)
     if not receipt.is_open:

@@ -19,7 +19,7 @@ from pages.time_format import format_time
 
 
 def show_notice(notice_view: NoticeView, *, err: bool = False) -> None:
-    """Print a notice verbatim, without control characters or colours from the chain."""
+    """Verbatim, without control characters or colours from the chain."""
     for line in notice_view.lines():
         if err:
             click.echo(line, err=True)
@@ -36,9 +36,7 @@ def require_said(*, yes: bool) -> None:
 def confirm_with_notice(
     notices: Notices | None, notice_view: NoticeView, question: str, *, yes: bool, as_json: bool
 ) -> None:
-    """Show a notice before signing, and ask unless `yes`. `notices` None: another person's, not remembered. With `yes`
-    it is marked as shown once printed.
-    """
+    """Show a notice before signing, and ask unless `yes`. `notices` None: another person's, not remembered."""
     if as_json and (yes or not can_ask()):
         return
     show_notice(notice_view, err=as_json)
@@ -148,7 +146,7 @@ def _registered_line(purposes: tuple[str, ...]) -> str:
 
 
 def _unseen(receipted: ReceiptOutcome, notice_view: NoticeView) -> str:
-    """Describe a notice version published during registration, to which the chain binds."""
+    """A version published during registration, to which the chain binds."""
     published = None if receipted.receipt is None else receipted.receipt.published
     if published is None or published.row.version <= notice_view.version:
         return ""

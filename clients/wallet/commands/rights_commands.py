@@ -78,7 +78,7 @@ def _name(statement: RightsStatement) -> str:
 
 
 def _all_of(spoken: Spoken) -> list[RightsStatement]:
-    """Return all results; report them before raising the refusal."""
+    """Report them before raising the refusal."""
     words, refusal = spoken
     if refusal is None:
         return words

@@ -96,7 +96,7 @@ def _print_unfinished(session: PageSession, *, as_json: bool) -> None:
 
 
 async def _serve(wallet: Wallet, session: PageSession, idle_minutes: int, *, no_browser: bool, as_json: bool) -> str:
-    """Serve until the end; return the reason."""
+    """Return the reason of the end."""
     async with wallet as opened, session:
         with_endings = _end_in_order(session)
         page = make_page(session)
@@ -128,7 +128,7 @@ async def _let_begin(session: PageSession, *, as_json: bool) -> None:
 
 
 def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:
-    """Print the URL and open the page; the URL alone gives no access."""
+    """The URL alone gives no access."""
     opened = not no_browser and open_in_browser(file)
     if as_json:
         print_answer(ServeAnswer(url=url, redirect_file=str(file), browser_opened=opened))
@@ -161,7 +161,7 @@ def _offer_links(page: LocalPage, *, as_json: bool) -> None:
 
 
 def _end_in_order(session: PageSession) -> Callable[[], None]:
-    """Handle Ctrl-C and SIGTERM gracefully; return the undo function."""
+    """At Ctrl-C and SIGTERM; return the undo function."""
     loop = asyncio.get_running_loop()
     for number in ENDINGS:
         loop.add_signal_handler(number, session.ended.set)

@@ -45,7 +45,7 @@ _STEPS = {STEP_KEYS: "share.keys", STEP_SIGNING: "share.signing"}
 
 
 def read_end(span: str | None, until: str | None, now_ms: int) -> int:
-    """Return the end in ms: after a duration (7d, 12h), or at a time."""
+    """In ms: after a duration (7d, 12h), or at a time."""
     if span is not None and until is not None:
         raise WrongUsage("end_twice")
     if until is not None:
@@ -171,7 +171,7 @@ def shares(ctx: click.Context, as_json: bool) -> None:
 
 
 def print_recipients(found: Sequence[Share]) -> None:
-    """Print recipients of records to be erased (Art. 19)."""
+    """Of records to be erased (Art. 19)."""
     for each in found:
         moments = ", ".join(format_time(each_look.time_ms) for each_look in each.looks)
         if moments:

@@ -67,7 +67,7 @@ def list_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> list[Missing
 
 
 def print_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> None:
-    """Print why empty frames are missing, each reason once."""
+    """Each reason once."""
     for reason in dict.fromkeys(describe_error(error)[0] for error in missing.values()):
         console.print(escape(text("view.no_room", reason=reason)))
 
@@ -97,7 +97,7 @@ def _print_views(views: list[RecordView]) -> None:
 
 
 def _find_earlier(album: Album, views: list[RecordView], *, of_all: bool) -> list[Path]:
-    """Return earlier files: all in the folder if `of_all`, else these records'."""
+    """All in the folder if `of_all`, else these records'."""
     if of_all:
         return find_earlier(album.out, album.written)
     gone = [view.entry for view in views if any(frame.status == STATUS_ERASED for frame in view.frames)]

@@ -14,7 +14,7 @@ from clients.wallet.presentation.mandate_answers import SpokenFor
 
 @dataclass(frozen=True, slots=True)
 class RepresentedPerson:
-    """A represented person: handle, mandate, registering organisation."""
+    """Handle, mandate, registering organisation."""
 
     handle: bytes
     mandate: Mandate
@@ -22,7 +22,7 @@ class RepresentedPerson:
 
     @property
     def until_ms(self) -> int:
-        """The mandate's end; no consent may last longer."""
+        """No consent may last longer."""
         return int(self.mandate.state.until_ms)
 
 
@@ -33,13 +33,12 @@ def spoken_for(person: RepresentedPerson | None) -> SpokenFor:
 
 
 def for_option(command: Any) -> Any:
-    """Add `--for HANDLE` to a command."""
     option = click.option("--for", "whom", help="For a person who cannot, by a mandate: the handle, whole or in short.")
     return option(command)
 
 
 async def resolve_represented(opened: Wallet, wanted: str | None) -> RepresentedPerson | None:
-    """Return the represented person, None for oneself. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND, MANDATE_MISSING."""
+    """None for oneself. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND, MANDATE_MISSING."""
     if wanted is None:
         return None
     mandates = Mandates(opened)

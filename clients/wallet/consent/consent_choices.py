@@ -102,11 +102,11 @@ class ConsentClient:
         return await self._say("give", "given", purposes, sensors, *period, height, seen)
 
     async def refuse(self, purposes: list[str], sensors: list[str]) -> ConsentDecision:
-        """Refuse purposes for sensors (none: all). Raises as `give`."""
+        """No sensors: all. Raises as `give`."""
         return await self._say("refuse", "refused", purposes, sensors)
 
     async def withdraw(self, purposes: list[str], sensors: list[str]) -> ConsentDecision:
-        """Withdraw consent for purposes and sensors (none: all). Raises as `give`."""
+        """No sensors: all. Raises as `give`."""
         return await self._say("withdraw", "withdrawn", purposes, sensors)
 
     async def _say(
@@ -124,13 +124,13 @@ class ConsentClient:
         return ConsentDecision(txid=receipt.txid, height=receipt.height, from_height=data["height"], count=count)
 
     def require_known(self, purposes: list[str], sensors: list[str]) -> None:
-        """Raise PURPOSE_UNKNOWN, SENSOR_UNKNOWN for unknown codes."""
+        """Raise PURPOSE_UNKNOWN, SENSOR_UNKNOWN."""
         require_published(purposes, self._wallet.genesis.purposes)
         for code in sensors:
             require_sensor(code)
 
     async def choices(self) -> Choices:
-        """Return all choices, proven. Raises NOT_REGISTERED, PROOF_*."""
+        """Proven. Raises NOT_REGISTERED, PROOF_*."""
         await self._wallet.require_registered()
         place = CHOICES.key(self._handle)
         state = await self._wallet.network.state_values([place], self._wallet.keys.identity)

@@ -42,7 +42,7 @@ class NoticeView:
 
     @property
     def version(self) -> int:
-        """The version in force, 0 if none."""
+        """0 if none."""
         return 0 if self.published is None else self.published.row.version
 
     def askable(self, purposes: Sequence[str]) -> dict[str, list[str]]:
@@ -52,14 +52,12 @@ class NoticeView:
         return {code: named[code] for code in purposes if code in named}
 
     def other_grounds(self) -> dict[str, str]:
-        """Return purposes not based on consent, with their Art. 6 ground."""
+        """Purposes not based on consent, with their Art. 6 ground."""
         named = [] if self.published is None else self.published.notice.purposes
         return {purpose.code: purpose.lawful_basis for purpose in named if not purpose.rests_on_consent}
 
     def require_named(self, purposes: Sequence[str], sensors: Sequence[str]) -> None:
-        """Raise unless the notice asks consent for these purposes and sensors; passes without a notice. Raises as
-        `require_consent_asked`.
-        """
+        """Does the notice ask consent for these? Passes without a notice. Raises as `require_consent_asked`."""
         if self.published is not None:
             require_consent_asked(self.published, purposes, sensors)
 
@@ -70,7 +68,7 @@ class NoticeView:
         return [head, *(f"  {line}" for line in self.words(language_in_use()))]
 
     def words(self, language: str) -> list[str]:
-        """Return the published text with localised headings, if any."""
+        """The published text with localised headings."""
         if self.published is None:
             return []
         labels = {key: str(label) for key, label in section("notice.line", language).items()}
@@ -97,14 +95,12 @@ class Notices:
         self._wallet = wallet
 
     async def for_card(self, code: str) -> NoticeView:
-        """Return the card issuer's notice, before registration. Raises VOUCHER_INVALID, NOTICE_INVALID, PROOF_*."""
+        """The issuer's, before registration. Raises VOUCHER_INVALID, NOTICE_INVALID, PROOF_*."""
         organisation = await organisation_of_card(self._wallet.network, decode_card_code(code))
         return await self._read(organisation, registered=False)
 
     async def current(self) -> NoticeView:
-        """Return the own organisation's notice and changes since consent. Raises NOT_REGISTERED, NOTICE_INVALID,
-        PROOF_*.
-        """
+        """The own organisation's, and changes since consent. Raises NOT_REGISTERED, NOTICE_INVALID, PROOF_*."""
         organisation = await self._organisation()
         notice_view = await self._read(organisation, registered=True)
         consented = self._wallet.store.content.notice_consented_version
@@ -115,11 +111,11 @@ class Notices:
         return NoticeView(organisation, notice_view.published, notice_view.height, before.row, tuple(changes))
 
     async def of_organisation(self, organisation: str) -> NoticeView:
-        """Return an organisation's current notice. Raises NOTICE_INVALID, PROOF_*."""
+        """In force. Raises NOTICE_INVALID, PROOF_*."""
         return await self._read(organisation, registered=True)
 
     async def changed_since_consent(self) -> NoticeRow | None:
-        """Return the version in force if newer than the consented one, else None."""
+        """In force, if newer than the consented one."""
         consented = self._wallet.store.content.notice_consented_version
         if not consented:
             return None
@@ -127,7 +123,7 @@ class Notices:
         return row if row is not None and row.version > consented else None
 
     async def due(self) -> NoticeView | None:
-        """Return the notice never shown by this wallet, or None."""
+        """Never shown by this wallet."""
         notice_view = await self.current()
         return notice_view if self.is_new(notice_view) else None
 
@@ -140,7 +136,7 @@ class Notices:
         self._wallet.store.save()
 
     def note_consented(self, notice_view: NoticeView) -> None:
-        """Record the notice as shown and consented to."""
+        """It was shown, and consented to."""
         content = self._wallet.store.content
         content.notice_consented_version = max(content.notice_consented_version, notice_view.version)
         self.note_shown(notice_view)
@@ -160,7 +156,7 @@ class Notices:
         return NoticeView(organisation, await self._version(organisation, row.version, registered=registered), height)
 
     async def _newest(self, organisation: str, *, registered: bool) -> tuple[NoticeRow | None, int]:
-        """Return the version in force and its proof's height."""
+        """And its proof's height."""
         key = NOTICE.key(organisation)
         state = await self._values([key], registered=registered)
         return read_row(organisation, state.values[key]), state.height
@@ -173,7 +169,7 @@ class Notices:
         return found
 
     async def _values(self, keys: Sequence[bytes], *, registered: bool) -> ProvedState:
-        """Read in the member's session if registered, else in none."""
+        """In the member's session if registered, else in none."""
         network = self._wallet.network
         if registered:
             return await network.state_values(keys, self._wallet.keys.identity)

@@ -116,7 +116,7 @@ class ConsentReceipts:
         )
 
     async def _ask(self, txid: bytes) -> ConsentReceiptAnswer:
-        """Ask custodians in turn, three seconds each, ten in all; raises the last refusal."""
+        """Custodians in turn, three seconds each, ten in all; raises the last refusal."""
         over_at = time.monotonic() + ASK_MAX_S
         failure = BlockRobotError("CONSENT_RECEIPT_ELSEWHERE", "No custodian of the network could be asked.")
         for left in reversed(range(ASK_PASSES_COUNT)):
@@ -188,7 +188,7 @@ class ConsentReceipts:
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "A kept receipt was written by another version.") from None
 
     async def find_words(self) -> list[bytes]:
-        """Return this key's registration and consent transactions, oldest first."""
+        """This key's registration and consent transactions, oldest first."""
         member = self._wallet.keys.identity
         found: dict[bytes, int] = {}
         for contract, names in (("identity", ("registered",)), (CONSENT, ("given", "refused", "withdrawn"))):
@@ -235,7 +235,7 @@ class ReceiptOutcome:
 
 
 async def try_fetch_receipt(opened: Wallet, txid: bytes) -> ReceiptOutcome:
-    """Fetch a final statement's receipt; failures are not raised."""
+    """Failures are not raised."""
     try:
         return ReceiptOutcome(await ConsentReceipts(opened).obtain(txid), None)
     except BlockRobotError as error:

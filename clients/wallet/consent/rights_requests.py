@@ -38,7 +38,7 @@ Sleep = Callable[[float], Awaitable[None]]
 
 @dataclass(frozen=True, slots=True)
 class RecordChoice:
-    """Selected records of one visit; none means the whole visit."""
+    """Records of one visit; none: the whole visit."""
 
     visit: KnownVisit
     records: tuple[RecordEntry, ...] = ()
@@ -93,17 +93,17 @@ class Rights:
         return RightsStatement(chosen.visit, named, receipt.txid, receipt.height, receipt.timestamp_ms, data)
 
     async def restrict(self, chosen: RecordChoice, ground: str) -> RightsStatement:
-        """Restrict records to the owner. Raises VALUE_INVALID, CALL_REFUSED."""
+        """To the owner. Raises VALUE_INVALID, CALL_REFUSED."""
         if ground not in GROUNDS:
             raise refusal("VALUE_INVALID", "right_ground", given=ground, known=", ".join(GROUNDS))
         return await self._say(chosen, "restrict", [chosen.record_ids, ground], "restricted")
 
     async def lift(self, chosen: RecordChoice) -> RightsStatement:
-        """Lift a restriction. Raises CALL_REFUSED."""
+        """Raises CALL_REFUSED."""
         return await self._say(chosen, "lift", [chosen.record_ids], "lifted")
 
     async def deny(self, visit: KnownVisit) -> RightsStatement:
-        """State that a visit shows somebody else. Raises CALL_REFUSED."""
+        """It shows somebody else. Raises CALL_REFUSED."""
         return await self._say(RecordChoice(visit), "wrong_person", [], "quarantined")
 
     async def correct(self, chosen: RecordChoice, kind: str, text: str) -> tuple[RightsStatement, Correction]:
@@ -134,9 +134,7 @@ class Rights:
             raise
 
     async def object_to_recording(self, purposes: list[str], represented: bytes | None = None) -> int:
-        """Object to recording; return the effective height. `represented` is a represented person's handle. Raises
-        VALUE_INVALID.
-        """
+        """Return the effective height. `represented`: a person's handle. Raises VALUE_INVALID."""
         self._check(purposes)
         await self._wallet.require_registered()
         arguments = [represented or self._wallet.store.content.handle, purposes]
@@ -168,7 +166,7 @@ class Rights:
         at_once: bool,
         tell: Tell,
     ) -> tuple[list[RightsStatement], BlockRobotError | None]:
-        """Apply `say` to each visit, paced as `object_to_release`, until a refusal. Returns results and that refusal."""
+        """To each visit, paced as `object_to_release`, until a refusal. Returns results and that refusal."""
         order = list(chosen)
         secrets.SystemRandom().shuffle(order)
         statements: list[RightsStatement] = []
@@ -197,12 +195,12 @@ class Rights:
 
 
 def write_correction(correction: Correction) -> bytes:
-    """Return a correction as JSON, to verify its commitment on chain."""
+    """As JSON, to verify its commitment on chain."""
     return msgspec.json.format(msgspec.json.encode(correction), indent=2) + b"\n"
 
 
 def read_correction(data: bytes) -> Correction:
-    """Read a forwarded correction. Raises FILE_UNUSABLE."""
+    """Raises FILE_UNUSABLE."""
     try:
         correction = read_json_as(data, Correction)
         commit_correction(correction)
@@ -212,7 +210,7 @@ def read_correction(data: bytes) -> Correction:
 
 
 def describe_event(kind: str, data: dict[str, Any], language: str | None = None) -> str:
-    """Return an audit entry's details in words, or empty. `language` None: the current one."""
+    """An audit entry's details, or empty. `language` None: the current one."""
     key = f"audit.said.{kind}"
     if key not in load(DEFAULT_LANGUAGE) or (kind == "access_requested" and "grant" not in data):
         return ""

@@ -51,7 +51,7 @@ class ExportChoice:
 
     @property
     def is_everything(self) -> bool:
-        """Whether nothing was chosen; includes whole visits."""
+        """Whole visits."""
         return not (self.records or self.from_ms or self.until_ms)
 
     def selection(self) -> doc.Selection:
@@ -96,7 +96,7 @@ class _Held:
         return self.rooms.get(digest)
 
     def add(self, content: bytes) -> bytes:
-        """Account for memory. Raises EXPORT_TOO_LARGE."""
+        """Raises EXPORT_TOO_LARGE."""
         self.size += len(content)
         if self.size > HELD_MAX_BYTES:
             raise refusal("EXPORT_TOO_LARGE", "export_too_large")
@@ -126,7 +126,7 @@ class Exporter:
         self._problems: list[doc.Problem] = []
 
     async def plan(self, wanted: ExportChoice) -> Plan:
-        """Plan an export without requests. Raises RECORD_NOT_FOUND, also if nothing is left."""
+        """Without requests. Raises RECORD_NOT_FOUND, also if nothing is left."""
         reports = await self._wallet.records()
         known = {record_id for report in reports for record_id in _all_ids(report)}
         for record_id in wanted.records:
@@ -203,7 +203,7 @@ class Exporter:
     # Pictures
 
     async def _fetch_pictures(self, plan: Plan) -> None:
-        """Request visits in random order with pauses, against linking."""
+        """In random order with pauses, against linking."""
         done = 0
         visits = [chosen for chosen in plan.visits if chosen.entries]
         secrets.SystemRandom().shuffle(visits)

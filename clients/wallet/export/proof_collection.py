@@ -46,7 +46,7 @@ class StateCollector:
     _found: dict[bytes, tuple[bytes, doc.KeyProof]] = field(default_factory=dict)
 
     async def read(self, keys: Sequence[bytes]) -> None:
-        """Read new keys, in batches."""
+        """In batches."""
         fresh = [key for key in dict.fromkeys(keys) if key not in self.values]
         for start in range(0, len(fresh), PROOF_KEYS_MAX_COUNT):
             part = fresh[start : start + PROOF_KEYS_MAX_COUNT]
@@ -197,7 +197,7 @@ async def _identity_events(wallet: Wallet, member: PrivateKey) -> list[tuple[byt
 async def _collect_words(
     wallet: Wallet, member: PrivateKey, signed: Signed
 ) -> tuple[list[doc.ReceiptProof], list[doc.Problem]]:
-    """Find the member's consent statements, with proofs: of the signed receipt, else kept, else fetched."""
+    """Consent statements, with proofs: of the signed receipt, else kept, else fetched."""
     words: dict[bytes, int] = {}
     place: Place | None = None
     problems: list[doc.Problem] = []
@@ -238,7 +238,7 @@ async def _collect_words(
 
 
 async def read_transaction(client: NetworkClient, key: PrivateKey, height: int, txid: bytes) -> Transaction:
-    """Return a transaction, in a member's session. Raises PROOF_INVALID, BLOCK_PRUNED."""
+    """From its block, in a member's session; checked only by id. Raises PROOF_INVALID, BLOCK_PRUNED."""
 
     async def ask(node: NodeAddress) -> Transaction:
         content = await client.ask_node(node, "GET", f"/v1/blocks/{height}", key=key)

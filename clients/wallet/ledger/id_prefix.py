@@ -26,9 +26,7 @@ MANDATE = IdKind("mandate", "MANDATE_NOT_FOUND")
 
 
 def resolve_id_prefix(thing: IdKind, ids: Sequence[str], start: str) -> int:
-    """Return the index of the id (hex) with this prefix. Raises NAME_TOO_SHORT, NAME_AMBIGUOUS, or the thing's own
-    code.
-    """
+    """Return the index among `ids` (hex). Raises NAME_TOO_SHORT, NAME_AMBIGUOUS, or the thing's own code."""
     if len(start) < thing.min_chars:
         raise refusal("NAME_TOO_SHORT", f"short.{thing.one}", count=thing.min_chars, start=start, given=len(start))
     found = [place for place, known in enumerate(ids) if known.startswith(start.lower())]

@@ -51,7 +51,7 @@ class Mandates:
     # Looking
 
     async def read_all(self) -> list[Mandate]:
-        """Return all mandates as proposed. Raises NOT_REGISTERED."""
+        """As proposed. Raises NOT_REGISTERED."""
         return await self._mandates(await self._all_ids())
 
     async def _all_ids(self) -> list[bytes]:
@@ -94,14 +94,14 @@ class Mandates:
         return found
 
     async def trail(self, mandate: Mandate) -> list[ActRow]:
-        """Return all acts under a mandate in order; proven complete."""
+        """All acts in order, proven complete."""
         count = await proved_row(self._read, ACT_COUNT, mandate.mandate_id) or 0
         keys = [ACT.key(mandate.mandate_id, number) for number in range(count)]
         found = await self._read(keys)
         return [ACT.convert(found[key]) for key in keys]
 
     async def read_handle(self, wanted: str) -> bytes:
-        """Return the full handle. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND."""
+        """Whole. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND."""
         await self._wallet.require_registered()
         if is_short(wanted):
             found = await put_query(self._read, partial(handle_from, start=decode_short(wanted)))
@@ -117,14 +117,14 @@ class Mandates:
         return handle
 
     async def organisation_of(self, handle: bytes) -> str:
-        """Return the registering organisation. Raises HANDLE_NOT_FOUND."""
+        """Which registered it. Raises HANDLE_NOT_FOUND."""
         member = await put_query(self._read, lambda state: member_with(state, handle))
         if member is None:
             raise BlockRobotError("HANDLE_NOT_FOUND")
         return member.org
 
     async def acting_for(self, handle: bytes) -> Mandate:
-        """Return the active mandate. Raises MANDATE_MISSING."""
+        """Active. Raises MANDATE_MISSING."""
         mandate_id = await self._of(handle)
         for mandate in await self._mandates([] if mandate_id is None else [mandate_id]):
             if mandate.state.representative == self._wallet.store.content.handle and mandate.status == ACTIVE:
@@ -136,19 +136,19 @@ class Mandates:
     async def propose(
         self, handle: bytes, representative: bytes, papers: bytes, acts: Sequence[str], until_ms: int
     ) -> bytes:
-        """Propose a mandate; return its id. Raises CALL_REFUSED."""
+        """Return its id. Raises CALL_REFUSED."""
         return (await self._call("propose", [handle, representative, papers, list(acts), until_ms])).txid
 
     async def approve(self, mandate: Mandate) -> None:
-        """Approve as second officer. Raises CALL_REFUSED."""
+        """As second officer. Raises CALL_REFUSED."""
         await self._call("approve", [mandate.mandate_id])
 
     async def accept(self, mandate: Mandate) -> None:
-        """Accept as representative. Raises CALL_REFUSED."""
+        """As representative. Raises CALL_REFUSED."""
         await self._call("accept", [mandate.mandate_id])
 
     async def end(self, mandate: Mandate) -> None:
-        """End a mandate; others may close lapsed ones. Raises CALL_REFUSED."""
+        """Others may close lapsed ones. Raises CALL_REFUSED."""
         content = self._wallet.store.content
         entitled = content.handle in (mandate.state.handle, mandate.state.representative)
         if not entitled and content.role == "officer":

@@ -64,7 +64,7 @@ class Filter:
 
 
 def read_days(written: str | None, today: datetime.date) -> tuple[datetime.date, datetime.date] | None:
-    """Parse `today`, `yesterday`, `2027-01-31` or `2027-01-01..2027-01-31`."""
+    """`today`, `yesterday`, `2027-01-31` or `2027-01-01..2027-01-31`."""
     if written is None:
         return None
 
@@ -83,7 +83,7 @@ def read_days(written: str | None, today: datetime.date) -> tuple[datetime.date,
 
 
 def read_minutes(written: str | None) -> tuple[int, int] | None:
-    """Parse `morning` etc. or `09:00-12:30` as minutes of day."""
+    """`morning` etc. or `09:00-12:30`, as minutes of day."""
     if written is None:
         return None
     if written in PARTS_OF_DAY:
@@ -101,7 +101,7 @@ def read_minutes(written: str | None) -> tuple[int, int] | None:
 def read_filter(
     day: str | None, time_of_day: str | None, robots: Sequence[str], sensors: Sequence[str], today: datetime.date
 ) -> Filter:
-    """Build a filter. Raises UsageError, SENSOR_UNKNOWN."""
+    """Raises UsageError, SENSOR_UNKNOWN."""
     for sensor in sensors:
         if sensor != NOTICE_SENSOR:
             require_sensor(sensor)
@@ -135,7 +135,7 @@ class Page:
 
 
 def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_page: int = 0) -> Page:
-    """Return one page (`per_page` 0: all), by visit; visits with missing or unreadable records are always shown."""
+    """`per_page` 0: all. Visits with missing or unreadable records are always shown."""
     rows: list[tuple[int, RecordEntry | None]] = []
     for place, report in enumerate(reports):
         taken = [entry for entry in report.records if wanted.takes(entry)]
@@ -155,7 +155,7 @@ def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_pa
 
 
 async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
-    """Return named records, or all except denied visits'. Raises NOT_FOUND."""
+    """None named: all except denied visits'. Raises NOT_FOUND."""
     reports = await opened.records()
     reports = [report for report in reports if record_ids or not report.standing.breach_id]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
@@ -165,7 +165,7 @@ async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[Re
 
 
 def warn_of_linked_visits(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
-    """Warn that acting on several visits links them; return the records."""
+    """Return the records."""
     if not as_json:
         print_linking_notice(len({entry.visit.owner for entry in entries}))
     return entries

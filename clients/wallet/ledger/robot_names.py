@@ -14,7 +14,7 @@ RobotNames = Mapping[bytes, RobotName]
 
 
 async def read_robot_names(wallet: Wallet, visits: Iterable[KnownVisit]) -> dict[bytes, RobotName]:
-    """Return robots' names, without unnamed ones."""
+    """Without unnamed ones."""
     found = {}
     # Each robot in the session of a visit of its own: asked together, a node would learn that one person met them all.
     for robot, visit in {visit.robot: visit for visit in visits}.items():
@@ -26,7 +26,7 @@ async def read_robot_names(wallet: Wallet, visits: Iterable[KnownVisit]) -> dict
 
 
 def robot_label(robot: bytes, names: RobotNames) -> str:
-    """Return name, place and key prefix, or only the prefix."""
+    """Name, place and key prefix, or only the prefix."""
     key, named = robot.hex()[:KEY_SHOWN_CHARS], names.get(robot)
     if named is None:
         return key

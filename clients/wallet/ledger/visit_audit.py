@@ -46,7 +46,7 @@ class AuditEntry:
 
 
 def findings_of(entry: AuditEntry) -> list[Finding]:
-    """Return a verdict's findings per record; none for other entries."""
+    """Of a verdict, per record; none for other entries."""
     if entry.kind != VERDICT_KIND:
         return []
     return [(record_id, verdict, list(frames)) for record_id, verdict, frames in entry.data["findings"]]
@@ -60,7 +60,7 @@ def records_of(entry: AuditEntry) -> list[bytes]:
 
 
 async def audit_visit(wallet: VisitReader, visit: KnownVisit, count: int | None = None) -> list[AuditEntry]:
-    """Return all events in order, proven complete. `count` is an already proven length."""
+    """In order, proven complete. `count` is an already proven length."""
     key = wallet.owner_key(visit)
     if count is None:
         count = COUNT.among(await wallet.values([COUNT.key(visit.owner)], key), visit.owner) or 0
@@ -77,7 +77,7 @@ async def audit_visit(wallet: VisitReader, visit: KnownVisit, count: int | None 
 
 
 async def audit_all(wallet: VisitReader) -> list[AuditEntry]:
-    """Return all visits' events in chain order."""
+    """In chain order."""
     entries = []
     for visit in await wallet.scan():
         entries.extend(await audit_visit(wallet, visit))

@@ -15,7 +15,7 @@ from consensus.records.owner_keys import derive_owner_key, scan_announcement
 def find_own_visits(
     announcements: Sequence[Announcement], keys: WalletKeys, chain_id: bytes, era: int = 0
 ) -> list[KnownVisit]:
-    """Return own visits, prefiltered by view tag. `era` is the mnemonic's index."""
+    """Prefiltered by view tag. `era` is the mnemonic's index."""
     found = []
     for item in announcements:
         owner = scan_announcement(
@@ -63,10 +63,10 @@ def follow_announcements(
 
 
 def owner_key(visit: KnownVisit, keys: WalletKeys, chain_id: bytes) -> PrivateKey:
-    """Derive the visit's private owner key; it is not stored."""
+    """Derived, never stored."""
     return derive_owner_key(keys.spend, keys.view, visit.ephemeral, chain_id=chain_id, robot=visit.robot)
 
 
 def resolve_record(known: list[str], wanted: str) -> str:
-    """Return a record by prefix. Raises RECORD_NOT_FOUND, NAME_AMBIGUOUS, NAME_TOO_SHORT."""
+    """Raises RECORD_NOT_FOUND, NAME_AMBIGUOUS, NAME_TOO_SHORT."""
     return known[resolve_id_prefix(RECORD, known, wanted)]

@@ -48,7 +48,7 @@ class VisitRights:
 
 
 def read_standing(values: Values, owner: bytes, audit: Sequence[AuditEntry]) -> VisitRights:
-    """Return the status by first owner key, from proved values and audit."""
+    """By first owner key, from proved values and audit."""
     return VisitRights(
         RESTRICTION.among(values, owner),
         tuple(sorted(OBJECTION.among(values, owner) or {})),
@@ -64,7 +64,7 @@ def read_standing(values: Values, owner: bytes, audit: Sequence[AuditEntry]) -> 
 
 
 def _read_end(audit: Sequence[AuditEntry]) -> BreachEnd | None:
-    """Return the last breach's end; None if denied again since."""
+    """None if denied again since."""
     end = None
     for entry in audit:
         if entry.kind == "denied":

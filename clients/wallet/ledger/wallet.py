@@ -50,7 +50,7 @@ class RecordEntry:
 
     @property
     def pictures_count(self) -> int:
-        """Original number of pictures; 0 for mere withheld-frame notices."""
+        """Originally; 0 for withheld-frame notices."""
         return 0 if self.metadata.sensor == NOTICE_SENSOR else self.metadata.frame_count
 
     @property
@@ -92,7 +92,7 @@ def _keys_of(visit: KnownVisit) -> list[bytes]:
 
 
 def _still_true(before: VisitReport | None, visit: KnownVisit, trail: Sequence[AuditEntry]) -> VisitReport | None:
-    """Return the earlier report if its trail shows no change, else None."""
+    """Return the earlier report if its trail shows no change."""
     if before is None or before.visit != visit or before.trail_count > len(trail):
         return None
     return before if all(entry.kind in _CHANGES_NO_RECORD for entry in trail[before.trail_count :]) else None
@@ -127,15 +127,15 @@ class Wallet:
         self.keys: WalletKeys = self.eras[-1]
 
     def owner_key(self, visit: KnownVisit) -> PrivateKey:
-        """Derive the visit's controlling private key, as far as known."""
+        """Of the controlling key, as far as known."""
         return owner_key(visit, self.eras[visit.era], self.genesis.chain_id)
 
     def open_metadata(self, sealed: bytes) -> tuple[bytes, WalletKeys]:
-        """Return metadata and the keys it was sealed to. Raises ENVELOPE_INVALID."""
+        """And the keys it was sealed to. Raises ENVELOPE_INVALID."""
         return self._with_any(lambda keys: (open_metadata(keys.sealing, sealed), keys))
 
     def open_data_key(self, sealed: bytes) -> bytes:
-        """Open a frame's key. Raises ENVELOPE_INVALID."""
+        """Raises ENVELOPE_INVALID."""
         return self._with_any(lambda keys: open_data_key(keys.sealing, sealed))
 
     def _with_any(self, work: Callable[[WalletKeys], T]) -> T:
@@ -166,7 +166,7 @@ class Wallet:
         return registration
 
     async def find_registration(self, keys: WalletKeys) -> MemberRow | None:
-        """Return the member key's proven row, None if inactive."""
+        """Proven; None if inactive."""
         return await find_registration(self.network, keys.identity)
 
     def _remember_registration(self, member: MemberRow | Card) -> None:
@@ -176,14 +176,14 @@ class Wallet:
         self.store.save()
 
     async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
-        """Return proved values by key; None for absent ones."""
+        """Proved; None for absent ones."""
         return await in_session(self.network, session)(keys)
 
     def reading(self, session: PrivateKey) -> Read:
         return lambda keys: self.values(keys, session)
 
     async def sign_and_wait(self, visit: KnownVisit, contract: str, entry: str, arguments: list[Any]) -> bytes:
-        """Call with the owner key, wait for finality, return the txid; keeps erasure proofs. Raises CALL_REFUSED."""
+        """With the owner key; return the txid. Keeps erasure proofs. Raises CALL_REFUSED."""
         receipt = await self.network.call(self.owner_key(visit), contract, entry, arguments)
         if contract == "erasure":
             keep_receipt(self.store.content, receipt)
@@ -204,8 +204,8 @@ class Wallet:
         self._remember_registration(member)
 
     async def scan(self) -> list[KnownVisit]:
-        """Read new announcements and return own, untaken visits. Leavers get known ones; with membership lost, those
-        still controlled. Raises MEMBER_NO_MORE if none.
+        """Read new announcements; return own, untaken visits. Leavers get known ones; with membership lost, those still
+        controlled. Raises MEMBER_NO_MORE if none.
         """
         await self.require_registered()
         content, known_count = self.store.content, self.store.content.scanned_count
@@ -249,7 +249,7 @@ class Wallet:
         return deciding_key(visit.owner, current) == key.public_key
 
     async def has_left(self) -> bool:
-        """Return whether the owner left, by a proven receipt, without session."""
+        """By a proven receipt, without session."""
         content = self.store.content
         for txid in () if content.left else tuple(content.leaving):
             try:
@@ -270,7 +270,7 @@ class Wallet:
             raise
 
     async def visit_mark(self, visit: KnownVisit) -> tuple[Any, ...]:
-        """Return a value that changes with the visit, by one request."""
+        """Changes with the visit; one request."""
         keys = _keys_of(visit)
         found = await self.values(keys, self.owner_key(visit))
         return tuple(found[key] for key in keys)
@@ -329,5 +329,5 @@ class Wallet:
         )
 
     async def records(self) -> list[VisitReport]:
-        """Return all visits with records, oldest first."""
+        """Oldest first."""
         return [await self.visit_report(visit) for visit in await self.scan()]

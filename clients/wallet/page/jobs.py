@@ -51,7 +51,7 @@ class Job:
         return self.state in {"done", "failed", "cancelled"}
 
     def tell(self, step: str, done: int = 0, of: int = 0) -> None:
-        """Set progress (0 of 0: unknown)."""
+        """0 of 0: unknown."""
         self.step, self.done, self.of = step, done, of
         self.note()
 
@@ -62,7 +62,7 @@ class Job:
 
 
 async def _read_no_more() -> None:
-    """Stands for the reading after a job once nobody looks at the page: the network may be away, and nobody waits."""
+    """Once nobody looks at the page: the network may be away, and nobody waits."""
 
 
 class Jobs:
@@ -81,7 +81,6 @@ class Jobs:
 
     @property
     def are_decisions_open(self) -> bool:
-        """Whether any decision of the user is pending."""
         return any(not job.is_over and job.kind in DECISIONS for job in self._jobs.values())
 
     @property
@@ -90,12 +89,12 @@ class Jobs:
         return [job for job in self._last or [] if job.kind in TOLD and job.result is None]
 
     def begin_to_end(self) -> None:
-        """Record open and later jobs, which the page cannot report any more."""
+        """From now on the page cannot report."""
         if self._last is None:
             self._last = [job for job in self._jobs.values() if not job.is_over]
 
     def start(self, kind: str, work: Work, *, stoppable: bool = False) -> Job:
-        """Queue a job. Raises RATE_LIMITED."""
+        """Raises RATE_LIMITED."""
         now = self._now_ms()
         for name in [name for name, job in self._jobs.items() if job.is_over and now - job.ended_ms > KEPT_MS]:
             del self._jobs[name]
@@ -133,7 +132,7 @@ class Jobs:
         job.note()
 
     def find(self, name: str) -> Job:
-        """Return a job. Raises NOT_FOUND if forgotten."""
+        """Raises NOT_FOUND if forgotten."""
         job = self._jobs.get(name)
         if job is None:
             raise refusal("NOT_FOUND", "page_no_task")
@@ -159,7 +158,7 @@ class Jobs:
         return job
 
     async def close(self) -> None:
-        """Cancel reading jobs; wait for decisions to complete."""
+        """Cancel reading jobs; wait for decisions."""
         self._after = _read_no_more
         self.begin_to_end()
         open_jobs = [job for job in self._jobs.values() if job.task is not None and not job.is_over]

@@ -27,14 +27,14 @@ _TYPES = {"rgb.png": "image/png", "rgb.jpg": "image/jpeg", "wav": "audio/wav", "
 
 
 class PageReason(Answer, frozen=True, kw_only=True):
-    """Why empty frames are missing, for the page."""
+    """Why empty frames are missing."""
 
     code: str
     sentence: str
 
 
 class PageFrame(Answer, frozen=True, kw_only=True):
-    """A frame of a clip, for the page; `own` is where its own picture lies."""
+    """A frame of a clip; `own` is where its own picture lies."""
 
     number: int
     record_id: Hex
@@ -50,7 +50,7 @@ class PageFrame(Answer, frozen=True, kw_only=True):
 
 
 class PageClip(Answer, frozen=True, kw_only=True):
-    """A clip, for the page."""
+    """A clip."""
 
     clip: str
     visit: Hex
@@ -76,7 +76,7 @@ class OpenClip:
         self.frames = [(view, frame) for view in self.views for frame in view.frames]
 
     def note_verdicts(self, heights: Mapping[bytes, int]) -> None:
-        """Record each verdict's block height."""
+        """Block heights by record."""
         self.seals = tuple(replace(seal, verdict_height=heights.get(seal.view.entry.record_id)) for seal in self.seals)
 
     @property
@@ -85,11 +85,11 @@ class OpenClip:
 
     @property
     def size(self) -> int:
-        """Approximate size in bytes."""
+        """Approximately, in bytes."""
         return sum(map(size_of, self.views)) + sum(map(len, self.rooms.values()))
 
     def rendition(self, number: int) -> Rendition:
-        """Return a rendition by position. Raises NOT_FOUND."""
+        """By position. Raises NOT_FOUND."""
         if not 0 <= number < len(self.frames):
             raise BlockRobotError("NOT_FOUND", f"The clip has {len(self.frames)} frames.")
         rendition = self.frames[number][1].rendition
@@ -98,7 +98,7 @@ class OpenClip:
         return rendition
 
     def depth(self, number: int, *, own: bool) -> Depth:
-        """Return depth in millimetres, on the empty frame or (`own`) alone."""
+        """In mm, on the empty frame or (`own`) alone."""
         rendition = self.rendition(number)
         if rendition.encoding != ENCODING_PNG16:
             raise BlockRobotError("NOT_FOUND", "This is no depth picture.")
@@ -109,7 +109,7 @@ class OpenClip:
         return compose_on(decode_depth_png(room), *box, rendition.pixels)
 
     def file(self, number: int) -> tuple[str, bytes]:
-        """Return media type and bytes of a picture, sound or label."""
+        """Media type and bytes."""
         rendition = self.rendition(number)
         if rendition.encoding == ENCODING_PNG16:
             return "image/png", colourise(self.depth(number, own=False))
@@ -156,7 +156,7 @@ def _page_frame(number: int, view: RecordView, frame: FrameView) -> PageFrame:
 
 
 def size_of(view: RecordView) -> int:
-    """Return approximate bytes, without the empty frame."""
+    """Approximate bytes, without the empty frame."""
     return sum(len(frame.rendition.pixels) for frame in view.frames if frame.rendition is not None)
 
 
@@ -165,7 +165,7 @@ def _kind(rendition: Rendition) -> str:
 
 
 def little_endian(depth: Depth) -> bytes:
-    """Return row-major 16-bit little-endian pixels."""
+    """Row-major, 16 bits."""
     return np.ascontiguousarray(depth, dtype="<u2").tobytes()
 
 
@@ -186,7 +186,7 @@ class Clips:
         return clip
 
     def find(self, name: str) -> OpenClip:
-        """Return an open clip. Raises CLIP_NOT_OPEN."""
+        """Raises CLIP_NOT_OPEN."""
         clip = self._clips.pop(name, None)
         if clip is None:
             raise BlockRobotError("CLIP_NOT_OPEN")
@@ -200,7 +200,7 @@ class Clips:
         return None
 
     def count_committed(self, record_id: bytes) -> int | None:
-        """Return a record's committed picture count, None if not open."""
+        """None if not open."""
         views = [view for clip in self._clips.values() for view in clip.views if view.entry.record_id == record_id]
         return len(views[-1].frames) if views else None
 

@@ -39,7 +39,7 @@ def monotonic_ms() -> int:
 
 
 def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms) -> LocalPage:
-    """Return an unstarted page; `now_ms` is the link-expiry clock."""
+    """Unstarted; `now_ms` is the link-expiry clock."""
     routes = [each for part in _PARTS for each in part.routes(session)]
     return LocalPage(
         Assets(ASSETS),
@@ -56,5 +56,5 @@ def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms)
 
 
 def page_folder(wallet_file: Path) -> Path:
-    """Return the page's folder, beside its wallet."""
+    """Beside its wallet."""
     return wallet_file.with_name(f".{wallet_file.stem}.page")

@@ -41,7 +41,7 @@ class ProblemDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def page_problem(error: BlockRobotError, language: str) -> ProblemDocument:
-    """Return a localised problem document (RFC 9457)."""
+    """Localised (RFC 9457)."""
     detail, next_step = describe_error(error, language)
     return ProblemDocument(
         type=f"urn:blockrobot:error:{error.code}",
@@ -63,7 +63,7 @@ def _note_use(session: PageSession, request: web.Request, *, is_use: bool) -> No
 
 
 def route(session: PageSession, method: str, path: str, answer: Answer, *, is_use: bool = True) -> LocalRoute:
-    """Return a route; `is_use` resets the idle timer by default."""
+    """`is_use` resets the idle timer by default."""
     return LocalRoute(method, path, _handler(session, answer, is_use=is_use))
 
 
@@ -84,7 +84,7 @@ def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
 
 
 def answer_json(value: Mapping[str, object] | msgspec.Struct, status: int = 200) -> web.Response:
-    """Return a JSON object. Structs may be anywhere in it."""
+    """Structs may be anywhere in it."""
     body = json.dumps(msgspec.to_builtins(value, builtin_types=(bytes,))).encode()  # refuses bytes: no silent base64
     return web.Response(status=status, body=body, content_type="application/json")
 

@@ -35,10 +35,8 @@ class PassphraseGate:
         return self._open_count > 0
 
     async def require(self, passphrase: str) -> None:
-        """Check the passphrase, one at a time. Raises WALLET_PASSPHRASE_WRONG, PASSPHRASE_LOCKED,
-        PAGE_SESSION_REQUIRED.
-
-        Callers act at once, before any other await.
+        """One check at a time. Raises WALLET_PASSPHRASE_WRONG, PASSPHRASE_LOCKED, PAGE_SESSION_REQUIRED. Callers act at
+        once, before any other await.
         """
         self._open_count += 1
         try:
@@ -54,7 +52,7 @@ class PassphraseGate:
                 self._none_open.set()
 
     async def finish_checks(self) -> bool:
-        """Wait briefly for open checks, then reject all; return whether all passed."""
+        """Wait briefly, then reject all; return whether all passed."""
         refused_before = self._refused_count
         try:
             async with asyncio.timeout(SETTLE_MAX_S):

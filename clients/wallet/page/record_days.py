@@ -23,7 +23,7 @@ KINDS = {"depth": "depth", "rgb": "picture", "audio": "sound", "emotion": "label
 
 
 def read_zone(name: str) -> datetime.tzinfo | None:
-    """Return a time zone, None for the machine's (also without tzdata). Raises REQUEST_INVALID."""
+    """None: the machine's (also without tzdata). Raises REQUEST_INVALID."""
     if not name:
         return None
     if not _ZONE.fullmatch(name):
@@ -35,12 +35,12 @@ def read_zone(name: str) -> datetime.tzinfo | None:
 
 
 def recordings(entries: Iterable[RecordEntry]) -> list[RecordEntry]:
-    """Return records with content, without withheld-frame notices."""
+    """Without withheld-frame notices."""
     return [entry for entry in entries if entry.metadata.sensor != NOTICE_SENSOR]
 
 
 def kinds_json(entries: Iterable[RecordEntry]) -> dict[str, int]:
-    """Count remaining items per kind (`depth`, `picture`, `sound`, `label`), descending."""
+    """Remaining items per kind (`depth`, `picture`, `sound`, `label`), descending."""
     counts: collections.Counter[str] = collections.Counter()
     for entry in recordings(entries):
         counts[kind_of(entry)] += entry.pictures_left_count
@@ -52,13 +52,13 @@ def kind_of(entry: RecordEntry) -> str:
 
 
 def select(snapshot: Snapshot, wanted: Filter) -> list[tuple[VisitPart, RecordEntry]]:
-    """Return wanted records in time order."""
+    """In time order."""
     found = [(part, entry) for part in snapshot.visits for entry in part.report.records if wanted.takes(entry)]
     return sorted(found, key=lambda pair: (pair[1].metadata.started_at_ms, pair[1].record_id))
 
 
 class RecordShown(Answer, frozen=True, kw_only=True):
-    """A record of a list, for the page."""
+    """A record of a list."""
 
     record_id: Hex
     visit: Hex
@@ -110,14 +110,14 @@ def show_record(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNa
 
 
 class RobotShown(Answer, frozen=True, kw_only=True):
-    """A robot, for the page."""
+    """A robot."""
 
     robot: Hex
     called: str
 
 
 class DayShown(Answer, frozen=True, kw_only=True):
-    """A day that has records, for the page."""
+    """A day that has records."""
 
     day: str
     records: int
@@ -134,7 +134,7 @@ class DayShown(Answer, frozen=True, kw_only=True):
 
 
 class VisitShown(Answer, frozen=True, kw_only=True):
-    """A visit and its gaps, for the page."""
+    """A visit and its gaps."""
 
     visit: Hex
     robot: Hex
@@ -151,7 +151,7 @@ class VisitShown(Answer, frozen=True, kw_only=True):
 
 
 class DaysShown(Answer, frozen=True, kw_only=True):
-    """A calendar, for the page."""
+    """A calendar."""
 
     zone: str
     days: list[DayShown]
@@ -161,7 +161,7 @@ class DaysShown(Answer, frozen=True, kw_only=True):
 
 
 def show_days(snapshot: Snapshot, wanted: Filter, zone_name: str, language: str | None = None) -> DaysShown:
-    """Return days with records, newest first, and visits' problems. `language` None: current."""
+    """Newest first, with visits' problems. `language` None: current."""
     days: dict[str, list[tuple[VisitPart, RecordEntry]]] = {}
     for part, entry in select(snapshot, wanted):
         days.setdefault(wanted.began(entry).date().isoformat(), []).append((part, entry))

@@ -49,7 +49,7 @@ class PageRefusal(Answer, frozen=True, kw_only=True):
 
 
 class PageSeal(Answer, frozen=True, kw_only=True):
-    """A seal, for the page."""
+    """A seal."""
 
     record_id: Hex
     state: str
@@ -120,7 +120,7 @@ def _sentence(view: RecordView, good: int, shown: int, language: str | None) -> 
 
 
 def _checks(view: RecordView, language: str | None) -> list[PageCheck]:
-    """Return check results; frame checks only if one failed there or all passed."""
+    """Frame checks only if one failed there or all passed."""
     rows = [("header_votes", ""), ("record_on_chain", "")]
     is_known = True
     for check in CHECKS:

@@ -24,11 +24,11 @@ class RequestFields:
         self._fields = dict(fields)
 
     def has(self, name: str) -> bool:
-        """Return whether a field is present and non-empty."""
+        """And non-empty."""
         return self._fields.get(name) not in (None, "", [])
 
     def text(self, name: str, default: str | None = None, *, max_chars: int = TEXT_MAX_CHARS) -> str:
-        """Return a text. Raises REQUEST_INVALID if missing without `default`."""
+        """Raises REQUEST_INVALID if missing without `default`."""
         value = self._fields.pop(name, None)
         if value is None:
             value = default
@@ -47,7 +47,7 @@ class RequestFields:
         return value
 
     def flag(self, name: str, default: bool) -> bool:
-        """Return a boolean; queries use 1 and 0."""
+        """Queries use 1 and 0."""
         value = self._fields.pop(name, default)
         if isinstance(value, str):
             value = {"1": True, "0": False, "true": True, "false": False}.get(value)
@@ -66,7 +66,7 @@ class RequestFields:
         return list(dict.fromkeys(value))
 
     def numbers(self, name: str) -> list[int]:
-        """Return sorted non-negative integers; rejects an empty list, since absence means all."""
+        """Sorted, non-negative; rejects an empty list, since absence means all."""
         if name not in self._fields:
             return []
         value = self._fields.pop(name)
@@ -80,13 +80,12 @@ class RequestFields:
         return [read_id(text) for text in self.texts(name)]
 
     def end(self) -> None:
-        """Reject unread fields."""
         if self._fields:
             raise _refuse(f"Nothing is known of {', '.join(sorted(self._fields))[:200]}.")
 
 
 def read_id(text: str) -> bytes:
-    """Parse a hexadecimal id. Raises REQUEST_INVALID."""
+    """Hexadecimal. Raises REQUEST_INVALID."""
     try:
         return bytes.fromhex(text)
     except ValueError:

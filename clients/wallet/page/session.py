@@ -43,7 +43,7 @@ _log = logging.getLogger("wallet.page")
 
 
 class AccessRequests:
-    """Access requests by look and purpose, least recently used evicted."""
+    """One on chain per look and purpose; least recently used evicted."""
 
     def __init__(self) -> None:
         self._requests: dict[tuple[str, str], dict[bytes, bytes]] = {}
@@ -51,7 +51,7 @@ class AccessRequests:
     async def request(
         self, viewing: RecordViewer, look: str, purpose: str, entries: Sequence[RecordEntry]
     ) -> dict[bytes, bytes]:
-        """Return access ids by record, requesting missing ones on chain."""
+        """Return access ids by record; what is missing is requested on chain."""
         known = self._requests.pop((look, purpose), {})
         if look:
             self._requests[look, purpose] = known
@@ -169,11 +169,11 @@ class PageSession:
         self.used_at_ms = max(self.used_at_ms, self.now_ms() - ago_ms)
 
     def is_idle(self, minutes: int) -> bool:
-        """Return whether unused for so long, without open jobs."""
+        """And without open jobs."""
         return not self.jobs.are_open and self.now_ms() - self.used_at_ms > minutes * 60_000
 
     def node_troubles(self) -> dict[str, BlockRobotError]:
-        """Return nodes' failures by name; unreachability expires."""
+        """By name; unreachability expires."""
         now, troubles = self.now_ms(), self.wallet.network.troubles
         for name, error in troubles.items():
             if name not in self._troubles or self._troubles[name][0] is not error:
@@ -185,7 +185,7 @@ class PageSession:
         }
 
     def keep_export(self, name: str, path: Path) -> None:
-        """Keep an export, unnamed where supported, so it vanishes on exit. Raises OSError."""
+        """Unnamed where supported, so it vanishes on exit. Raises OSError."""
         file = path.open("rb")
         if _DESCRIPTORS.exists():
             path.unlink()
@@ -201,7 +201,7 @@ class PageSession:
 
     @contextlib.asynccontextmanager
     async def hold(self) -> AsyncIterator[Wallet]:
-        """Lock the wallet. Raises WALLET_BUSY on timeout."""
+        """Raises WALLET_BUSY on timeout."""
         try:
             async with asyncio.timeout(HOLD_MAX_S):
                 await self.lock.acquire()
@@ -218,7 +218,7 @@ class PageSession:
         self._wake.set()
 
     async def wait_news(self, after: int, wait_ms: int) -> list[bytes]:
-        """Wait for news after number `after`; return new records."""
+        """After number `after`; return new records."""
         self._heard_at_ms = self.now_ms()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(wait_ms / 1000):
@@ -246,7 +246,7 @@ class PageSession:
                     await self._wake.wait()
 
     async def read(self, *, fresh: bool = False) -> None:
-        """Read the chain, keeping errors; the caller holds the lock."""
+        """Keeps errors; the caller holds the lock."""
         before, was = self.snapshot, (self.state, self.problem and self.problem.code)
         try:
             snapshot = await read_snapshot(self.wallet, before, self.now_ms(), fresh=fresh)

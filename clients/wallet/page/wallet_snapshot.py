@@ -43,7 +43,7 @@ class VisitPart:
 
     @property
     def is_alarming(self) -> bool:
-        """Whether anything is missing, unreadable or altered."""
+        """Anything missing, unreadable or altered."""
         return bool(self.report.missing_count or self.report.unreadable_ids or self.corrupted_ids)
 
 
@@ -59,14 +59,14 @@ class Snapshot:
     robot_names: RobotNames = field(default_factory=dict)
 
     def part_of(self, owner: bytes) -> VisitPart:
-        """Return a visit. Raises NOT_FOUND."""
+        """Raises NOT_FOUND."""
         for part in self.visits:
             if part.report.visit.owner == owner:
                 return part
         raise refusal("NOT_FOUND", "no_visit")
 
     def entry(self, record_id: bytes) -> RecordEntry:
-        """Return a record. Raises NOT_FOUND."""
+        """Raises NOT_FOUND."""
         entry = self.entries.get(record_id)
         if entry is None:
             raise refusal("NOT_FOUND", "no_record")
@@ -85,7 +85,7 @@ class Snapshot:
         return None if self.notice is None else (self.notice.organisation, self.notice.version)
 
     def erasures(self, wallet: Wallet, now_ms: int) -> list[ErasureProgress]:
-        """Return all erasures, oldest first, with overdue custodians."""
+        """Oldest first, with overdue custodians."""
         names = custodian_names(wallet)
         found = [
             describe_erasure(report, asked, names, now_ms) for part in self.visits for report, asked in part.erasures

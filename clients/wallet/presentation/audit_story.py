@@ -23,7 +23,7 @@ _TONES = {
 
 
 class PageEvent(Answer, frozen=True, kw_only=True):
-    """An event of the audit, for the page."""
+    """An event of the audit."""
 
     visit: Hex
     record_id: Hex | None
@@ -38,7 +38,7 @@ class PageEvent(Answer, frozen=True, kw_only=True):
 
 
 def page_event(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> PageEvent:
-    """Return an event; `names` are custodians' by key."""
+    """`names` are custodians' by key."""
     data = _named(entry, names, language)
     return PageEvent(
         visit=entry.owner.hex(),
@@ -68,7 +68,7 @@ def _named(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> Mapp
 
 
 def plain(value: Any) -> Any:
-    """Return a chain value as JSON, bytes in hex."""
+    """As JSON, bytes in hex."""
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, list | tuple):

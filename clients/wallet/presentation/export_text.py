@@ -13,7 +13,7 @@ from consensus.errors import CATALOGUE, BlockRobotError
 
 
 def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
-    """Return sentences on what the bundle discloses."""
+    """What the bundle discloses."""
     wanted = plan.wanted
     visits = text("count.visits", count=len(plan.visits))
     lines = [text("export.holds", visits=visits, records=text("count.records", count=plan.record_count))]
@@ -31,7 +31,6 @@ def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
 
 
 def export_answer(out: Path, verdict: Verdict) -> ExportAnswer:
-    """Return a bundle's contents and gaps."""
     problems = verdict.manifest.problems
     return ExportAnswer(
         file=str(out),
@@ -53,5 +52,5 @@ def export_answer(out: Path, verdict: Verdict) -> ExportAnswer:
 
 
 def problem_text(code: str, sentence: str, language: str | None = None) -> str:
-    """Return the problem; outside English the code's meaning comes first."""
+    """Outside English the code's meaning comes first."""
     return describe_error(BlockRobotError(code, sentence), language)[0] if code in CATALOGUE else sentence

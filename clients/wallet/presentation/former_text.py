@@ -23,7 +23,7 @@ def unreadable_words(report: VisitReport) -> str:
 
 
 def former_visits(content: WalletContent) -> FormerVisits:
-    """Return visits not controlled by the present mnemonic."""
+    """Not controlled by the present mnemonic."""
     return FormerVisits(
         taken_visits=[visit.owner.hex() for visit in content.visits if visit.taken],
         exposed_visits=[visit.owner.hex() for visit in exposed(content)],
@@ -32,13 +32,13 @@ def former_visits(content: WalletContent) -> FormerVisits:
 
 
 def exposed(content: WalletContent) -> list[KnownVisit]:
-    """Return visits that former mnemonics control and that can be replaced."""
+    """Former mnemonics control them, and they can be replaced."""
     present = len(content.former)
     return [visit for visit in content.visits if visit.era != present and not visit.taken and not visit.stuck]
 
 
 def words_lines(content: WalletContent, language: str | None = None) -> list[str]:
-    """Return sentences on visits not controlled by the present mnemonic."""
+    """On visits not controlled by the present mnemonic."""
     count = len(exposed(content))
     lines = [text("former.exposed", language=language, count=count)] if count else []
     lines += _taken_lines(sum(visit.taken for visit in content.visits), language)
@@ -46,7 +46,7 @@ def words_lines(content: WalletContent, language: str | None = None) -> list[str
 
 
 def member_gone_line(opened: Wallet, language: str | None = None) -> list[str]:
-    """Return the warning of lost membership, if any (`language` None: current)."""
+    """If membership is lost (`language` None: current)."""
     if not opened.member_gone:
         return []
     lines, lost = [text("former.gone", language=language)], len(opened.out_of_reach)

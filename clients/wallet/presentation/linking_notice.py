@@ -13,7 +13,7 @@ def print_linking_notice(visit_count: int) -> None:
 
 
 def print_linked_moves(visit_count: int, *, with_member: bool) -> None:
-    """Warn that rotating visits together links them, with `with_member` to the member."""
+    """Of visits rotated together; `with_member`: with the member too."""
     if not visit_count or (visit_count == 1 and not with_member):
         return
     key = "linked.moving_member" if with_member else "linked.moving"

@@ -45,7 +45,7 @@ def _flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, Form]:
 
 @functools.cache
 def load(language: str) -> Mapping[str, Form]:
-    """Return texts by dotted keys (`records.none`)."""
+    """By dotted keys (`records.none`)."""
     return MappingProxyType(_flatten(tomllib.loads((FOLDER / f"{language}.toml").read_text(encoding="utf-8"))))
 
 
@@ -57,7 +57,7 @@ def _known(wanted: str) -> str | None:
 
 
 def find_language(environment: Mapping[str, str] | None = None) -> str:
-    """Return BLOCKROBOT_LANGUAGE, else locale (LC_ALL, LC_MESSAGES, LANG), else English."""
+    """BLOCKROBOT_LANGUAGE, else locale (LC_ALL, LC_MESSAGES, LANG), else English."""
     environment = os.environ if environment is None else environment
     for variable in (LANGUAGE_VARIABLE, "LC_ALL", "LC_MESSAGES", "LANG"):
         wanted = environment.get(variable, "")
@@ -67,20 +67,20 @@ def find_language(environment: Mapping[str, str] | None = None) -> str:
 
 
 def language_in_use() -> str:
-    """Return the running command's language."""
+    """The running command's."""
     context = click.get_current_context(silent=True)
     chosen = None if context is None else context.meta.get(_META_KEY)
     return chosen or find_language()
 
 
 def choose_language(context: click.Context, language: str | None) -> None:
-    """Set the command's language (None: the environment's)."""
+    """None: the environment's."""
     if language is not None:
         context.meta[_META_KEY] = language
 
 
 def text(key: str, /, *, language: str | None = None, **values: object) -> str:
-    """Return a formatted text; `count` selects the plural. Commands get this wallet's options. Raises KeyError."""
+    """`count` selects the plural; commands get this wallet's options. Raises KeyError."""
     language = language or language_in_use()
     form = load(language).get(key)
     if form is None:
@@ -91,7 +91,7 @@ def text(key: str, /, *, language: str | None = None, **values: object) -> str:
 
 
 def refusal(code: str, key: str, /, **values: str | int) -> BlockRobotError:
-    """Return an error from `because.KEY`: English for programs, localised for people."""
+    """From `because.KEY`: English for programs, localised for people."""
     return BlockRobotError(code, _say_because(key, DEFAULT_LANGUAGE, values), **{_BECAUSE: key}, **values)
 
 
@@ -114,7 +114,7 @@ class WrongUsage(click.UsageError):
 
 
 def code_text(table: str, code: str, *, language: str | None = None) -> str:
-    """Return `code.TABLE.CODE`, or the code itself."""
+    """`code.TABLE.CODE`, or the code itself."""
     key = f"code.{table}.{code}"
     return text(key, language=language) if key in load(DEFAULT_LANGUAGE) else code
 
@@ -125,7 +125,7 @@ def reason_text(code: str, *, language: str | None = None) -> str:
 
 
 def withheld_text(withheld: Sequence[tuple[str, int]], *, language: str | None = None) -> str:
-    """Return withheld counts and reasons, most frequent first."""
+    """Most frequent first."""
     ordered = sorted(withheld, key=lambda one: -one[1])
     if len(ordered) == 1:
         reasons = reason_text(ordered[0][0], language=language)
@@ -142,7 +142,7 @@ def purposes_text(purposes: Sequence[str], *, language: str | None = None) -> st
 
 
 def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
-    """Return texts below a prefix, unformatted, with plurals as {"one", "other"}."""
+    """Unformatted, with plurals as {"one", "other"}."""
     start = f"{prefix}."
     texts = {**load(DEFAULT_LANGUAGE), **load(language)}
     return {
@@ -155,7 +155,7 @@ def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
 
 
 def describe_error(error: BlockRobotError, language: str | None = None) -> tuple[str, str]:
-    """Return what happened and the next step, localised where possible; case-specific details stay English."""
+    """What happened and the next step, localised where possible; case-specific details stay English."""
     language = language or language_in_use()
     texts = load(language)
     meaning, next_step = texts.get(f"errors.{error.code}.meaning"), texts.get(f"errors.{error.code}.next_step")

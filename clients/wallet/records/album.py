@@ -77,7 +77,7 @@ class Album:
         return seen
 
     def write_record(self, entry: RecordEntry) -> list[Path]:
-        """Write contact sheet, and animation for several pictures."""
+        """An animation for several pictures."""
         name = entry.record_id.hex()
         title = text("view.sheet_record", name=name[:_NAME_CHARS], moment=format_time(entry.metadata.started_at_ms))
         files = _write(self.out / name, "", self.records[entry.record_id], title)
@@ -85,7 +85,7 @@ class Album:
         return files
 
     def write_visits(self) -> list[Path]:
-        """Write each visit's sheet and animation for several records."""
+        """For several records."""
         written = []
         for owner, collection in self.visits.items():
             if self.visit_records[owner] > 1 and collection.count:

@@ -38,7 +38,7 @@ class Tile:
 
 
 class PictureSampler:
-    """Sample pictures one by one at equal distances, in bounded memory."""
+    """Keeps pictures at equal distances, in bounded memory."""
 
     def __init__(self, wanted: int = FRAMES_MAX_COUNT) -> None:
         self._wanted = wanted
@@ -48,7 +48,7 @@ class PictureSampler:
         """How many were taken in."""
 
     def take(self, label: str, captured_at_ms: int, make: Callable[[], Image.Image], *, is_depth: bool = False) -> None:
-        """Take the next picture; it is made only if it is kept."""
+        """It is made only if it is kept."""
         wanted = self.count % self._step == 0
         self.count += 1
         if not wanted:
@@ -59,7 +59,7 @@ class PictureSampler:
             self._step *= 2
 
     def some(self, most: int) -> list[Tile]:
-        """Return at most `most` pictures at equal distances, including the first."""
+        """At equal distances, including the first."""
         return evenly(self._kept, most)
 
 
@@ -75,7 +75,7 @@ def fit(picture: Image.Image) -> Image.Image:
 
 
 def evenly(tiles: Sequence[Tile], most: int) -> list[Tile]:
-    """Return at most `most` pictures at equal distances, including first and last."""
+    """Including first and last."""
     if len(tiles) <= most:
         return list(tiles)
     if most == 1:

@@ -41,7 +41,7 @@ def missing_pictures(frames: Sequence[int], count: int) -> list[int]:
 
 
 def split_erased(entry: RecordEntry, frames: Sequence[int], trail: Sequence[AuditEntry]) -> tuple[list[int], list[int]]:
-    """Return the picture indexes left to erase, and those erased or pending by the audit trail."""
+    """Picture indexes left to erase, and those erased or pending by the audit trail."""
     gone = set(entry.state.erased_frames)
     for each in trail:
         if each.kind == "erasure_requested" and each.record_id == entry.record_id:
@@ -56,7 +56,7 @@ class ErasureClient:
         self._wallet = wallet
 
     async def count_pictures(self, entry: RecordEntry, frames: Sequence[int]) -> int:
-        """Return the picture count; an index beyond the robot's count makes a logged access. Raises as `view`."""
+        """An index beyond the robot's count makes a logged access. Raises as `view`."""
         if entry.metadata.sensor == NOTICE_SENSOR:
             return 0
         count = entry.metadata.frame_count
@@ -70,7 +70,7 @@ class ErasureClient:
         return split_erased(entry, frames, await audit_visit(self._wallet, entry.visit))
 
     async def request(self, visit: KnownVisit, records: list[bytes], frames: list[int]) -> list[bytes]:
-        """Request erasure in batches of 64 records; return the erasure ids."""
+        """In batches of 64 records; return the erasure ids."""
         if frames and len(records) != 1:
             raise refusal("REQUEST_INVALID", "erase_frames")
         ids = []
@@ -93,7 +93,7 @@ class ErasureClient:
         return asked
 
     async def report(self, visit: KnownVisit, erasure_id: bytes) -> ErasureReport:
-        """Return a request's state, proven against a finalized header; keep the proof once complete."""
+        """Proven against a finalized header; the proof is kept once complete."""
         proved = await self._wallet.network.state_values([REQUEST.key(erasure_id)], self._wallet.owner_key(visit))
         state = REQUEST.among(proved.values, erasure_id)
         if state is None:
@@ -109,7 +109,7 @@ class ErasureClient:
         timeout_s: float,
         tell: Callable[[Sequence[ErasureReport]], None] = lambda _: None,
     ) -> list[ErasureReport]:
-        """Wait until all requests are complete. Raises ERASURE_NOT_CONFIRMED."""
+        """Raises ERASURE_NOT_CONFIRMED."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + timeout_s
         while True:

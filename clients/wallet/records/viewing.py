@@ -79,7 +79,7 @@ class RecordView:
 
     @property
     def damaged(self) -> list[int]:
-        """Return those of `corrupted` that custodians changed or withheld."""
+        """Those of `corrupted` that custodians changed or withheld."""
         return [frame.index for frame in self.frames if frame.failed in CUSTODY_CHECKS]
 
     @property
@@ -88,12 +88,12 @@ class RecordView:
 
     @property
     def miscounted(self) -> bool:
-        """Return whether the robot's count differs from its commitment; erasure cannot cause this."""
+        """The robot's count differs from its commitment; erasure cannot cause this."""
         return self.frames_counted != len(self.frames)
 
     @property
     def verdict(self) -> str:
-        """Return `verified` (every check passed) or `corrupted`."""
+        """`verified` (every check passed) or `corrupted`."""
         return "corrupted" if self.corrupted or self.miscounted else "verified"
 
 
@@ -117,7 +117,7 @@ def corrupted_frame(index: int, failed: str) -> FrameView:
 
 
 def better_frame(known: FrameView | None, found: FrameView) -> FrameView:
-    """Return the whole copy, or the one that passed more checks."""
+    """The whole copy, or the one that passed more checks."""
     if known is None or (known.status == STATUS_CORRUPTED and found.status != STATUS_CORRUPTED):
         return found
     if known.status != STATUS_CORRUPTED:
@@ -126,7 +126,7 @@ def better_frame(known: FrameView | None, found: FrameView) -> FrameView:
 
 
 def finding_of(view: RecordView) -> Finding:
-    """Return the verdict's finding; None if only the robot's count is wrong."""
+    """None if only the robot's count is wrong."""
     return view.entry.record_id, view.verdict, view.corrupted
 
 
@@ -145,13 +145,13 @@ class RecordViewer:
         """Empty frames that were asked for in vain, by their hash, and why."""
 
     async def request_access(self, entries: Sequence[RecordEntry], purpose: str) -> bytes:
-        """Submit one access request, wait until it is final and return its id."""
+        """Wait until it is final; return its id."""
         require_published([purpose], self._wallet.genesis.purposes)
         ids = [entry.record_id for entry in entries] if len(entries) <= RECORDS_A_REQUEST_MAX_COUNT else []
         return await self._wallet.sign_and_wait(entries[0].visit, "access", "request", [ids, purpose])
 
     async def split_requests(self, entries: Sequence[RecordEntry]) -> list[list[RecordEntry]]:
-        """Group records into the fewest requests: whole visits, or 64 records each."""
+        """The fewest requests: whole visits, or 64 records each."""
         requests = []
         for owner in dict.fromkeys(entry.visit.owner for entry in entries):
             part = [entry for entry in entries if entry.visit.owner == owner]
@@ -200,7 +200,7 @@ class RecordViewer:
             _log.warning("The verdict on %d records is not on the chain: %s.", len(findings), code)
 
     async def view(self, entry: RecordEntry, access_id: bytes) -> RecordView:
-        """Fetch, verify and open a record. Raises when all custodians refuse."""
+        """Fetch, verify, open. Raises when all custodians refuse."""
         frames: dict[int, FrameView] = {}
         used: list[str] = []
         leaves: list[bytes] = []
@@ -259,7 +259,7 @@ class RecordViewer:
         return judge_frame(data_key, entry.record_id, index, frame.ciphertext, clip.commitment_leaves[index])
 
     async def put_verdicts(self, visit: KnownVisit, findings: Sequence[Finding]) -> None:
-        """Submit findings signed by the owner key, 64 records per transaction."""
+        """Signed by the owner key, 64 records per transaction."""
         for start in range(0, len(findings), RECORDS_A_REQUEST_MAX_COUNT):
             batch = [list(finding) for finding in findings[start : start + RECORDS_A_REQUEST_MAX_COUNT]]
             await self._wallet.sign_and_wait(visit, "access", "verdict", [batch])

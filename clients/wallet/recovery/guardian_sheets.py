@@ -63,7 +63,7 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
 
 
 def require_no_sheets(folder: Path) -> None:
-    """Raise SHEETS_FOLDER_USED if any sheet is in the folder, OSError if unreadable."""
+    """Raise SHEETS_FOLDER_USED, OSError if unreadable."""
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
         if path.suffix.lower() in _SUFFIXES and path.is_file() and _has_words(path):
             raise refusal("SHEETS_FOLDER_USED", "guardian_sheet", folder=str(folder), name=path.name)
@@ -125,7 +125,7 @@ class _Words(HTMLParser):
 
 
 def read_written(path: Path) -> str:
-    """Return the share text of a sheet or plain file. Raises SHARE_INVALID, OSError."""
+    """From a sheet or plain file. Raises SHARE_INVALID, OSError."""
     with path.open("rb") as file:
         data = file.read(SHEET_MAX_BYTES + 1)
     if len(data) > SHEET_MAX_BYTES:

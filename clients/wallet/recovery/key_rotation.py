@@ -43,7 +43,7 @@ class KeyRotation:
         self._sleep = sleep
 
     def prepare(self) -> str:
-        """Return the next mnemonic, saved before it is shown; repeated calls return the same."""
+        """Return the next mnemonic, saved before it is shown; always the same."""
         store = self._wallet.store
         if not store.content.next_words:
             store.content.next_words, store.content.next_words_shown = draw_words(), False
@@ -108,13 +108,13 @@ class KeyRotation:
         keep_receipt(wallet.store.content, await wallet.network.call(identity, "identity", "rotate", arguments))
 
     async def exposed_visits(self) -> list[KnownVisit]:
-        """Return visits still controlled by a former mnemonic. Raises MEMBER_NO_MORE among others."""
+        """Still controlled by a former mnemonic. Raises MEMBER_NO_MORE among others."""
         wallet = self._wallet
         newest = len(wallet.eras) - 1
         return [visit for visit in await wallet.scan() if visit.era != newest]
 
     async def transfer(self, visit: KnownVisit) -> None:
-        """Transfer a visit to the present mnemonic's key. Raises CALL_REFUSED."""
+        """To the present mnemonic's key. Raises CALL_REFUSED."""
         keys = self._draw_keys(visit)
         wallet = self._wallet
         arguments = [keys.owner, keys.ephemeral, keys.view_tag, self._sign_transfer(visit, keys)]

@@ -68,12 +68,12 @@ def split_into_words(written: str) -> list[str]:
 
 
 def find_unknown(words: Sequence[str]) -> int | None:
-    """Return the index of the first word outside the list, or None."""
+    """Return the index of the first word outside the list."""
     return next((place for place, word in enumerate(words) if word not in WORD_INDEX_MAP), None)
 
 
 def near_words(word: str) -> list[str]:
-    """Return up to three similar words of the list, likeliest first."""
+    """Up to three of the list, likeliest first."""
     begun = [known for known in WORDLIST if known[:_DISTINCT_LETTERS_COUNT] == word[:_DISTINCT_LETTERS_COUNT]]
     alike = difflib.get_close_matches(word, WORDLIST, NEAR_WORDS_MAX_COUNT)
     return list(dict.fromkeys([*begun, *alike]))[:NEAR_WORDS_MAX_COUNT]
@@ -159,7 +159,7 @@ class ShareCollector:
 
     @property
     def needed(self) -> int:
-        """Return how many the last share's group still needs; 0 before the first."""
+        """By the last share's group; 0 before the first."""
         if self.last is None:
             return 0
         return max(0, int(self.last.member_threshold) - len({one.index for one in self._members(self.last)}))

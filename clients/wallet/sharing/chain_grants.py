@@ -87,7 +87,7 @@ async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
 
 
 def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
-    """Return whether a grant is for these keys, filtering by view tag first."""
+    """By view tag first."""
     row = grant.row
     found = scan_grant(
         keys.view, keys.spend.public_key, row.ephemeral, row.view_tag, chain_id=chain_id, owner=row.owner
@@ -96,7 +96,7 @@ def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
 
 
 def grantee_key(received: ReceivedGrant, wallet: Wallet) -> GrantKey:
-    """Derive a grant's private key; it is neither stored nor sent."""
+    """Derived, neither stored nor sent."""
     keys = wallet.eras[received.era]
     key = derive_grantee_key(
         keys.spend, keys.view, received.ephemeral, chain_id=wallet.genesis.chain_id, owner=received.owner
@@ -112,7 +112,7 @@ def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:
 
 
 def resolve_grant(ids: Sequence[bytes], start: str) -> bytes:
-    """Return the grant id with this hex prefix. Raises GRANT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
+    """By hex prefix. Raises GRANT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
     return ids[resolve_id_prefix(id_prefix.GRANT, [grant_id.hex() for grant_id in ids], start)]
 
 

@@ -33,7 +33,7 @@ class Inbox:
 
 
 async def read_inbox(opened: Wallet) -> Inbox:
-    """Read grants and own visits. Raises NOT_REGISTERED; former members still see known grants."""
+    """Raises NOT_REGISTERED; former members still see known grants."""
     receiving = IncomingShares(opened)
     receipts = await receiving.inbox()
     try:

@@ -79,13 +79,13 @@ class Receipt:
 
     @property
     def to_look(self) -> list[bytes]:
-        """Return viewable records: not erased even in part, denied or restricted."""
+        """Viewable: not erased even in part, denied or restricted."""
         barred = {notice.record_id for notice in self.notices if notice.kind in _NOT_TO_SEE}
         return [record_id for record_id in self.grant.row.records if record_id not in barred] if self.is_open else []
 
     @property
     def to_confirm(self) -> list[bytes]:
-        """Return records whose deleted copies await confirmation to the owner."""
+        """Deleted copies await confirmation to the owner."""
         due = [notice.record_id for notice in self.notices if notice.kind in TO_DELETE and not notice.confirmed]
         return list(dict.fromkeys(due))
 
@@ -144,9 +144,8 @@ class IncomingShares:
         return sorted(found, key=lambda receipt: (receipt.grant.row.time, receipt.grant.grant_id))
 
     async def read(self, received: ReceivedGrant) -> Receipt:
-        """Return a grant's current state and notices. Raises PROOF_INVALID if it is gone.
-
-        Expiry gives a notice only where pictures were written on this machine.
+        """Current state and notices. Raises PROOF_INVALID if it is gone. Expiry gives a notice only where pictures were
+        written on this machine.
         """
         key = grantee_key(received, self._wallet)
         grants = await read_grants(self._wallet, [received.grant_id], key)
@@ -202,16 +201,13 @@ class IncomingShares:
         return found
 
     async def request_access(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
-        """Submit an access request by the grant's key and wait until final. Raises CALL_REFUSED."""
+        """By the grant's key; wait until final. Raises CALL_REFUSED."""
         grant, key = receipt.grant, grantee_key(receipt.received, self._wallet)
         arguments = [grant.grant_id, list(records), grant.row.purpose]
         return (await self._wallet.network.call(key, "access", "request_granted", arguments)).txid
 
     async def look(self, receipt: Receipt, record_id: bytes, access_id: bytes) -> SharedView:
-        """Fetch, open and check a record from the fewest custodians.
-
-        Raises GRANT_PARTS_MISSING, or the common refusal.
-        """
+        """From the fewest custodians. Raises GRANT_PARTS_MISSING, or the common refusal."""
         key = grantee_key(receipt.received, self._wallet)
         state = await proved_row(self._wallet.reading(key), RECORD, record_id)
         if state is None or state.owner != receipt.grant.row.owner:
@@ -278,9 +274,7 @@ class IncomingShares:
             self._wallet.store.save()
 
     async def confirm_deleted(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
-        """Confirm deleted copies on the chain, forget their folders and return the txid. Raises NOTHING_TO_CONFIRM,
-        CALL_REFUSED.
-        """
+        """On the chain; forget their folders and return the txid. Raises NOTHING_TO_CONFIRM, CALL_REFUSED."""
         received = receipt.received
         if not set(records) <= set(receipt.to_confirm):
             raise refusal("NOTHING_TO_CONFIRM", "confirm_once")
@@ -334,7 +328,7 @@ class _Gathered:
         return bool(self._frames) and all(frame.status != STATUS_CORRUPTED for frame in self._frames.values())
 
     def add(self, name: str, custodian: bytes, answer: SharedDownload) -> None:
-        """Add the answer of the custodian with this proven key. Raises UPLOAD_INVALID, then none of it is used."""
+        """Raises UPLOAD_INVALID, then none of it is used."""
         check_shared_parts(answer)
         self._answers[name] = answer
         self._parts[custodian] = answer.parts

@@ -112,7 +112,6 @@ class Share:
     erased: frozenset[bytes] = frozenset()
 
     def shows(self, record_id: bytes, now_ms: int) -> bool:
-        """Return whether this grant now shows a record."""
         return self.grant.row.is_open(now_ms) and record_id in self.left
 
     @property
@@ -137,7 +136,7 @@ def _same_name(label: str, name: str) -> bool:
 
 
 def require_purpose_to_share(purpose: str, known: Sequence[str]) -> None:
-    """Raise SHARE_NOT_POSSIBLE unless this purpose allows sharing."""
+    """Raise SHARE_NOT_POSSIBLE."""
     if purpose not in known or purpose == OWN_ACCESS:
         free = ", ".join(code for code in known if code != OWN_ACCESS)
         raise refusal("SHARE_NOT_POSSIBLE", "share_purpose", purpose=purpose, free=free)
@@ -341,9 +340,8 @@ class SharingClient:
         key: PrivateKey,
         tell: Tell,
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Upload parts to each custodian in turn; return the stored and absent ones.
-
-        Raises SHARE_CUSTODIANS_MISSING unless two have all parts, or the only one has.
+        """Return who stored all and who is absent. Raises SHARE_CUSTODIANS_MISSING unless two have all parts, or the only
+        one has.
         """
         held, absent, failures = [], [], []
         for custodian, node in custodians.items():
@@ -385,7 +383,7 @@ class SharingClient:
         self._wallet.store.save()
 
     async def shares(self) -> list[Share]:
-        """Return all grants of the owner's visits, oldest first, proven from audit trails."""
+        """Oldest first, proven from audit trails."""
         known = {given.grant_id: given for given in self._wallet.store.content.given_grants}
         found: list[Share] = []
         for visit in await self._wallet.scan():
@@ -428,11 +426,11 @@ class SharingClient:
         return [share for share in found if ids.intersection(share.grant.row.records)]
 
     async def revoke(self, share: Share) -> bytes:
-        """Revoke a grant; custodians destroy their parts. Returns the txid. Raises CALL_REFUSED (GRANT_ENDED)."""
+        """Custodians destroy their parts. Returns the txid. Raises CALL_REFUSED (GRANT_ENDED)."""
         return await self._wallet.sign_and_wait(share.visit, "access", "revoke", [share.grant.grant_id])
 
     async def end_unknown(self, visit: KnownVisit) -> list[bytes]:
-        """End a visit's open grants unknown to this wallet; return ids. Raises CALL_REFUSED."""
+        """Open grants unknown to this wallet; return ids. Raises CALL_REFUSED."""
         wallet, key = self._wallet, self._wallet.owner_key(visit)
         state = await wallet.network.state_values([COUNT.key(visit.owner)], key)
         trail = await audit_visit(wallet, visit, COUNT.among(state.values, visit.owner) or 0)
@@ -466,7 +464,7 @@ def _is_grantee_request(entry: AuditEntry) -> bool:
 
 
 def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[bytes, AccessRow]) -> frozenset[bytes]:
-    """Return records reported deleted and not requested since; `asked` holds proven request rows by id."""
+    """Reported deleted and not requested since; `asked` holds proven request rows by id."""
     gone: set[bytes] = set()
     for entry in trail:
         if entry.kind == "grant_noticed" and entry.data["grant_id"] == grant_id:
@@ -479,7 +477,7 @@ def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[
 def extend_with_grants(
     error: BlockRobotError, done: Sequence[FinalGrant], language: str = DEFAULT_LANGUAGE
 ) -> BlockRobotError:
-    """Extend a failure with completed grants; each holds up to 64 records."""
+    """Each completed grant holds up to 64 records."""
     if not done:
         return error
     names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
@@ -498,7 +496,7 @@ async def share_each(
     *,
     language: str = DEFAULT_LANGUAGE,
 ) -> list[FinalGrant]:
-    """Share records of one visit in as many grants as needed; failures name completed ones."""
+    """In as many grants as needed; failures name completed ones."""
     done: list[FinalGrant] = []
     for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
         part = entries[start : start + GRANT_RECORDS_MAX_COUNT]

@@ -81,7 +81,7 @@ def keep_receipt(holder: ProofHolder, receipt: FinalReceipt) -> None:
 
 
 def keep_erasure(holder: ProofHolder, erasure_id: bytes, state: ProvedState) -> None:
-    """Keep the proof of a complete erasure with its request's, once."""
+    """Keep a complete erasure's proof with its request's, once."""
     kept, key = read_kept(holder, erasure_id), REQUEST.key(erasure_id)
     if kept is None or kept.state is not None or state.answer is None or state.answer.finality is None:
         return
@@ -103,7 +103,7 @@ def _put(holder: ProofHolder, txid: bytes, kept: KeptProof) -> None:
 
 
 def read_kept(holder: ProofHolder, txid: bytes) -> KeptProof | None:
-    """Return a transaction's kept proof, or None. Raises KEPT_PROOF_DAMAGED."""
+    """Raises KEPT_PROOF_DAMAGED."""
     kept = holder.proofs.get(txid)
     return None if kept is None else _read(txid, kept)
 
@@ -116,7 +116,7 @@ def _read(txid: bytes, packed: bytes) -> KeptProof:
 
 
 def check_kept(chain: ProvedChain, chain_id: bytes, txid: bytes, kept: KeptProof) -> CheckedProof:
-    """Check a proof offline. Raises KEPT_PROOF_DAMAGED."""
+    """Offline. Raises KEPT_PROOF_DAMAGED."""
     try:
         return _check(chain, chain_id, txid, kept)
     except BlockRobotError as error:

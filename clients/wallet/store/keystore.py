@@ -138,7 +138,7 @@ class WalletContent(msgspec.Struct):
 
 
 def _write_whole(path: Path, data: bytes) -> None:
-    """Replace atomically, syncing file and folder: a power cut leaves old or new."""
+    """Sync file and folder: a power cut leaves old or new."""
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=".wallet-")
     try:
         os.fchmod(descriptor, 0o600)
@@ -181,7 +181,7 @@ class Keystore:
     def create(
         cls, path: Path, words: str, passphrase: str, cost: PassphraseCost | None = None, *, former: Sequence[str] = ()
     ) -> Keystore:
-        """Create a wallet file, mode 0600; `former` is oldest first. Raises WALLET_EXISTS."""
+        """Mode 0600; `former` is oldest first. Raises WALLET_EXISTS."""
         if path.exists():
             raise refusal("WALLET_EXISTS", "wallet_exists", path=str(path))
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -191,7 +191,7 @@ class Keystore:
 
     @classmethod
     def open(cls, path: Path, passphrase: str) -> Keystore:
-        """Open a wallet file. Raises WALLET_NOT_FOUND, WALLET_DAMAGED or WALLET_PASSPHRASE_WRONG."""
+        """Raises WALLET_NOT_FOUND, WALLET_DAMAGED or WALLET_PASSPHRASE_WRONG."""
         try:
             data = path.read_bytes()
         except FileNotFoundError:
@@ -211,15 +211,15 @@ class Keystore:
         return cls(path, key, content)
 
     def opens_with(self, passphrase: str) -> bool:
-        """Return whether this passphrase opens the file; costs as much as opening."""
+        """Costs as much as opening."""
         return self._key.is_from(passphrase)
 
     def read_only(self) -> None:
-        """Disable writing because another program holds the file."""
+        """Another program holds the file."""
         self._is_read_only = True
 
     def save(self) -> None:
-        """Seal and replace the file atomically; if read-only, only log."""
+        """Replace the file atomically; if read-only, only log."""
         if self._is_read_only:
             _log.info("The wallet is read beside another program: what was to be noted in it is dropped.")
             return

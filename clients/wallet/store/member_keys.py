@@ -43,12 +43,12 @@ class WalletKeys:
 
 
 def draw_words() -> str:
-    """Return a fresh 24-word English mnemonic (256 bits, BIP-39)."""
+    """24 English words (256 bits, BIP-39)."""
     return str(Mnemonic("english").to_mnemonic(secrets.token_bytes(_ENTROPY_BYTES)))
 
 
 def derive_keys(words: str) -> WalletKeys:
-    """Derive the four keys. Raises WORDS_INVALID, which gives only word positions."""
+    """Raises WORDS_INVALID, which gives only word positions."""
     normal = " ".join(words.lower().split())
     language = Mnemonic("english")
     each = normal.split()

@@ -19,7 +19,7 @@ _UNFIT_PRIORITY = 0  # what the package takes where it finds nothing that keeps 
 
 
 def load_keyring() -> Any:
-    """Return the keyring package. Raises EXTRA_MISSING, KEYRING_UNUSABLE."""
+    """Raises EXTRA_MISSING, KEYRING_UNUSABLE."""
     try:
         package = importlib.import_module("keyring")
     except ImportError:
@@ -37,7 +37,7 @@ def load_keyring() -> Any:
 
 @contextmanager
 def explaining_keyring_errors(key: str) -> Iterator[None]:
-    """Convert any keyring exception to KEYRING_UNUSABLE (`because.KEY`)."""
+    """As KEYRING_UNUSABLE (`because.KEY`)."""
     try:
         yield
     except BlockRobotError:
@@ -66,7 +66,7 @@ def find_weak_keyring(package: Any) -> str | None:
 
 
 def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
-    """Store a passphrase; return the keyring's name if weak. Raises EXTRA_MISSING, KEYRING_UNUSABLE."""
+    """Return the keyring's name if weak. Raises EXTRA_MISSING, KEYRING_UNUSABLE."""
     backend, name = load_keyring(), str(wallet.resolve())
     with explaining_keyring_errors("keyring_took_nothing"):
         weak = find_weak_keyring(backend)
@@ -79,7 +79,7 @@ def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
 
 
 def forget_in_keyring(wallet: Path) -> None:
-    """Remove a passphrase. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
+    """Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
     backend, name = load_keyring(), str(wallet.resolve())
     with explaining_keyring_errors("keyring_may_still_have"):
         if backend.get_password(SERVICE, name) is None:
@@ -88,7 +88,7 @@ def forget_in_keyring(wallet: Path) -> None:
 
 
 def read_from_keyring(wallet: Path) -> str:
-    """Return a passphrase. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
+    """Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
     backend = load_keyring()
     with explaining_keyring_errors("keyring_gave_nothing"):
         found = backend.get_password(SERVICE, str(wallet.resolve()))

@@ -34,7 +34,7 @@ class Strength(enum.Enum):
 
 
 def judge_passphrase(passphrase: str) -> Strength:
-    """Judge a new passphrase. Raises PASSPHRASE_WEAK for a short or common one."""
+    """Raises PASSPHRASE_WEAK for a short or common one."""
     letters = count_letters(passphrase)
     if letters < PASSPHRASE_MIN_LETTERS:
         raise refusal("PASSPHRASE_WEAK", "passphrase_short", count=letters, least=PASSPHRASE_MIN_LETTERS)
@@ -49,7 +49,7 @@ def count_letters(passphrase: str) -> int:
 
 
 def count_guesses(passphrase: str) -> int:
-    """Return how many guesses the parts that zxcvbn finds take together; blanks and dashes are ignored."""
+    """The product of what zxcvbn finds for the parts; blanks and dashes are ignored."""
     from zxcvbn import zxcvbn  # noqa: PLC0415 - its lists take long to load
 
     folded = unicodedata.normalize("NFKC", passphrase).casefold()

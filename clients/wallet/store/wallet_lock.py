@@ -32,7 +32,7 @@ _PRIVATE_FOLDER = 0o700
 def claim_wallet(
     path: Path, *, wait_s: float = WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[None]:
-    """Hold the wallet lock. Raises WALLET_BUSY, WALLET_NOT_FOUND."""
+    """Raises WALLET_BUSY, WALLET_NOT_FOUND."""
     require_wallet(path)
     with _hold(path, wait_s, sleep):
         yield
@@ -42,7 +42,7 @@ def claim_wallet(
 def lock_or_read_only(
     path: Path, *, wait_s: float = READING_WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[BlockRobotError | None]:
-    """Hold the wallet lock, or yield WALLET_BUSY for read-only use. Raises WALLET_NOT_FOUND."""
+    """Yield WALLET_BUSY for read-only use. Raises WALLET_NOT_FOUND."""
     require_wallet(path)
     try:
         descriptor = _lock(path, wait_s, sleep)
@@ -57,7 +57,7 @@ def lock_or_read_only(
 
 @contextlib.contextmanager
 def claim_place(path: Path) -> Iterator[None]:
-    """Lock a new wallet's place. Raises WALLET_BUSY, WALLET_EXISTS."""
+    """Of a new wallet. Raises WALLET_BUSY, WALLET_EXISTS."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
     with _hold(path, 0.0, time.sleep):
         if path.exists():

@@ -58,7 +58,7 @@ class Sample:
         return self._types.of(type_name)
 
     def first(self, topic: str) -> Any:
-        """Return a topic's first message, None if not decodable."""
+        """None if not decodable."""
         if topic not in self._first:
             return None
         message, types = self._first[topic]
@@ -81,22 +81,22 @@ class Sample:
                 self._first.setdefault(message.topic, (message, self._types.of(message.type, definition)))
 
     def sight(self, sighting: Sighting) -> None:
-        """Take no notice: a reader has no topics."""
+        """Ignored: a reader has no topics."""
 
     def refuse(self, refused: RefusedMessage) -> None:
-        """Take no notice: it is the listing that matters."""
+        """Ignored."""
 
     def miss(self, topic: str, count: int) -> None:
-        """Take no notice: a sample is not whole anyway."""
+        """Ignored."""
 
     def presence(self, part: str, *, here: bool) -> None:
-        """Take no notice: what is there is listed."""
+        """Ignored."""
 
     def unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
-        """Take no notice: what came of the others is listed."""
+        """Ignored."""
 
     def fail(self, error: BlockRobotError) -> None:
-        """Take no notice: what came before is listed."""
+        """Ignored: what came before is listed."""
 
 
 def record_empty_frames(source: LiveSource, seconds: float) -> list[Depth]:

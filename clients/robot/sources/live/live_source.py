@@ -85,7 +85,7 @@ Tell = Callable[[str], None]
 
 
 class LiveCounts(NamedTuple):
-    """Numbers of messages by kind (`missed`: dropped; `unread`) and by topic, and how often a topic was gone."""
+    """Messages by kind (`missed`: dropped; `unread`) and by topic, and how often a topic was gone."""
 
     missed: dict[str, int]
     unread: dict[str, int]
@@ -182,11 +182,11 @@ class LiveSource:
 
     @property
     def antennas_unnamed(self) -> AntennaCounts:
-        """Numbers of readings by antennas unnamed in the topics file."""
+        """Readings by antennas unnamed in the topics file."""
         return self._reader.antennas_unnamed
 
     def shift_to(self, start_ms: int) -> None:
-        """Take no notice: what is live cannot be moved."""
+        """Ignored: what is live cannot be moved."""
 
     def empty_frames(self) -> list[Depth]:
         """Raises EMPTY_SCENE_MISSING: live frames may show somebody."""

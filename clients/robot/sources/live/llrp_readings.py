@@ -32,7 +32,7 @@ class LlrpReadings:
         self._gathered: dict[tuple[str, int], Sighting] = {}
 
     def convert_report(self, report: Any, received_ms: int) -> list[Sighting | RefusedMessage]:
-        """Add a TagReportData; return completed sightings or refusals."""
+        """Return completed sightings or refusals of a TagReportData."""
         uid = _uid(report)
         if uid is None:
             return [RefusedMessage(received_ms, _KIND, "tag")]
@@ -52,7 +52,7 @@ class LlrpReadings:
         return []
 
     def flush(self) -> list[Sighting | RefusedMessage]:
-        """Return all gathered readings, ordered by last heard."""
+        """Ordered by last heard."""
         gathered = sorted(self._gathered.values(), key=lambda one: one.received_at_ms or 0)
         self._gathered.clear()
         return [made for one in gathered for made in self._put_on_our_clock(one)]
@@ -94,7 +94,7 @@ class LlrpReadings:
 
 
 def _uid(report: Any) -> str | None:
-    """Return an EPC in upper-case hexadecimal, None if invalid."""
+    """An EPC in upper-case hexadecimal, None if invalid."""
     given = report.epc_parameter.epc
     bits = getattr(given, "bit_len", None)
     data = bytes(given if bits is None else given.data)

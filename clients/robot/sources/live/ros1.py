@@ -176,8 +176,6 @@ class Master:
         return self._ask(_read_topics, "getPublishedTopics", f"/{NODE_NAME}", "")
 
     def subscribed(self, node: str) -> set[str]:
-        """Return the topics the master lists for a node."""
-
         def read(answer: Any) -> set[str]:
             _, subscribers, _ = answer
             return {str(topic) for topic, nodes in subscribers if node in nodes}
@@ -271,7 +269,7 @@ def _join(rospy: Any, master_uri: str) -> None:
 
 
 def _within(limit_s: float, what: Callable[[], None], uri: str) -> None:
-    """Run a possibly endless call in a thread. Raises FEED_UNREACHABLE."""
+    """A possibly endless call, in a thread. Raises FEED_UNREACHABLE."""
     failures: list[Exception] = []
 
     def do() -> None:

@@ -205,7 +205,7 @@ class _Publisher:
 
 
 def _choose_type(offered: set[str], heard: str, told: str) -> str:
-    """Return a topic's type: present one, else requested, else any."""
+    """Present, else requested, else any."""
     return next((name for name in (heard, told) if name in offered), min(offered))
 
 
@@ -265,7 +265,7 @@ class _Joined:
 
     @classmethod
     def join(cls, bindings: _Bindings, domain: int | None) -> _Joined:
-        """Join a domain's graph, by default the environment's. Raises FEED_UNREACHABLE."""
+        """By default the environment's domain. Raises FEED_UNREACHABLE."""
         rclpy = bindings.rclpy
         context = rclpy.context.Context()
         try:
@@ -313,7 +313,7 @@ class _Joined:
         return found
 
     def subscribe(self, topic: str, wish: _Heard, listener: Listener) -> Any:
-        """Subscribe to raw bytes, volatile; best effort only if a publisher requires it, since it loses large messages."""
+        """Raw bytes, volatile; best effort only if a publisher requires it, since it loses large messages."""
         qos, events = self.bindings.rclpy.qos, self.bindings.rclpy.event_handler
         reliability = qos.ReliabilityPolicy.RELIABLE if wish.is_reliable else qos.ReliabilityPolicy.BEST_EFFORT
         profile = qos.QoSProfile(

@@ -62,7 +62,7 @@ class SyntheticSource:
         return [self._renderer.empty_frame(number) for number in range(1, self._scenario.empty_frames + 1)]
 
     def events(self) -> Iterator[SourceEvent]:
-        """Yield frames, rendered on demand, and sightings in receipt order."""
+        """Frames, rendered on demand, and sightings in receipt order."""
         sequences = itertools.count()
         for at_ms, what in self._timeline():
             if isinstance(what, Sighting):
@@ -71,7 +71,7 @@ class SyntheticSource:
                 yield Frame(at_ms, next(sequences), self._renderer.frame(what), at_ms)
 
     async def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-        """Yield events when due by `clock`; overdue frames are skipped."""
+        """Overdue frames are skipped."""
         ticking = clock or SystemClock()
         period_ms = self._step * 1000 / self._scenario.frame_rate
         sequences = itertools.count()
@@ -90,7 +90,7 @@ class SyntheticSource:
                 yield at_ms + shift_ms, _moved(what, at_ms, shift_ms) if isinstance(what, Sighting) else what
 
     def _lap(self) -> Iterator[_Due]:
-        """Yield the scenario's timeline; sightings precede frames of equal time."""
+        """Sightings precede frames of equal time."""
         waiting = iter(self._sightings)
         pending = next(waiting, None)
         for index in range(0, self._scenario.frame_count, self._step):

@@ -149,7 +149,6 @@ class ZenohFeed:
             session.close()
 
     def differs(self, key: TopicKey) -> bool:
-        """Return whether a type's hash differs from our definition's."""
         if key.hash in HASHES_UNSAID or not self._knows(key.type):
             return False
         if key.type not in self._hashes:

@@ -78,13 +78,13 @@ def parse_numbers(attachment: bytes) -> tuple[bytes, int] | None:
 
 
 class SequenceGaps:
-    """Counts lost messages by gaps in publishers' sequence numbers."""
+    """Lost messages by gaps in publishers' sequence numbers."""
 
     def __init__(self) -> None:
         self._last: dict[bytes, int] = {}
 
     def take(self, attachment: bytes) -> int:
-        """Return the number missing before this message."""
+        """Return how many are missing before this message."""
         parsed = parse_numbers(attachment)
         if parsed is None:
             return 0

@@ -254,7 +254,7 @@ def _parsed_json(text: str) -> Any:
 
 
 def _uid(value: Any) -> str:
-    """Return a UID as text: bytes in hexadecimal, numbers in decimal."""
+    """Bytes in hexadecimal, numbers in decimal."""
     if isinstance(value, np.ndarray) and value.dtype == np.uint8:
         value = value.tobytes()
     if isinstance(value, bytes | bytearray):

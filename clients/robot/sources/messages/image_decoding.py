@@ -117,7 +117,7 @@ def _rows(message: Any, pixel_bytes: int) -> npt.NDArray[np.uint8]:
 
 
 def _clean(depth: Depth) -> Depth:
-    """Return depth with its maximum value set to no measurement."""
+    """Its maximum value means no measurement."""
     saturated = depth == SATURATED_MM
     return np.where(saturated, np.uint16(0), depth) if saturated.any() else depth
 
@@ -147,7 +147,7 @@ def _compressed_depth(data: bytes, name: str) -> Depth:
 
 
 def _decode_file(data: bytes, mode: int) -> npt.NDArray[Any]:
-    """Return PNG or JPEG pixels, size checked before decoding."""
+    """Size is checked before decoding."""
     width, height = _file_size(data)
     if not (0 < height <= DEPTH_HEIGHT_MAX_PX and 0 < width <= DEPTH_WIDTH_MAX_PX):
         raise refuse("size", f"{width}x{height} pixels is empty or too large.")

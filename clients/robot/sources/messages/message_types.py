@@ -44,7 +44,7 @@ class DefinitionTooLongError(Exception):
 
 
 def without_comments(text: str) -> str:
-    """Return a .msg definition without comment and blank lines."""
+    """Without blank lines either."""
     kept = (line for line in text.split("\n") if line.strip() and not line.lstrip().startswith("#"))
     return "".join(f"{line}\n" for line in kept)
 
@@ -64,7 +64,7 @@ def count_work(definition: MessageDefinition) -> int:
 
 
 def parse_definition(name: str, definition: MessageDefinition) -> Any:
-    """Return the defined types; call `count_work` first."""
+    """Call `count_work` first."""
     if definition.format is MessageDefinitionFormat.MSG:
         return get_types_from_msg(without_comments(definition.data), name)
     if not definition.data.startswith(f"{_RULE}IDL: "):
@@ -77,7 +77,7 @@ def parse_definition(name: str, definition: MessageDefinition) -> Any:
 
 @functools.cache
 def own_types() -> Typestore:
-    """Return the shared built-in types; do not modify."""
+    """Shared; do not modify."""
     return typestore()
 
 

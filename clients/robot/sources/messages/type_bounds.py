@@ -51,7 +51,7 @@ class _Walk:
             self._count(self._later.pop())
 
     def _count(self, name: str) -> int:
-        """Return a value's number of zero-byte values, itself included."""
+        """Zero-byte values in a value, itself included."""
         if name in self._above:
             raise _UnboundedError  # each value holds another of its kind
         if name not in self._counts:

@@ -74,14 +74,14 @@ class BagSource:
 
     @property
     def antennas_unnamed(self) -> AntennaCounts:
-        """Numbers of readings by antennas unnamed in the topics file."""
+        """Readings by antennas unnamed in the topics file."""
         return self._reader.antennas_unnamed
 
     def shift_to(self, start_ms: int) -> None:
         self.shift_ms += start_ms - self.start_ms
 
     def empty_frames(self) -> list[Depth]:
-        """Return recorded empty-scene frames. Raises EMPTY_SCENE_MISSING."""
+        """Raises EMPTY_SCENE_MISSING."""
         if self._empty.recording is not None:
             found = self._empty_elsewhere(self._empty.recording)
         elif self._empty.seconds is not None:
@@ -108,7 +108,7 @@ class BagSource:
         return self._reader.read(message, self._recording.types, shift_ms=self.shift_ms)
 
     def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-        """Yield events when due by `clock`; shift the timeline first."""
+        """Shift the timeline first."""
         return play_events(self.events(), clock)
 
     def _depths(self, recording: Recording, topic: str, seconds: tuple[float, float] | None) -> list[Depth]:

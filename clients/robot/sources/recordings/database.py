@@ -87,7 +87,7 @@ def _bound(base: apsw.Connection, size: int) -> None:
 
 
 def _require_plain(base: apsw.Connection) -> None:
-    """Raise `ForeignDatabaseError` unless only expected plain tables and indexes exist."""
+    """Raise `ForeignDatabaseError` for other than expected plain tables and indexes."""
     names = []
     for kind, name, sql in base.execute("SELECT type, name, sql FROM sqlite_master"):
         if kind == "table" and name in _STATISTICS:

@@ -110,7 +110,7 @@ class Recording:
         return explain_undefined(self.topics[topic], "the recording does not define")
 
     def first(self, topic: str) -> Any:
-        """Return a topic's first decodable message, or None."""
+        """None if none can be decoded."""
         try:
             for message in self.messages([topic]):
                 try:

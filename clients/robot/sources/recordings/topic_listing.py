@@ -34,13 +34,13 @@ class TopicSource(Protocol):
     topics: dict[str, TopicFigures]
 
     def types_of(self, type_name: str) -> MessageTypes:
-        """Return the types among which messages of a type are explained."""
+        """Types among which messages of a type are explained."""
 
     def first(self, topic: str) -> Any:
-        """Return the first message of a topic that can be decoded, None if there is none."""
+        """None if none can be decoded."""
 
     def explain_unknown(self, topic: str) -> str:
-        """Return why a topic's type is not known, and what to do about it."""
+        """Why a topic's type is unknown, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,7 +54,7 @@ def _read(ctx: click.Context) -> WalletContent:
 
 @contextlib.contextmanager
 def _opened(ctx: click.Context) -> Iterator[Keystore]:
-    """Open the wallet file offline, without the keyring."""
+    """Offline, without the keyring."""
     path: Path = ctx.obj[0]
     require_wallet(path)
     passphrase = read_passphrase(from_keyring=False)
@@ -117,7 +117,7 @@ def _require_sensible(names: tuple[str, ...], threshold: int | None) -> int:
 
 
 def _choose_words(content: WalletContent, former: int | None) -> tuple[str, int]:
-    """Return the mnemonic to split and its index. Raises UsageError, WALLET_ROTATION_OPEN."""
+    """Mnemonic to split and its index. Raises UsageError, WALLET_ROTATION_OPEN."""
     if former is not None:
         if former > len(content.former):
             raise WrongUsage("former_words", count=len(content.former), given=former)
@@ -210,7 +210,7 @@ def _write(store: Keystore, one: GuardianSet, shares: list[str], out: Path) -> l
 
 
 def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool) -> list[Path]:
-    """Show shares one guardian at a time, each noted beforehand."""
+    """One guardian at a time, each noted beforehand."""
     count, identifier = len(shares), show_identifier(one.identifier)
     was_shown = False
     try:
@@ -239,7 +239,7 @@ guardians.add_command(check)
 
 
 def _require_names(names: tuple[str, ...]) -> None:
-    """Raise WrongUsage for unprintable or indistinguishable guardian names."""
+    """Raise WrongUsage if unprintable or indistinguishable."""
     for name in names:
         if not name.strip() or len(name) > NAME_MAX_CHARS or not name.isprintable():
             raise WrongUsage("guardian_name", count=NAME_MAX_CHARS)

@@ -78,7 +78,7 @@ def _type_words() -> list[str]:
 
 
 def type_share() -> Share:
-    """Read a complete share, allowing corrections. Raises Abort at Ctrl-C."""
+    """Allows corrections. Raises Abort at Ctrl-C."""
     words = _type_words()
     while True:
         share = None
@@ -167,7 +167,7 @@ def _print_progress(gathering: ShareCollector) -> None:
 
 
 def _gather_typed(gathering: ShareCollector) -> None:
-    """Read one share; inconsistent ones are kept, since others may be wrong."""
+    """Inconsistent ones are kept, since others may be wrong."""
     is_first = gathering.last is None
     console.print(text("guardians.type", words=SHARE_WORDS_COUNT) if is_first else text("guardians.type_next"))
     try:
@@ -207,7 +207,7 @@ def _print_joined(gathering: ShareCollector, *, may_ask: bool) -> None:
 
 
 def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[ShareCollector, str]:
-    """Collect shares until they yield 24 words. Raises SHARES_TOO_FEW and file errors."""
+    """Until they yield 24 words. Raises SHARES_TOO_FEW and file errors."""
     may_ask = is_at_terminal() and not as_json
     gathering = ShareCollector()
     for file in files:

@@ -54,7 +54,7 @@ def _place(ctx: click.Context, path: Path, words_file: Path | None = None) -> It
 
 
 def guess_cost(fast: bool) -> PassphraseCost | None:
-    """Return the passphrase cost: default (None), or minimal for tests."""
+    """Default (None), or minimal for tests."""
     return PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN) if fast else None
 
 

@@ -88,13 +88,13 @@ def _print_transferred(done: Transferred) -> None:
 
 
 def print_taken(count: int) -> None:
-    """Warn of visits controlled by somebody else's key."""
+    """Somebody else's key controls them."""
     for line in _taken_lines(count):
         console.print(f"[red]{line}[/red]")
 
 
 def print_stuck(count: int) -> None:
-    """Warn of visits whose key cannot be replaced any more."""
+    """Their key cannot be replaced any more."""
     for line in _stuck_lines(count):
         console.print(f"[red]{line}[/red]")
 
@@ -105,7 +105,7 @@ def print_words(content: WalletContent) -> None:
 
 
 class _Before:
-    """Wallet state before a rotation, to report progress."""
+    """Wallet state before a rotation."""
 
     def __init__(self) -> None:
         self._content: WalletContent | None = None
@@ -130,7 +130,7 @@ class _Before:
 
 
 async def _fetch_receipts(opened: Wallet) -> int:
-    """Fetch pending receipts briefly; return how many are missing. Not waiting longer protects visits after theft."""
+    """Briefly; return how many are missing. Not waiting longer protects visits after theft."""
     content = opened.store.content
     try:
         async with asyncio.timeout(RECEIPTS_WAIT_S):

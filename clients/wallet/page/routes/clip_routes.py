@@ -76,7 +76,7 @@ async def open_records(
     access: Mapping[bytes, bytes],
     language: str,
 ) -> Result:
-    """Open a visit's records by access ids; `records` says how many fitted."""
+    """By access ids; `records` says how many fitted."""
     views: list[RecordView] = []
     rooms: dict[bytes, bytes] = {}
     held_bytes = 0
@@ -96,7 +96,7 @@ async def open_records(
 
 
 async def _judge(session: PageSession, request: web.Request) -> web.Response:
-    """Write an open clip's verdict without refetching."""
+    """Without refetching."""
     clip, language = _clip_of(session, request), language_of(request)
 
     async def work(job: Job) -> Result:
@@ -122,7 +122,7 @@ async def _add_rooms(viewing: RecordViewer, view: RecordView, rooms: dict[bytes,
 
 
 async def _as_of_now(session: PageSession, entries: list[RecordEntry]) -> dict[bytes, RecordEntry]:
-    """Return the visit's current records. Raises NOT_FOUND."""
+    """Raises NOT_FOUND."""
     visit = entries[0].visit
     part = session.snapshot.part_of(visit.owner)
     report = part.report

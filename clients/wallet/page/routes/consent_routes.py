@@ -35,13 +35,13 @@ def routes(session: PageSession) -> list[LocalRoute]:
 
 
 class PageNotice(NoticeAnswer, frozen=True, kw_only=True):
-    """A notice, for the page."""
+    """A notice."""
 
     must_show: bool
 
 
 class PageChoice(ConsentChoice, frozen=True, kw_only=True):
-    """The last word on a purpose and a sensor, for the page."""
+    """The last word on a purpose and a sensor."""
 
     lacks_depth: bool
 

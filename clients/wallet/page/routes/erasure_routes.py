@@ -36,7 +36,7 @@ def routes(session: PageSession) -> list[LocalRoute]:
 
 
 def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[list[RecordEntry], list[int]]:
-    """Return records and pictures not yet being erased. Raises NOT_FOUND, REQUEST_INVALID."""
+    """Not yet being erased. Raises NOT_FOUND, REQUEST_INVALID."""
     entries = [session.snapshot.entry(record_id) for record_id in ids]
     active = [entry for entry in entries if entry.state.status == "active"]
     left = frames
@@ -135,7 +135,7 @@ async def _read_asked(session: PageSession, asked: list[tuple[KnownVisit, list[b
 
 
 class PageCustodianWord(CustodianWord, frozen=True, kw_only=True):
-    """What a custodian said of an erasure, for the page."""
+    """What a custodian said of an erasure."""
 
     erasure_id: Hex
 

@@ -113,7 +113,7 @@ async def _write(session: PageSession, job: Job, wanted: ExportChoice, language:
 
 
 async def _write_until_stopped(path: Path, contents: Contents, heard: Heard) -> Verdict:
-    """Write in a thread; cancellation awaits it and leaves no file."""
+    """In a thread; cancellation awaits it and leaves no file."""
     stopped = threading.Event()
 
     def heard_unless_stopped(what: str, done: int, of: int) -> None:

@@ -17,7 +17,7 @@ from pages.local_page import LocalRoute
 
 
 class PageLook(Answer, frozen=True, kw_only=True):
-    """One time that somebody looked at shared records, for the page."""
+    """One time that somebody looked at shared records."""
 
     time_ms: int
     who: str
@@ -28,19 +28,19 @@ class PageLook(Answer, frozen=True, kw_only=True):
 
 
 class PageReceivedShare(ReceivedShare, frozen=True, kw_only=True):
-    """A grant that one received, for the page."""
+    """A grant that one received."""
 
     lines: list[str]
 
 
 class PageUnreadShare(UnreadShare, frozen=True, kw_only=True):
-    """A grant that could not be read, for the page."""
+    """A grant that could not be read."""
 
     line: str
 
 
 class PageVisitAlarm(VisitAlarm, frozen=True, kw_only=True):
-    """What is wrong with a visit, for the page."""
+    """What is wrong with a visit."""
 
     corrupted_records: list[Hex]
     sentence: str

@@ -122,7 +122,7 @@ def _node_state(error: BlockRobotError) -> str:
 
 
 class PageNode(Answer, frozen=True, kw_only=True):
-    """How a node answers, for the page."""
+    """How a node answers."""
 
     name: str
     state: str
@@ -250,7 +250,7 @@ async def _records(session: PageSession, request: web.Request) -> web.Response:
 
 
 class WithheldCount(Answer, frozen=True, kw_only=True):
-    """Why frames were kept back, for the page."""
+    """Why frames were kept back."""
 
     reason: str
     count: int
@@ -258,7 +258,7 @@ class WithheldCount(Answer, frozen=True, kw_only=True):
 
 
 class RecordDetails(RecordShown, frozen=True, kw_only=True):
-    """A record with all that is known of it, for the page."""
+    """A record with all that is known of it."""
 
     txid: Hex | None
     commitment_root: Hex | None
@@ -310,7 +310,7 @@ def _only_of(record_id: bytes, event: AuditEntry) -> AuditEntry:
 
 
 def _is_about(part: VisitPart, entry: RecordEntry, event: AuditEntry) -> bool:
-    """Return whether an event concerns a record; grant looks name only a number of records, so apply to each."""
+    """Grant looks name only a number of records, so apply to each."""
     record_id, named = entry.record_id, records_of(event)
     if named:
         return record_id in named
@@ -365,7 +365,7 @@ async def _story(session: PageSession, request: web.Request) -> web.Response:
 
 
 class PageShare(OwnShare, frozen=True, kw_only=True):
-    """A grant of one's own, for the page."""
+    """A grant of one's own."""
 
     who: str
     purpose_sentence: str
@@ -395,7 +395,7 @@ async def _shares(session: PageSession, request: web.Request) -> web.Response:
 
 
 class PageErasure(ErasureRow, frozen=True, kw_only=True):
-    """A request to erase, for the page."""
+    """A request to erase."""
 
     lines: list[str]
 

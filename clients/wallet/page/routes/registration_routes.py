@@ -58,7 +58,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
 
 
 def _what_is(notice_view: NoticeView) -> tuple[str, int, str]:
-    """Return a notice's organisation, version and hash (empty if unpublished)."""
+    """Organisation, version and hash (empty if unpublished)."""
     return (
         notice_view.organisation,
         notice_view.version,
