@@ -76,7 +76,7 @@ class Cluster:
         return [name for name in first if name in found] + sorted(found.difference(first))
 
     def start(self, name: str, *, behaviour: str = "", seed: int = 0, restored: bool = False) -> None:
-        """Start a detached node, Byzantine with `behaviour`; `restored` means from a backup."""
+        """Detached, Byzantine with `behaviour`; `restored` means from a backup."""
         config = self.config(name)
         command = [sys.executable, "-m", "node.main", "--data-dir", str(config.data_dir)]
         if behaviour:
@@ -97,13 +97,13 @@ class Cluster:
         self._note_start(name, child.pid, behaviour)
 
     def config(self, name: str) -> NodeConfig:
-        """Return a node's configuration. Raises NOT_FOUND."""
+        """Raises NOT_FOUND."""
         if name not in self.configs:
             raise BlockRobotError("NOT_FOUND", f"There is no node {name!r}; there are {', '.join(self.names)}.")
         return self.configs[name]
 
     def start_all(self) -> None:
-        """Start all nodes without faults. Raises CLUSTER_ALREADY_RUNNING."""
+        """Without faults. Raises CLUSTER_ALREADY_RUNNING."""
         running = [name for name in self.names if self.is_running(name)]
         if running:
             raise BlockRobotError("CLUSTER_ALREADY_RUNNING", f"Already running: {', '.join(running)}.")
@@ -116,7 +116,7 @@ class Cluster:
         self._reap(name, STOP_TIMEOUT_S)
 
     def pause(self, name: str) -> None:
-        """Send SIGSTOP to a node: connections stay open."""
+        """By SIGSTOP: connections stay open."""
         self._signal(name, signal.SIGSTOP)
 
     def resume(self, name: str) -> None:
@@ -127,18 +127,18 @@ class Cluster:
         return pid is not None and self.is_running(name) and _is_stopped_process(pid)
 
     def behaviour(self, name: str) -> str:
-        """Return a running node's Byzantine behaviour, empty if honest."""
+        """Byzantine; empty if honest."""
         return self._read_state().behaviours.get(name, "") if self.is_running(name) else ""
 
     def stop(self, name: str) -> None:
-        """Stop a node cleanly, or forcibly after fifteen seconds."""
+        """Cleanly, or forcibly after fifteen seconds."""
         self._signal(name, signal.SIGTERM)
         self._signal(name, signal.SIGCONT)
         if not self._reap(name, STOP_TIMEOUT_S):
             self.kill(name)
 
     def stop_all(self) -> list[str]:
-        """Stop all running nodes cleanly; return their names."""
+        """Cleanly; return their names."""
         running = [name for name in self.names if self.is_running(name)]
         for name in running:
             self._signal(name, signal.SIGTERM)
@@ -190,10 +190,8 @@ class Cluster:
         temporary.replace(path)
 
     async def wait_ready(self, names: list[str] | None = None, timeout_s: float = READY_TIMEOUT_S) -> None:
-        """Wait until these nodes (default all) are ready.
-
-        Raises CLUSTER_START_FAILED; its context lists space-separated `nodes`. Nodes that report they cannot
-        participate are skipped unless named.
+        """Default all. Raises CLUSTER_START_FAILED; its context lists space-separated `nodes`. Nodes that report they
+        cannot participate are skipped unless named.
         """
         deadline = time.monotonic() + timeout_s
         waiting = list(names or self.names)
@@ -212,7 +210,7 @@ class Cluster:
                     await asyncio.sleep(_POLL_S)
 
     async def wait_answering(self, name: str, timeout_s: float = READY_TIMEOUT_S) -> None:
-        """Wait for an operator answer, ready or not. Raises CLUSTER_START_FAILED."""
+        """Ready or not. Raises CLUSTER_START_FAILED."""
         deadline = time.monotonic() + timeout_s
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=1)) as session:
             while not self._is_own(name, await fetch_status(session, self.configs[name])):
@@ -260,7 +258,7 @@ class Cluster:
 
 
 async def read_metric(config: NodeConfig, name: str) -> float | None:
-    """Return a Prometheus metric by full name, None without an answer."""
+    """By full Prometheus name, None without an answer."""
     async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=2)) as session:
         try:
             async with session.get(_operator_url(config, "/metrics"), headers=reading_headers(config)) as response:
@@ -275,7 +273,7 @@ def _operator_url(config: NodeConfig, path: str) -> str:
 
 
 async def fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> dict[str, Any] | None:
-    """Return a node's status, or None without a valid answer."""
+    """None without a valid answer."""
     try:
         async with session.get(_operator_url(config, "/status"), headers=reading_headers(config)) as response:
             return read_json_as(await response.read(), dict[str, Any])
@@ -309,7 +307,7 @@ def _is_exiting_process(pid: int) -> bool:
 
 
 def _is_stopped_process(pid: int) -> bool:
-    """Whether the process is in state T."""
+    """State T."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2]
     except OSError:  # no /proc here (macOS)

@@ -60,7 +60,7 @@ class Picture:
 
 
 def state_of(look: NodeObservation) -> str:
-    """Return a node's state: stopped, paused, no answer, a fault, silent, waiting, suspended or signing."""
+    """Stopped, paused, no answer, a fault, silent, waiting, suspended or signing."""
     if not look.running:
         return "stopped"
     if look.paused:
@@ -77,7 +77,7 @@ def state_of(look: NodeObservation) -> str:
 
 
 def accusers_of(name: str, statuses: Mapping[str, Mapping[str, Any] | None]) -> tuple[str, ...]:
-    """Return the other nodes whose status reports that this one contradicted itself."""
+    """Other nodes whose status reports that this one contradicted itself."""
     return tuple(
         other
         for other, status in statuses.items()
@@ -137,7 +137,7 @@ def _row(look: NodeObservation, accused_by: tuple[str, ...]) -> NodeRow:
 
 
 def changes(before: Picture | None, after: Picture) -> list[str]:
-    """Return one line per change; growing heights are none."""
+    """One line each; growing heights are none."""
     known = {} if before is None else {row.name: row for row in before.rows}
     lines = [line for row in after.rows for line in _changes_of(known.get(row.name), row)]
     was_stuck = before is not None and before.stuck_s >= STUCK_AFTER_S

@@ -25,7 +25,7 @@ class Result(Struct, Generic[F], kw_only=True):
 
 
 def measure_conditions(*, nodes: int, seed: int | None = None, **more: Condition) -> dict[str, Condition]:
-    """Return nodes, usable cores, 1-minute load at start, interpreter, seed and `more`."""
+    """Nodes, usable cores, 1-minute load at start, interpreter, seed and `more`."""
     return {
         "nodes": nodes,
         "cores": count_cores(),
@@ -42,7 +42,7 @@ def count_cores() -> int:
 
 
 def percentile(values: Sequence[float], share: float) -> float:
-    """Return the smallest value not exceeded by `share` (0 to 1); 0.0 for none."""
+    """The smallest value not exceeded by `share` (0 to 1); 0.0 for none."""
     if not values:
         return 0.0
     ordered = sorted(values)
@@ -50,7 +50,7 @@ def percentile(values: Sequence[float], share: float) -> float:
 
 
 def latency_figures(values_ms: Sequence[float], shares: Sequence[int] = (50, 95, 99)) -> dict[str, float]:
-    """Return `p50_ms` etc. and `mean_ms` of latencies in ms."""
+    """`p50_ms` etc. and `mean_ms`."""
     figures = {f"p{share}_ms": round(percentile(values_ms, share / 100), 2) for share in shares}
     figures["mean_ms"] = round(statistics.fmean(values_ms), 2) if values_ms else 0.0
     return figures

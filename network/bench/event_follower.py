@@ -80,7 +80,7 @@ class FinalityFollower:
             waiting.set_result(at_s)
 
     def expect(self, txids: Sequence[bytes]) -> dict[bytes, asyncio.Future[float]]:
-        """Wait for transactions, before submitting; futures give finality times (s)."""
+        """Before submitting; futures give finality times (s)."""
         loop = asyncio.get_running_loop()
         futures = {txid: loop.create_future() for txid in txids}
         self._waiting.update({txid.hex(): future for txid, future in futures.items()})

@@ -121,7 +121,7 @@ class FaultFigures(Struct, frozen=True, kw_only=True):
 
 
 async def run_faults_benchmark(*, repeats: int, nodes: int) -> Result[FaultFigures]:
-    """Break a network `repeats` times in each way; `ok` is False after any loss, failure or timeout."""
+    """`ok` is False after any loss, failure or timeout."""
     conditions = measure_conditions(nodes=nodes, clients=1, repeats=repeats, call="records.record")
     seen = _Seen()
     async with FreshNetwork(nodes, faults=True) as network:

@@ -18,7 +18,7 @@ SETTLE_TIMEOUT_S = 20.0
 
 
 def longest_gap_s(finals_s: Sequence[float], from_s: float, until_s: float) -> float:
-    """Return the longest gap between two moments; both ends count as events."""
+    """Both ends count as events."""
     inside = sorted(moment for moment in finals_s if from_s < moment < until_s)
     return max(later - earlier for earlier, later in itertools.pairwise([from_s, *inside, until_s]))
 
@@ -74,7 +74,7 @@ class FinalityProbe:
             self.finals_s.append(future.result())
 
     async def wait_final_after(self, moment_s: float, timeout_s: float) -> float | None:
-        """Return the first finality after a `time.perf_counter` moment, None on timeout."""
+        """A `time.perf_counter` moment; None on timeout."""
         while time.perf_counter() < moment_s + timeout_s:
             after = [final for final in self.finals_s if final > moment_s]
             if after:
@@ -83,7 +83,7 @@ class FinalityProbe:
         return None
 
     async def settle(self) -> int:
-        """Stop submitting, wait for acknowledged calls; return how many never became final."""
+        """Wait for acknowledged calls; return how many never became final."""
         await self._stop_submitting()
         pending = [future for future in self._waiting.values() if not future.done()]
         if pending:

@@ -154,7 +154,7 @@ class FreshNetwork:
         return client
 
     async def enrol_robots(self, count: int) -> list[LoadRobot]:
-        """Register robots with final open visits. Raises CALL_REFUSED and others."""
+        """With final open visits. Raises CALL_REFUSED and others."""
         organisation = self.genesis.organisations[0].name
         desk = Registrar(self._folder / "network" / "organisations" / organisation, self.genesis)
         cards = [decode_card_code(desk.issue(f"bench-{number}", "robot")) for number in range(count)]

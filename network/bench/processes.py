@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 def run_to_end(work: Coroutine[Any, Any, T]) -> T:
-    """Run a measurement; exits with 128 plus signal number if one ended it."""
+    """Exits with 128 plus signal number if one ended it."""
     heard: list[signal.Signals] = []
 
     async def cancellable() -> T:
@@ -50,7 +50,7 @@ def run_to_end(work: Coroutine[Any, Any, T]) -> T:
 
 @contextmanager
 def worker_pool(processes: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of fresh interpreters, killed on early exit; SIGTERM exits with 143."""
+    """Fresh interpreters, killed on early exit; SIGTERM exits with 143."""
     pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=initializer)
     in_main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGTERM, _leave) if in_main else None

@@ -98,7 +98,7 @@ class TxFigures(Struct, frozen=True, kw_only=True):
 
 
 async def run_tx_benchmark(options: LoadOptions) -> Result[TxFigures]:
-    """Return the figures; `ok` is False if a call failed."""
+    """`ok` is False if a call failed."""
     conditions = measure_conditions(
         nodes=options.nodes,
         clients=options.clients,

@@ -32,7 +32,7 @@ class OwnNode(Protocol):
 
     @property
     def chain_id(self) -> bytes:
-        """The chain's 32-byte id."""
+        """32 bytes."""
         ...
 
     @property
@@ -43,7 +43,7 @@ class OwnNode(Protocol):
 
     @property
     def index(self) -> int | None:
-        """The node's current schedule index, or None."""
+        """In the schedule."""
         ...
 
     @property
@@ -53,11 +53,11 @@ class OwnNode(Protocol):
     def high_qc(self) -> QuorumCertificate: ...
 
     def header(self, block_id: bytes) -> Header | None:
-        """Return the header of an unfinalized block or finalized head, else None."""
+        """Of an unfinalized block or finalized head."""
         ...
 
     def send_raw(self, kind: int, payload: bytes) -> None:
-        """Send arbitrary bytes as this frame kind to all peers."""
+        """To all peers."""
         ...
 
 
@@ -116,7 +116,7 @@ class Behaviour:
         self._inner.gossip_again()
 
     def tick(self) -> None:
-        """Act by the clock; called every TICK_MS."""
+        """Called every TICK_MS."""
         if isinstance(self._inner, Behaviour):
             self._inner.tick()
 
@@ -126,7 +126,7 @@ class Behaviour:
         return [index for index in range(self._own.producers_count) if index != self._own.index]
 
     def halves(self) -> tuple[list[int], list[int]]:
-        """Return the other producers in two random halves, the second larger."""
+        """The other producers at random, the second half larger."""
         others = self.others()
         self._chance.shuffle(others)
         middle = len(others) // 2
@@ -150,7 +150,7 @@ class Behaviour:
     def timeout_with(
         self, timeout: Timeout, qc: QuorumCertificate, entered_by: TimeoutCertificate | None, round_number: int = 0
     ) -> Timeout:
-        """Return a genuinely signed timeout with other certificates; round 0 keeps the round."""
+        """Genuinely signed, with other certificates; round 0 keeps the round."""
         return sign_timeout(
             self._key,
             self._own.chain_id,

@@ -32,7 +32,7 @@ BEHAVIOURS: dict[str, type[Behaviour]] = {behaviour.name: behaviour for behaviou
 
 
 def check_behaviour(name: str) -> tuple[type[Behaviour], ...]:
-    """Return the classes of names joined with `+`. Raises FAULT_UNKNOWN."""
+    """Of names joined with `+`. Raises FAULT_UNKNOWN."""
     parts = name.split("+")
     unknown = [part for part in parts if part not in BEHAVIOURS]
     if unknown or len(set(parts)) != len(parts):
@@ -59,7 +59,7 @@ def make_behaviour(
 
 
 def byzantine_clock(name: str, clock_ms: Callable[[], int], max_clock_drift_ms: int) -> Callable[[], int]:
-    """Return the behaviour's clock: the given one or the maximum drift ahead."""
+    """The given one or the maximum drift ahead."""
     if not any(behaviour.bends_clock for behaviour in check_behaviour(name)):
         return clock_ms
     return lambda: clock_ms() + max_clock_drift_ms

@@ -79,12 +79,11 @@ command prints an object on each line instead, the table says so.
 
 
 def listed_answers() -> AnswersByCommand:
-    """Return the answer of every command that is listed."""
     return {words: answer for answers in SECTIONS.values() for words, answer in answers.items()}
 
 
 def write_json_schema() -> str:
-    """Return the text of `docs/reference/json-output.schema.json`."""
+    """`docs/reference/json-output.schema.json`."""
     return json.dumps(write_schema(listed_answers()), indent=1, ensure_ascii=False) + "\n"
 
 
@@ -98,7 +97,7 @@ def _table(answers: AnswersByCommand) -> list[str]:
 
 
 def write_json_page() -> str:
-    """Return the text of `docs/reference/json-output.md`."""
+    """`docs/reference/json-output.md`."""
     lines = [_INTRODUCTION, ""]
     for heading, answers in SECTIONS.items():
         lines += [f"## {heading}", "", *_table(answers)]

@@ -19,7 +19,7 @@ _EXPORT = re.compile(r"^export (?=(?:async function|function|const|class) (\w+))
 
 
 def join_modules(modules: Mapping[str, str], entry: str) -> str:
-    """Return one script of a module and its imports. Raises ValueError if impossible."""
+    """With its imports. Raises ValueError if impossible."""
     joined: dict[str, str] = {}
     _join(modules, entry, joined, ())
     return "const modules = {};\n" + "".join(joined.values())
@@ -57,10 +57,7 @@ def _data(value: bytes) -> str:
 
 
 def write_export(facts: Mapping[str, Any], moments_json: bytes, files: Mapping[str, str]) -> str:
-    """Return a run's HTML file.
-
-    `facts` are small JSON-ready parts, `moments_json` the moments' array, `files` modules and style sheets by name.
-    """
+    """`facts` are small JSON-ready parts, `moments_json` the moments' array, `files` modules and style sheets by name."""
     modules = {name: text for name, text in files.items() if name.endswith(".js")}
     script = "\n" + join_modules(modules, REPLAY_MODULE)
     style = "\n" + "\n".join(files[name] for name in STYLE_NAMES)

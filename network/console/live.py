@@ -201,7 +201,7 @@ class LiveConsole:
         )
 
     def now(self, after_event: int) -> Now:
-        """Return what is now, with events after `after_event`."""
+        """With events after `after_event`."""
         moment = self.moment
         return Now(
             sequence=self.sequence,
@@ -244,7 +244,7 @@ class LiveConsole:
     # Breaking
 
     async def do(self, fields: Mapping[str, Any]) -> str:
-        """Apply one fault; return what was done. Raises as `blockrobot fault` does."""
+        """Return what was done. Raises as `blockrobot fault` does."""
         action, seed = read_action(fields, tuple(self.cluster.names))
         is_start = isinstance(action, Restart)
         control = FaultControl(self.cluster, seed) if is_start else open_control(self.cluster, seed)
@@ -267,11 +267,11 @@ class LiveConsole:
         return text.replace(str(self.cluster.folder), "(the network's folder)").replace(str(Path.home()), "~")
 
     def read_plan(self, text: str) -> FaultPlan:
-        """Parse a plan without running it. Raises FAULT_PLAN_INVALID."""
+        """Without running it. Raises FAULT_PLAN_INVALID."""
         return parse_plan(text, self.cluster.names)
 
     def start_plan(self, text: str) -> PlanStatus:
-        """Start a plan. Raises FAULT_PLAN_INVALID, FAULT_PLAN_RUNNING, CLUSTER_NOT_RUNNING."""
+        """Raises FAULT_PLAN_INVALID, FAULT_PLAN_RUNNING, CLUSTER_NOT_RUNNING."""
         if self._plan is not None and self._plan.is_running:
             raise BlockRobotError("FAULT_PLAN_RUNNING")
         open_control(self.cluster)

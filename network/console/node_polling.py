@@ -92,7 +92,7 @@ class NodePoller:
 
 
 async def _read_whole(body: AsyncIterable[bytes]) -> bytes:
-    """Return the whole body, in however many pieces; empty if over the limit."""
+    """In however many pieces; empty if over the limit."""
     pieces, size = [], 0
     async for piece in body:
         pieces.append(piece)

@@ -62,7 +62,7 @@ class Recorder:
             self._networks.append(KnownNetwork(at_ms, network))
 
     def network_at(self, at_ms: int) -> NetworkFacts | None:
-        """Return the identities at this time, else the first known; None if none."""
+        """Else the first known."""
         if not self._networks:
             return None
         place = bisect.bisect_right(self._networks, at_ms, key=lambda known: known.at_ms) - 1
@@ -105,7 +105,7 @@ class Recorder:
             self._times_ms = self._times_ms[:half:2] + self._times_ms[half:]
 
     def moment_at(self, at_ms: int) -> ConsoleSnapshot | None:
-        """Return the newest moment at this time, else the first; None if none."""
+        """The newest at this time, else the first."""
         if not self._moments:
             return None
         place = max(0, bisect.bisect_right(self._times_ms, at_ms) - 1)
@@ -117,7 +117,7 @@ class Recorder:
         return sorted(found, key=lambda event: int(event["number"]))
 
     def dropped(self, rounds_count: int = 0) -> Dropped:
-        """Return counts of what was dropped, and a sentence (empty: nothing dropped)."""
+        """How many, and a sentence (empty: nothing dropped)."""
         counts = {
             "moments": self.moments_dropped_count,
             "events": self.events_dropped_count,
@@ -128,7 +128,7 @@ class Recorder:
         return Dropped(**counts, words=words)
 
     def moments_json(self) -> bytes:
-        """Return all moments as a JSON array, oldest first, ending with the last poll."""
+        """Oldest first, ending with the last poll."""
         moments = list(self._moments)
         if self._last is not None and self._looked_ms > self._times_ms[-1]:
             moments.append(msgspec.json.encode({**self._last, "at_ms": self._looked_ms}))

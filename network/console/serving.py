@@ -22,9 +22,8 @@ TITLE = "BlockRobot: cluster console"
 async def serve_console(
     cluster: Cluster, *, redirect_folder: Path, opened: Callable[[Opened], None], is_interactive: bool = False
 ) -> None:
-    """Serve until SIGINT or SIGTERM. `opened` receives the address and each new one-time link.
-
-    With `is_interactive`, Enter at the terminal makes a new link.
+    """Until SIGINT or SIGTERM. `opened` receives the address and each new one-time link. With `is_interactive`, Enter makes
+    a new link.
     """
     loop, stop, again = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

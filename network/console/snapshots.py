@@ -102,7 +102,7 @@ def _node(poll: NodePoll, row: NodeRow, picture: Picture) -> dict[str, Any]:
 
 
 def link_state(source: NodePoll, target: NodePoll, fault: LinkFault) -> str:
-    """Return a direction's state: down, cut, lossy, slow, narrow, still (an end paused) or up."""
+    """Down, cut, lossy, slow, narrow, still (an end paused) or up."""
     if not source.running or not target.running:
         return "down"
     if not fault.is_sound:

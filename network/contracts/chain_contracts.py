@@ -73,7 +73,7 @@ class Edition:
     proposal: ProposalRow | None = None
 
     def line(self, number: int | None) -> str:
-        """Return a stripped source line, empty if out of range."""
+        """Stripped; empty if out of range."""
         lines = split_lines(self.source)
         return lines[number - 1].strip() if number is not None and 0 < number <= len(lines) else ""
 
@@ -88,7 +88,7 @@ async def _values(client: NetworkClient, keys: Iterable[bytes], key: PrivateKey)
 
 
 async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsView:
-    """Return all contracts with due and proposed changes. Raises NOT_FOUND without a lifecycle."""
+    """With due and proposed changes. Raises NOT_FOUND without a lifecycle."""
     membership = await read_membership(client, key)
     found, _ = await _values(client, [MACHINE_TABLE.flat, DUE.flat, MACHINE_TRIALS.flat], key)
     table = found[MACHINE_TABLE.flat]
@@ -115,7 +115,7 @@ async def _read_failed(client: NetworkClient, key: PrivateKey, rows: Iterable[Co
 
 
 async def read_edition(client: NetworkClient, key: PrivateKey, name: str, version: int) -> Edition:
-    """Return a contract version with its source; 0: active one. Raises CONTRACT_NOT_FOUND."""
+    """0: the active version. Raises CONTRACT_NOT_FOUND."""
     count_key = VERSIONS.key(name)
     found, _ = await _values(client, [MACHINE_TABLE.flat, count_key], key)
     newest = read_newest(found[count_key])
@@ -139,7 +139,7 @@ async def read_edition(client: NetworkClient, key: PrivateKey, name: str, versio
 
 
 async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: ProposalRow) -> Edition:
-    """Return the source or version that a proposal concerns. Raises CONTRACT_NOT_FOUND."""
+    """What a proposal concerns. Raises CONTRACT_NOT_FOUND."""
     if proposal.kind != "deploy":
         name, version = str(proposal.arguments["name"]), int(proposal.arguments.get("version", 0))
         return replace(await read_edition(client, key, name, version), proposal=proposal)
@@ -168,15 +168,14 @@ async def _join(client: NetworkClient, key: PrivateKey, keys: list[bytes], sourc
 
 
 def edition_of_source(source: str, name: str, title: str) -> Edition:
-    """Return a local source as an edition. Raises CONTRACT_SOURCE_INVALID."""
+    """Raises CONTRACT_SOURCE_INVALID."""
     facts = describe_source(source.encode(), compile_contract(source, name))
     return Edition(title, source, entry_rows(facts["entries"]))
 
 
 def compare_interfaces(old: Edition, new: Edition) -> list[tuple[str, str]]:
-    """Return (added | removed | changed | compatible, sentence) per name, in order.
-
-    `compatible`: every call accepted before is still accepted.
+    """(added | removed | changed | compatible, sentence) per name, in order. `compatible`: every call accepted before still
+    is.
     """
     before, after = ({entry.name: entry for entry in edition.abi} for edition in (old, new))
     changes: list[tuple[str, str]] = []

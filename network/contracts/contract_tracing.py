@@ -100,7 +100,7 @@ class SandboxedTracer:
         self._begin = Begin(genesis_to_json(genesis), wanted)
 
     def __enter__(self) -> Self:
-        """Start the process. Raises CONTRACT_WORKER_FAILED."""
+        """Raises CONTRACT_WORKER_FAILED."""
         self._process = SandboxedProcess(TRACER_MODULE)
         try:
             entered = self._ask(self._begin)

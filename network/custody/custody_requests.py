@@ -64,10 +64,7 @@ def _not_read(config: NodeConfig) -> BlockRobotError:
 
 
 async def ask_status(config: NodeConfig) -> CustodyStatus:
-    """Return a custodian's status.
-
-    Raises NODE_UNREACHABLE, INTERNAL for another form, CUSTODY_ELSEWHERE, STORE_UNAVAILABLE, OPERATOR_*.
-    """
+    """Raises NODE_UNREACHABLE, INTERNAL for another form, CUSTODY_ELSEWHERE, STORE_UNAVAILABLE, OPERATOR_*."""
     headers = _headers(config)
     async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=STATUS_TIMEOUT_S)) as session:
         try:
@@ -107,7 +104,7 @@ async def run_work(config: NodeConfig, kind: type[R], tell: Tell) -> R:
 
 
 async def ask_all(configs: list[NodeConfig]) -> list[CustodyStatus | BlockRobotError]:
-    """Query several custodians concurrently; a refusal takes its answer's place."""
+    """Concurrently; a refusal takes its answer's place."""
 
     async def one(config: NodeConfig) -> CustodyStatus | BlockRobotError:
         try:

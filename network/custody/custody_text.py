@@ -50,7 +50,7 @@ def describe_position(answer: CustodyStatus) -> str:
 def status_sentences(
     names: Sequence[str], answers: Sequence[CustodyStatus | BlockRobotError], members: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Return a sentence per problem. `members`: key (hex) to name, also of silent custodians."""
+    """One per problem. `members`: key (hex) to name, also of silent custodians."""
     sentences: list[str] = []
     names_of, waiting = dict(members or {}), dict[str, MissingReceipts]()
     for name, answer in zip(names, answers, strict=True):

@@ -74,7 +74,7 @@ class HuntReport:
 
     @property
     def searched_for(self) -> Counter[str]:
-        """How many pieces of each kind were searched for."""
+        """Pieces by kind."""
         counts: Counter[str] = Counter()
         for trace in self.traces:
             counts.update({kind: len(pieces) for kind, pieces in trace.pieces.items()})
@@ -95,7 +95,7 @@ def place_of(relative: Path) -> str:
 
 
 def explain(place: str, what: str, *, is_gone: bool) -> str:
-    """Return why part of a record may be in a place; empty if forbidden."""
+    """Why part of a record may be in a place; empty if forbidden."""
     if what in _ON_CHAIN and place in {"ledger", "journal"}:
         return _UNTIL_PRUNED if place == "ledger" else _UNTIL_CUT
     if what in _ON_CHAIN and place == "snapshots":
@@ -114,9 +114,8 @@ def _custodians(cluster: Cluster) -> list[NodeConfig]:
 
 
 def gather(cluster: Cluster, record_ids: Sequence[bytes], known: Sequence[Trace] = ()) -> list[Trace]:
-    """Return traces of records from every ledger and store, with those already known.
-
-    Raises NOT_FOUND for a record without ledger entry or traces, STORE_UNAVAILABLE, STORAGE_*.
+    """From every ledger and store, with those already known. Raises NOT_FOUND for a record without ledger entry or traces,
+    STORE_UNAVAILABLE, STORAGE_*.
     """
     remembered = {trace.record_id: trace for trace in known}
     traces = [
@@ -167,7 +166,7 @@ class _Tally:
 def hunt(
     cluster: Cluster, traces: Sequence[Trace], also: Sequence[Path] = (), tell: Tell = lambda _text: None
 ) -> HuntReport:
-    """Search a network, and the paths in `also`, for these records."""
+    """`also`: paths beside the network."""
     report, tally = HuntReport(list(traces)), _Tally(traces)
     places = [(path, place_of(path.relative_to(cluster.folder))) for path in files_below(cluster.folder, report.unread)]
     places += [(path, "other") for each in also for path in files_below(each, report.unread)]
@@ -206,7 +205,7 @@ def _hunt_documents(config: NodeConfig, tally: _Tally, report: HuntReport) -> No
 
 
 def files_below(place: Path, unread: list[str]) -> Iterator[Path]:
-    """Yield files in order, following links, each folder once; failures go to `unread`."""
+    """In order, following links, each folder once; failures go to `unread`."""
     if place.is_file():
         yield place
         return

@@ -30,7 +30,7 @@ class Search:
                 table[int.from_bytes(prefix[2 * place : 2 * place + 2], "big")] = True
 
     def in_file(self, path: Path) -> Counter[bytes]:
-        """Count the needles in a file; a vanished file holds none. Raises OSError."""
+        """A vanished file holds none. Raises OSError."""
         found: Counter[bytes] = Counter()
         try:
             file = path.open("rb")
@@ -64,7 +64,7 @@ class Search:
 
 
 def spread(content: bytes, count: int) -> list[bytes]:
-    """Return up to `count` distinctive pieces of a byte string, in order."""
+    """Up to `count` distinctive pieces, in order."""
     last = len(content) - PREFIX_BYTES
     if last < 0:
         return []
@@ -73,5 +73,5 @@ def spread(content: bytes, count: int) -> list[bytes]:
 
 
 def _tells(piece: Sequence[int]) -> bool:
-    """Return whether a piece is unlikely by chance: padding is full of equal bytes."""
+    """Unlikely by chance: padding is full of equal bytes."""
     return len(set(piece)) > PREFIX_BYTES // 2

@@ -65,19 +65,19 @@ class Trace:
     ended: set[bytes] = field(default_factory=set)
 
     def add(self, kind: str, content: bytes, count: int = 1, *, grant: bytes = b"") -> None:
-        """Add pieces of a long enough byte string; for a key part with its grant."""
+        """Of a long enough byte string; for a key part with its grant."""
         pieces = spread(content, count)
         self.pieces.setdefault(kind, set()).update(pieces)
         if grant:
             self.grants.update(dict.fromkeys(pieces, grant))
 
     def is_over(self, piece: bytes) -> bool:
-        """Return whether nothing of a piece may remain: record erased or grant ended."""
+        """Nothing may remain: record erased or grant ended."""
         return self.is_gone or self.grants.get(piece) in self.ended
 
     @property
     def is_gone(self) -> bool:
-        """Return whether the record's erasure is done or under way."""
+        """Erasure is done or under way."""
         return self.status in {"erasing", "erased", "expired"}
 
     @property
@@ -92,7 +92,7 @@ class _Kept(msgspec.Struct):
 
 
 def write_traces(path: Path, traces: Sequence[Trace]) -> None:
-    """Write pieces atomically to a new file only its owner can read. Raises OSError."""
+    """Atomically, to a new file only its owner can read. Raises OSError."""
     records = {
         trace.record_id.hex(): {kind: sorted(piece.hex() for piece in pieces) for kind, pieces in trace.pieces.items()}
         for trace in traces
@@ -170,7 +170,7 @@ class _Frame:
 
 
 def trace_store(trace: Trace, config: NodeConfig) -> None:
-    """Add what one custodian keeps of the record. Raises STORE_UNAVAILABLE."""
+    """What one custodian keeps. Raises STORE_UNAVAILABLE."""
     is_mongo = config.custody_store.startswith(MONGO_SCHEMES)
     frames, leaves = (_read_mongo if is_mongo else _read_sqlite)(config, trace.record_id)
     for leaf in leaves:
@@ -263,7 +263,7 @@ def _read_mongo(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], lis
 
 
 def mongo_documents(config: NodeConfig) -> Iterator[tuple[str, bytes]]:
-    """Yield (collection, BSON bytes) for each document of a custodian's database. Raises STORE_UNAVAILABLE."""
+    """(collection, BSON bytes). Raises STORE_UNAVAILABLE."""
     from bson.raw_bson import RawBSONDocument  # noqa: PLC0415 - only where there is a server
 
     try:
@@ -281,7 +281,7 @@ def mongo_documents(config: NodeConfig) -> Iterator[tuple[str, bytes]]:
 
 
 def trace_plaintext(trace: Trace, path: Path) -> None:
-    """Add pieces of a picture's file and, for images, its pixels. Raises OSError."""
+    """A picture's file and, for images, its pixels. Raises OSError."""
     import cv2  # noqa: PLC0415 - slow to import, and only for pictures
     import numpy as np  # noqa: PLC0415
 

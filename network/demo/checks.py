@@ -43,10 +43,7 @@ class ProgressThrottle:
         self._stage = ""
 
     def lets_pass(self, line: str, now_s: float) -> bool:
-        """Return whether to print a line; `run: 30 frames seen` is of stage `run`.
-
-        A line without stage always passes; `now_s` is monotonic.
-        """
+        """`run: 30 frames seen` is of stage `run`; a line without stage always passes. `now_s` is monotonic."""
         stage = line.rpartition(": ")[0]
         if stage and stage == self._stage and now_s - self._told_s < LINE_EVERY_S:
             return False

@@ -38,7 +38,7 @@ def _environment(extra: dict[str, str]) -> dict[str, str]:
 
 
 def parse_answer(output: bytes, errors: bytes, arguments: list[str], kind: type[A]) -> A:
-    """Return a child's answer. Raises the child's refusal, or INTERNAL if unreadable."""
+    """Raises the child's refusal, or INTERNAL if unreadable."""
     try:
         answer = read_json_text(output)
     except ValueError:
@@ -55,7 +55,7 @@ def parse_answer(output: bytes, errors: bytes, arguments: list[str], kind: type[
 
 
 async def run_command(arguments: list[str], kind: type[A], *, environment: dict[str, str] | None = None) -> A:
-    """Run `blockrobot ARGUMENTS --json`; return its answer. Raises the command's refusal."""
+    """`blockrobot ARGUMENTS --json`. Raises the command's refusal."""
     process = await asyncio.create_subprocess_exec(
         *_command([*arguments, "--json"]),
         stdin=asyncio.subprocess.DEVNULL,
@@ -75,7 +75,7 @@ async def run_command(arguments: list[str], kind: type[A], *, environment: dict[
 
 
 class LongCommand(Generic[A]):
-    """A long-running command that reports progress as JSON lines on standard error."""
+    """Reports progress as JSON lines on standard error."""
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ class LongCommand(Generic[A]):
         self._on_start = on_start
 
     async def run(self, timeout_s: float) -> A:
-        """Run to the end and return the answer. Raises the command's refusal."""
+        """Raises the command's refusal."""
         process = await asyncio.create_subprocess_exec(
             *_command([*self._arguments, "--json"], self._module),
             stdin=asyncio.subprocess.DEVNULL,

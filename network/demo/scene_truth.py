@@ -27,7 +27,7 @@ def covered_frames(scenario: Scenario, alias: str) -> set[int]:
 
 
 def foreign_share(scenario: Scenario, renderer: Renderer, picture: Path, owner: str) -> float:
-    """Return the share of another person's true pixels in an owner's `.depth.png`."""
+    """Another person's true pixels in an owner's `.depth.png`."""
     sequence = read_robot_frame(picture.name)
     _, labels = renderer.frame_with_truth(sequence)
     shown = decode_depth_png(picture.read_bytes())

@@ -83,7 +83,7 @@ class Demo:
         self.stage = Stage(options.out, store=options.store, base_port=options.base_port, purpose=PURPOSE)
 
     async def run(self) -> None:
-        """Run all steps in order; an exception becomes a failed check and ends the run."""
+        """An exception becomes a failed check and ends the run."""
         steps: list[tuple[str, Callable[[], Any]]] = [
             ("the recording is being rendered", self.render),
             ("the network starts", self.start_network),

@@ -28,7 +28,7 @@ class Answer:
 
 
 def check_presence(answers: Sequence[Answer], removed: frozenset[str] = frozenset()) -> list[Finding]:
-    """Report nodes that are down or silent, and their taken ports; skips `removed` ones."""
+    """Down or silent, and their taken ports; skips `removed` ones."""
     found = []
     for answer in answers:
         if answer.status is not None or (answer.name in removed and not answer.running):
@@ -160,7 +160,7 @@ def check_versions(answers: Sequence[Answer], own_version: str) -> list[Finding]
 
 
 def check_roots(roots: dict[str, dict[int, str]]) -> list[Finding]:
-    """Report deviating state roots (name -> height -> root): the minority, or all without majority."""
+    """Deviating state roots (name -> height -> root): the minority, or all without majority."""
     found = []
     named: set[str] = set()
     for height in sorted({height for known in roots.values() for height in known}):

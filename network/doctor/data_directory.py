@@ -31,7 +31,7 @@ _CERTIFICATE_CODES = {
 def check_directory(
     config: NodeConfig, directory: DirectoryContent, now_ms: int, disk_free: tuple[int, int] | None = None
 ) -> list[Finding]:
-    """Return a data directory's problems. `disk_free`: (free, total) bytes, else measured."""
+    """`disk_free`: (free, total) bytes, else measured."""
     return [
         *check_certificate(config, directory, now_ms),
         *check_keys(config),

@@ -60,7 +60,7 @@ class Examination:
 
 
 def get_data_directories(network: Path) -> list[Path]:
-    """Return a network folder's data directories. Raises CLUSTER_NOT_RUNNING if it is none."""
+    """Raises CLUSTER_NOT_RUNNING if it is no network's folder."""
     if not (network / "genesis.json").is_file():
         raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {network}.")
     return sorted(path.parent for path in (network / "nodes").glob(f"*/{CONFIG_FILE}"))
@@ -90,7 +90,7 @@ def examine_node(data_dir: Path) -> Examination:
 
 
 def examine(directories: Sequence[Path], genesis: Genesis | None, *, whole: bool) -> Examination:
-    """Examine these data directories. `whole`: they are the complete network, so compare them."""
+    """`whole`: they are the complete network, so compare them."""
     findings: list[Finding] = []
     configs = []
     for path in directories:

@@ -48,7 +48,7 @@ class Reading:
 
 
 def read_and_work_out(path: Path) -> Reading:
-    """Analyse a log file. Raises EVENT_LOG_INVALID, FILE_UNUSABLE."""
+    """Raises EVENT_LOG_INVALID, FILE_UNUSABLE."""
     return work_out(path.name, read_log(path))
 
 
@@ -57,7 +57,7 @@ def work_out(name: str, table: EventTable) -> Reading:
 
 
 def prepare_new_folder(folder: Path) -> None:
-    """Create a folder, or accept an empty one. Raises FOLDER_NOT_EMPTY."""
+    """Or accept an empty one. Raises FOLDER_NOT_EMPTY."""
     if folder.exists() and any(folder.iterdir()):
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{folder} is not empty.")
     folder.mkdir(parents=True, exist_ok=True)

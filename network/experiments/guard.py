@@ -58,7 +58,7 @@ class Guard:
 
 
 def run_guard(lines: Iterable[str]) -> None:
-    """Read the run's lines; at end of input without `end`, stop everything named."""
+    """At end of input without `end`, stop everything named."""
     pids: list[int] = []
     networks: list[Path] = []
     for line in lines:
@@ -78,7 +78,7 @@ def run_guard(lines: Iterable[str]) -> None:
 
 
 def _is_own_command(pid: int) -> bool:
-    """Return whether the process id still belongs to a command of ours, if known."""
+    """If known."""
     try:
         return _COMMAND_MODULE in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
     except OSError:

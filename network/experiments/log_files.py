@@ -24,9 +24,8 @@ _WHOLE = re.compile(r"\d{1,15}")
 
 
 def read_log(path: Path) -> EventTable:
-    """Return a log file's events; the form is detected by its first characters.
-
-    Raises EVENT_LOG_INVALID with the line, also if without events; FILE_UNUSABLE.
+    """The form is detected by its first characters. Raises EVENT_LOG_INVALID with the line, also if without events;
+    FILE_UNUSABLE.
     """
     try:
         if path.stat().st_size > EVENT_LOG_MAX_BYTES:

@@ -56,7 +56,7 @@ _PART_FILES = re.compile(
 
 @contextlib.contextmanager
 def reserved_folder(out: Path) -> Iterator[None]:
-    """Hold the folder for one run. Raises FOLDER_NOT_EMPTY if foreign or in use."""
+    """For one run. Raises FOLDER_NOT_EMPTY if foreign or in use."""
     if out.is_symlink() or (out.exists() and not out.is_dir()):
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{out} is a link or a file.")
     mark = out / MARK
@@ -101,7 +101,7 @@ def _foreign_below(folder: Path) -> list[Path]:
 
 
 def make_experiment_folder(out: Path, name: str) -> Path:
-    """Return an experiment's empty folder; stop and remove an earlier run's remains."""
+    """Empty; an earlier run's remains are stopped and removed."""
     folder = out / name
     if folder.exists():
         stop_network(folder / "network")

@@ -39,7 +39,7 @@ class TagFrames:
 
     @property
     def lost(self) -> set[int]:
-        """Return the paired frames that were neither kept nor withheld."""
+        """Paired, but neither kept nor withheld."""
         return self.paired - self.kept - self.withheld
 
     @property
@@ -63,7 +63,7 @@ def frames_by_tag(table: EventTable) -> dict[str, TagFrames]:
 
 
 def are_covered_frames(tags: Iterable[TagFrames], expected: Mapping[str, Set[int]]) -> bool:
-    """Return whether tags and people match one to one with exactly the scenario's frames."""
+    """Tags and people match one to one with exactly the scenario's frames."""
     return sorted(sorted(tag.paired) for tag in tags) == sorted(sorted(own) for own in expected.values() if own)
 
 
@@ -154,7 +154,7 @@ class ExperimentRun:
         return self.outcome.checks
 
     async def run(self) -> Outcome:
-        """Run the stages; an exception becomes a failed check and ends the experiment."""
+        """An exception becomes a failed check and ends the experiment."""
         for name, stage in (
             ("rendering", self._render),
             ("pre-stage", self._prepare),

@@ -67,7 +67,7 @@ class Heal:
     nodes: tuple[str, ...] = ()
 
     def touched(self) -> tuple[str, ...]:
-        """Return the nodes affected; empty for all that accept faults."""
+        """Empty for all that accept faults."""
         return self.nodes
 
     def describe(self) -> str:
@@ -137,7 +137,7 @@ class ActionReader:
         return name
 
     def partition(self, text: str) -> Partition:
-        """Parse groups such as `a,b | c,d`; unnamed nodes form one more group."""
+        """Groups such as `a,b | c,d`; unnamed nodes form one more group."""
         groups = [tuple(self.node(name.strip()) for name in part.split(",")) for part in text.split("|")]
         named = [name for group in groups for name in group]
         if len(set(named)) != len(named):
@@ -222,7 +222,7 @@ def make_link_fault(
     bandwidth_kbytes_per_s: float | None = None,
     cut: bool = False,
 ) -> LinkFault:
-    """Return a profile's figures, overridden by those given. Raises FAULT_UNKNOWN, FAULT_INVALID."""
+    """A profile's figures, overridden by those given. Raises FAULT_UNKNOWN, FAULT_INVALID."""
     figures = (profile, delay_ms, jitter_ms, loss, bandwidth_kbytes_per_s)
     if cut and any(figure is not None for figure in figures):
         raise BlockRobotError("FAULT_INVALID", "A link that is cut lets nothing through: no profile or figure fits it.")
@@ -241,7 +241,7 @@ def make_link_fault(
 
 
 def _bytes_per_s(kbytes_per_s: float) -> int:
-    """Return bytes/s. Raises FAULT_INVALID, also if rounding gives 0 (no limit)."""
+    """Raises FAULT_INVALID, also if rounding gives 0 (no limit)."""
     bytes_per_s = kbytes_per_s * 1000
     if not math.isfinite(bytes_per_s) or not (bytes_per_s == 0 or 1 <= bytes_per_s <= BANDWIDTH_MAX_BYTES_PER_S):
         most = BANDWIDTH_MAX_BYTES_PER_S // 1000
@@ -257,7 +257,7 @@ def check_seed(seed: int) -> int:
 
 
 def read_duration(text: str) -> int:
-    """Return the ms of a duration such as `250ms`, `-90s`, `1h30m`. Raises FAULT_INVALID."""
+    """`250ms`, `-90s`, `1h30m`. Raises FAULT_INVALID."""
     try:
         return parse_duration(text)
     except ValueError:

@@ -77,7 +77,7 @@ class FaultControl:
         self._seed = seed
 
     async def carry_out(self, action: Action) -> None:
-        """Apply an action. Raises FAULT_UNKNOWN, FAULTS_DISABLED, FAULT_TARGET_ABSENT, CLUSTER_START_FAILED."""
+        """Raises FAULT_UNKNOWN, FAULTS_DISABLED, FAULT_TARGET_ABSENT, CLUSTER_START_FAILED."""
         self._require_allowed(action.touched() or self._allowing())
         match action:
             case Kill(node=node):
@@ -114,7 +114,7 @@ class FaultControl:
         return NodeFaults(name, cluster.is_running(name), is_paused, behaviour, switched)
 
     def require_running(self, name: str) -> None:
-        """Raise FAULT_TARGET_ABSENT for a node that is down."""
+        """Raise FAULT_TARGET_ABSENT."""
         self._running(name)
 
     def _running(self, name: str) -> Cluster:
@@ -130,7 +130,7 @@ class FaultControl:
         return found
 
     def _require_allowed(self, names: Iterable[str]) -> None:
-        """Raise FAULTS_DISABLED, before anything is done, if a node accepts no faults."""
+        """Raise FAULTS_DISABLED, before anything is done."""
         for name in names:
             if not self.cluster.config(self.reader.node(name)).faults_enabled:
                 raise BlockRobotError("FAULTS_DISABLED", f"{name} takes no faults: its node.toml does not allow them.")

@@ -189,7 +189,7 @@ class _PlanReader:
 
 
 def action_of(reader: ActionReader, kind: str, table: Mapping[str, Any]) -> Action:
-    """Return a step's action. Raises FAULT_UNKNOWN, FAULT_INVALID."""
+    """Raises FAULT_UNKNOWN, FAULT_INVALID."""
     make = _OF_ONE_NODE.get(kind)
     if make is not None:
         return make(reader.node(_text(table, "node")))

@@ -17,17 +17,14 @@ LINK_SEED = "seed"
 
 
 def open_control(cluster: Cluster, seed: int = 0) -> FaultControl:
-    """Return a running network's faults. Raises CLUSTER_NOT_RUNNING."""
+    """Raises CLUSTER_NOT_RUNNING."""
     if not any(cluster.is_running(name) for name in cluster.names):
         raise BlockRobotError("CLUSTER_NOT_RUNNING", f"No node of the network in {cluster.folder} is running.")
     return FaultControl(cluster, seed)
 
 
 def read_action(fields: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Action, int]:
-    """Return the action of `do` and its fields, and the link's seed.
-
-    Raises FAULT_UNKNOWN, FAULT_INVALID.
-    """
+    """The action of `do`, and the link's seed. Raises FAULT_UNKNOWN, FAULT_INVALID."""
     table = dict(fields)
     kind = table.pop("do", None)
     if not isinstance(kind, str) or kind not in STEP_FIELDS:
@@ -46,10 +43,7 @@ def read_action(fields: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Acti
 
 
 async def carry_out_requested(control: FaultControl, action: Action) -> tuple[str, ...]:
-    """Apply an action, wait for started nodes and return them.
-
-    Raises as `FaultControl.carry_out` and `wait_answering`.
-    """
+    """Wait for started nodes and return them. Raises as `FaultControl.carry_out` and `wait_answering`."""
     started: tuple[str, ...] = ()
     match action:
         case Skew(node=node, offset_ms=offset_ms) if offset_ms:
@@ -76,10 +70,7 @@ class StepDone:
 
 
 async def run_plan(plan: FaultPlan, control: FaultControl, tell: Callable[[StepDone], None]) -> list[StepDone]:
-    """Run a plan, report each step to `tell` and return all.
-
-    A failed step does not end the plan; its error is reported.
-    """
+    """Report each step to `tell`. A failed step does not end the plan; its error is reported."""
     loop = asyncio.get_running_loop()
     started_s = loop.time()
     done: list[StepDone] = []

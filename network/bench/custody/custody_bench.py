@@ -186,7 +186,7 @@ async def _stored_bytes(folder: Path, custody: _Custody) -> int | None:
 
 
 def _measure_scanning() -> float:
-    """Return announcements scanned per second on one core, none the wallet's."""
+    """Announcements a second on one core, none the wallet's."""
     view, spend = (PrivateKey(secrets.token_bytes(32)) for _ in range(2))
     stranger = PrivateKey(secrets.token_bytes(32)).public_key
     chain_id, robot = secrets.token_bytes(32), PrivateKey(secrets.token_bytes(32)).public_key
@@ -235,7 +235,7 @@ async def _run_held(options: CustodyOptions, tell: Tell) -> Result[HeldFigures]:
 async def run_custody_benchmark(
     options: CustodyOptions, tell: Tell = lambda _text: None
 ) -> Result[CustodyFigures] | Result[HeldFigures]:
-    """Measure custody over one store; `ok` is False after any error or missing clip."""
+    """`ok` is False after any error or missing clip."""
     if options.held:
         return await _run_held(options, tell)
     conditions = measure_conditions(

@@ -42,7 +42,7 @@ class SealedClip:
 
     @property
     def size_bytes(self) -> int:
-        """The size of all ciphertexts."""
+        """Of all ciphertexts."""
         return sum(map(len, self.upload.ciphertexts))
 
 
@@ -121,7 +121,7 @@ class ClipRobot:
         return transaction.txid
 
     async def wait_erased(self, owner: PrivateKey, erasure_id: bytes) -> None:
-        """Wait for every custodian's final receipt. Raises TRANSACTION_NOT_FINAL_IN_TIME."""
+        """At every custodian. Raises TRANSACTION_NOT_FINAL_IN_TIME."""
         deadline_s = time.perf_counter() + ERASURE_TIMEOUT_S
         while True:
             entry = await self.client.state_value(erasure.REQUEST.key(erasure_id), owner)

@@ -109,7 +109,7 @@ class _Latencies:
         ]
 
     def recovered_s(self, from_s: float, until_s: float, limit_ms: float) -> float | None:
-        """Return time from `from_s` until all later submitted calls were final in time."""
+        """Time until all calls submitted later were final in time."""
         late = [place for place, started_s in enumerate(self.started_s) if from_s <= started_s < until_s]
         for place in reversed(late):
             final_s = self.final_s.get(place)
@@ -334,7 +334,7 @@ def _read_logs(network: FreshNetwork) -> str:
 
 
 def choose_kinds(options: FloodOptions) -> list[str]:
-    """Return the kinds to send. Raises REQUEST_INVALID for an unknown one."""
+    """Raises REQUEST_INVALID for an unknown one."""
     known = kinds_of(options.identity)
     if options.kind == "all":
         return known
@@ -346,7 +346,7 @@ def choose_kinds(options: FloodOptions) -> list[str]:
 
 
 async def run_flood_benchmark(options: FloodOptions, tell: Callable[[str], None]) -> FloodResult:
-    """Measure each flood kind; as a node, each uses another never started node's certificate."""
+    """As a node, each kind uses another never started node's certificate."""
     kinds = choose_kinds(options)
     conditions = measure_conditions(nodes=NODES_COUNT, identity=options.identity, seconds=options.seconds)
     rows: list[Flood] = []

@@ -85,7 +85,7 @@ class _Cut:
 
 
 async def run_robot_benchmark(options: RobotOptions, tell: Tell) -> Result[RobotFigures]:
-    """Run the robot benchmark; a cut stops all nodes by SIGSTOP, connections stay open."""
+    """A cut stops all nodes by SIGSTOP; connections stay open."""
     scene = make_scene(loop_seconds(options.seconds), options.fps, options.seed)
     tags = load_or_draw_tags(options.cache, scene)
     bag = await asyncio.to_thread(
@@ -290,7 +290,7 @@ def make_figures(
 
 
 def is_good(figures: RobotFigures) -> bool:
-    """Return whether each kept frame was found exactly once, by its owner alone."""
+    """Each kept frame was found exactly once, by its owner alone."""
     is_whole = figures.frames_found == figures.frames_kept > 0 and figures.records_found == figures.records
     return is_whole and not (
         figures.frames_lost

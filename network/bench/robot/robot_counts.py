@@ -72,10 +72,7 @@ class FrameAccount:
 
 
 def account_for_frames(logged: LoggedFrames, found: Sequence[Counter[int]]) -> FrameAccount:
-    """Compare a robot's log with each owner's findings.
-
-    Aliases are random per run and matched to owners by most common frames; exchanged owners show only in the pictures.
-    """
+    """Aliases, random per run, are matched to owners by most common frames; exchanged owners show only in the pictures."""
     unsettled = sum(
         (_set_of(frames) - _set_of(logged.kept.get(alias)) - _set_of(logged.withheld.get(alias))).total()
         for alias, frames in logged.paired.items()
@@ -96,7 +93,7 @@ def account_for_frames(logged: LoggedFrames, found: Sequence[Counter[int]]) -> F
 def match_owners(
     kept: Mapping[str, Counter[int]], found: Sequence[Counter[int]]
 ) -> list[tuple[Counter[int], Counter[int]]]:
-    """Return (kept, found) per owner by best total match; tries all permutations."""
+    """(kept, found) per owner by best total match; tries all permutations."""
     wide = max(len(kept), len(found))
     left = [*kept.values(), *(Counter[int]() for _ in range(wide - len(kept)))]
     right = [*found, *(Counter[int]() for _ in range(wide - len(found)))]
@@ -113,11 +110,11 @@ def _surplus(frames: Counter[int]) -> int:
 
 
 def untouched_by_cut(times: Sequence[Timed], cut_from_ms: int, caught_up_at_ms: int) -> list[Timed]:
-    """Return frames final before the cut or decided after the catch-up."""
+    """Final before the cut or decided after the catch-up."""
     return [time for time in times if time.final_at_ms < cut_from_ms or time.decided_at_ms > caught_up_at_ms]
 
 
 def caught_up_at_ms(times: Sequence[Timed], cut_until_ms: int) -> int:
-    """Return when the last frame decided before the cut's end became final, else its end."""
+    """When the last frame decided before the cut's end became final, else its end."""
     waited = (time.final_at_ms for time in times if time.decided_at_ms <= cut_until_ms)
     return max([cut_until_ms, *waited])

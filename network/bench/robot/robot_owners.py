@@ -35,7 +35,7 @@ class OwnFrames:
 async def find_own_frames(
     wallet_file: Path, passphrase: str, genesis: Genesis, is_theirs: Callable[[Rendition], bool]
 ) -> OwnFrames:
-    """Open a wallet and all its pictures. Raises the network's refusals."""
+    """Raises the network's refusals."""
     found = OwnFrames()
     async with Wallet(Keystore.open(wallet_file, passphrase), genesis) as wallet:
         for report in await wallet.records():

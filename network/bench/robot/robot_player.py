@@ -54,7 +54,7 @@ class _Progress:
 
 
 def read_peak_bytes(status: Path = Path("/proc/self/status")) -> int:
-    """Return the process's peak memory; without /proc (macOS) `getrusage`, perhaps including its parent."""
+    """Without /proc (macOS) by `getrusage`, perhaps including its parent."""
     try:
         lines = split_lines(status.read_text(encoding="ascii", errors="replace"))
     except OSError:

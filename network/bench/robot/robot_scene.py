@@ -99,7 +99,6 @@ class LoopedSource:
 
     @property
     def start_ms(self) -> int:
-        """When the first event happened, shifts included."""
         return self._recording.start_ms
 
     @property

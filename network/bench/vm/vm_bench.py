@@ -56,7 +56,7 @@ def group_of(frame: FrameType | None) -> str:
 
 
 def sample_shares(run: Callable[[], object], batches: int) -> dict[str, float]:
-    """Return each group's CPU share (0 to 1), largest first; main thread only."""
+    """Each group's share of CPU time (0 to 1), largest first; main thread only."""
     samples: Counter[str] = Counter()
 
     def note(_: int, frame: FrameType | None) -> None:
@@ -101,8 +101,7 @@ class MemoryHost:
     def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
         return [(key, self.entries[key]) for key in sorted(self.entries) if key.startswith(prefix)][:limit]
 
-    def emit(self, name: str, data: bytes) -> None:
-        """Do nothing: the events of a benchmark go nowhere."""
+    def emit(self, name: str, data: bytes) -> None: ...
 
 
 class CountingHost(MemoryHost):
@@ -155,7 +154,7 @@ class RecordBench:
         return self.invoke("record", self.next_arguments())
 
     def run_batch(self) -> float:
-        """Record `BATCH_CALLS_COUNT` clips; return the calls' CPU seconds."""
+        """Return the calls' CPU seconds."""
         self.host.entries = self._opened.copy()
         batch = [self.next_arguments() for _ in range(BATCH_CALLS_COUNT)]
         started = time.thread_time()
@@ -172,7 +171,7 @@ class RecordBench:
 
 
 def measure_compile_ms() -> float:
-    """Return the median CPU ms to compile the privacy contracts from text."""
+    """Median CPU time for the privacy contracts, from text."""
     sources = {name: read_source(name) for name in PRIVACY_CONTRACTS}
     rounds: list[float] = []
     for _ in range(_COMPILE_ROUNDS_COUNT):
@@ -184,10 +183,7 @@ def measure_compile_ms() -> float:
 
 
 def measure_record_us(seconds: float) -> tuple[list[float], int]:
-    """Return CPU µs of one `records.record` per batch, and its gas.
-
-    Runs about `seconds` of CPU time, at least two batches.
-    """
+    """CPU µs of one `records.record` per batch, and its gas. Runs about `seconds` of CPU time, at least two batches."""
     bench = RecordBench(load_contracts())
     gas = bench.record().gas_used
     each: list[float] = []
@@ -220,7 +216,7 @@ class VmResult(Result[VmFigures], kw_only=True):
 
 
 def run_vm_benchmark(seconds: float = 3, *, profile: bool = False) -> VmResult:
-    """Measure for about `seconds` CPU time each; `profile` adds where the time goes."""
+    """About `seconds` CPU time each; `profile` adds where the time goes."""
     conditions = measure_conditions(nodes=0)
     compile_ms = measure_compile_ms()
     records, gas = measure_record_us(seconds)

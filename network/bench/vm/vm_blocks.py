@@ -95,7 +95,7 @@ class BlockBench:
         return [sign_record(number) for number in range(first, self._number)]
 
     def execute(self, transactions: list[Transaction], execute: Execute = execute_in_process) -> BlockResult:
-        """Execute a block as the new head. Raises RuntimeError if a call is refused."""
+        """As the new head. Raises RuntimeError if a call is refused."""
         self._height += 1
         result = execute(self.head, self._height, NOW_MS + 1, transactions)
         _require_all(result)
@@ -108,10 +108,8 @@ class BlockBench:
 
 
 def measure_block_call_us(seconds: float) -> tuple[list[float], int]:
-    """Return CPU µs per call for each block, and calls per block.
-
-    Includes decoding, execution, receipts, trie and roots, but no signatures, storage or second process. Executes at
-    least two blocks.
+    """CPU µs per call for each block, and calls per block: decoding, execution, receipts, trie and roots, but no
+    signatures, storage or second process. At least two blocks.
     """
     bench = BlockBench()
     bench.execute(bench.next_transactions())

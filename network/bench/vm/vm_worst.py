@@ -26,7 +26,7 @@ PROGRAMS: tuple[Program, ...] = (*MICRO, *PLACES, *CORPUS)
 
 
 def measure_reference() -> float:
-    """Return CPU ms of a million gas of the reference."""
+    """CPU ms of a million gas."""
     price = measure_reliably(REFERENCE, SURE_ROUNDS_COUNT, GAS_LIMIT)
     assert price is not None
     return price.seconds_per_million_gas * 1000
@@ -96,7 +96,7 @@ def _ms(price: Price) -> float:
 
 
 def run_worst_benchmark(programs: Iterable[Program] = PROGRAMS, *, rounds: int = 3) -> WorstResult[WorstFigures]:
-    """Measure programs; `ok` if the dearest is at most ten times the reference."""
+    """`ok` if the dearest is at most ten times the reference."""
     conditions = measure_conditions(nodes=0, rounds=rounds)
     prices = measure_all(programs, rounds=rounds)
     dearest, cheapest, middle = prices[0], cheapest_first(prices)[0], prices[len(prices) // 2]

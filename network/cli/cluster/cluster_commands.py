@@ -111,7 +111,7 @@ def up(
 
 
 def _tell_people(place: Path) -> None:
-    """Publish the demonstration's notice: without one nobody is asked for consent."""
+    """Without a notice nobody is asked for consent."""
     try:
         asyncio.run(publish_demo_notice(place))
     except (BlockRobotError, OSError) as error:
@@ -222,7 +222,7 @@ def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
 
 
 def _status_answer(row: NodeStatusReport) -> NodeStatus:
-    """Return what is known of a node, and the names of what one of another version says in another form."""
+    """And the names of what a node of another version says in another form."""
     told = {**(row.status or {}), "name": row.name, "running": row.running}
     kinds = {field.name: field.type for field in msgspec.structs.fields(NodeStatus)}
     known: dict[str, Any] = {}

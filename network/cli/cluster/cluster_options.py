@@ -19,7 +19,7 @@ def network_folder(folder: Path | None) -> Path:
 
 
 def dir_words(place: Path) -> str:
-    """Return the option (leading blank included) that selects `place` in a suggested command."""
+    """The option, leading blank included, in a suggested command."""
     return "" if place.absolute() == network_folder(None).absolute() else f" --dir {shlex.quote(str(place.absolute()))}"
 
 
@@ -27,7 +27,7 @@ folder_option = click.option("--dir", "folder", type=FOLDER, help="The network's
 
 
 def as_one(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Return a decorator that adds options, and passes `make(**their_values)` as one argument."""
+    """Add options, and pass `make(**their_values)` as one argument."""
     taken = tuple(inspect.signature(make).parameters)
 
     def decorate(command: Any) -> Any:

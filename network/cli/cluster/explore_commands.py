@@ -1,7 +1,7 @@
 """`blockrobot explore`: a node's explorer in the browser.
 
-The page gets a signed challenge answer, valid once within a minute, through an owner-only file and the address
-fragment: unseen by servers, proxies and process lists.
+The page gets a signed challenge answer, valid once within a minute, through an owner-only file and the address fragment:
+unseen by servers, proxies and process lists.
 """
 
 from __future__ import annotations
@@ -94,10 +94,7 @@ def explore(
 
 
 async def open_explorer(signers: list[Signer], node_name: str | None) -> ExplorerAccess:
-    """Return an entrance for the first admitted signer.
-
-    Raises SESSION_REFUSED, NODE_UNREACHABLE, or NOT_FOUND for an unknown node.
-    """
+    """For the first admitted signer. Raises SESSION_REFUSED, NODE_UNREACHABLE, or NOT_FOUND for an unknown node."""
     async with open_pinned_client(signers[0].genesis, signers[0].folder / PIN_FILE) as client:
         refusal: BlockRobotError | None = None
         for signer in signers:
@@ -147,7 +144,7 @@ async def _enter(client: NetworkClient, signer: Signer, node: NodeAddress) -> Ex
 
 
 def keep_link(folder: Path, target: str) -> Path:
-    """Write the explorer link file, owner-only; remove expired ones."""
+    """Owner-only; expired files are removed."""
     if folder.is_dir():
         for old in folder.glob("open-*.html"):
             with contextlib.suppress(FileNotFoundError):  # another command tidies up too

@@ -28,7 +28,7 @@ from network.contracts.chain_contracts import Edition, edition_of_source, read_e
 
 
 async def find_edition(client: NetworkClient, key: PrivateKey, name: str, file: Path | None) -> Edition:
-    """Return this file, or the version in force, as the chain says. Raises CONTRACT_NOT_FOUND or _SOURCE_INVALID."""
+    """This file, or the version in force. Raises CONTRACT_NOT_FOUND or _SOURCE_INVALID."""
     if file is not None:
         return edition_of_source(read_source(file), name, str(file))
     return await read_edition(client, key, name, 0)

@@ -29,7 +29,7 @@ LINE_SHOWN_MAX_CHARS = 120
 
 
 def check_file(path: Path, name: str) -> tuple[list[str], tuple[Diagnostic, ...], list[CheckedEntry]]:
-    """Return lines, problems, and ABI entries if sound. Raises OSError."""
+    """Lines, problems, and ABI entries if sound. Raises OSError."""
     data = path.read_bytes()
     try:
         source = data.decode()

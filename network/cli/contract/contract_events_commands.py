@@ -55,7 +55,7 @@ class EventFilter:
         return json.dumps(fields).encode() + b"\n"
 
     def remembered(self, path: Path) -> Place | None:
-        """Return a state file's position, or None. Raises EVENTS_STATE_OF_OTHERS, EVENTS_STATE_BROKEN."""
+        """The position in a state file. Raises EVENTS_STATE_OF_OTHERS, EVENTS_STATE_BROKEN."""
         try:
             fields = read_json_text(path.read_bytes())
             place = read_place(fields["next"])
@@ -87,10 +87,7 @@ def _line(event: FoundEvent) -> str:
 
 
 def last_written(path: Path) -> Place | None:
-    """Return the place after the last whole line, or None; truncates a partial line.
-
-    Raises EVENTS_FILE_FOREIGN for a foreign file.
-    """
+    """After the last whole line; a partial line is cut off. Raises EVENTS_FILE_FOREIGN for a foreign file."""
     if not path.exists():
         return None
     with path.open("r+b") as file:
@@ -165,9 +162,8 @@ async def follow(
     *,
     forever: bool,
 ) -> None:
-    """Pass every page to `take`; end at the newest block unless `forever`.
-
-    `forever` retries unreachable nodes. Raises permanent errors such as BLOCK_PRUNED.
+    """Pass every page to `take`; end at the newest block unless `forever`, which retries unreachable nodes. Raises
+    permanent errors such as BLOCK_PRUNED.
     """
     place, silent = first, False
     while True:

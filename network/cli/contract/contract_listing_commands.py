@@ -317,13 +317,13 @@ def diff(name: str, old: str, new: str | None, with_exit_code: bool, admin: Admi
 
 
 def diff_lines(before: Edition, after: Edition) -> list[str]:
-    """Return a unified diff, empty only if equal including line ends."""
+    """Unified; empty only if equal including line ends."""
     old, new = before.source.split("\n"), after.source.split("\n")
     return list(difflib.unified_diff(old, new, before.title, after.title, lineterm=""))
 
 
 def beyond_ascii(lines: list[str]) -> list[str]:
-    """Return non-ASCII letters per changed line: some look like others."""
+    """Per changed line: some letters look like others."""
     changed = [line for line in lines[2:] if line[:1] in ("+", "-") and not line.isascii()]
     return [f"{line[0]} {' '.join(f'U+{ord(one):04X}' for one in line if ord(one) > 127)}" for line in changed]
 

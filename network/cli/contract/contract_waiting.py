@@ -42,7 +42,7 @@ async def pause() -> None:
 async def await_change(
     client: NetworkClient, key: PrivateKey, name: str, decision: Decision, tell: Callable[[str], None]
 ) -> ChangeOutcome | None:
-    """Return a change's proved result once final; None if too far ahead or late."""
+    """Proved, once final; None if too far ahead or late."""
     height = decision.due_height
     if height is None or height > decision.height + WAIT_AHEAD_MAX_BLOCKS:
         return None

@@ -61,9 +61,8 @@ def _read_folder(folder: Path, robot: str | None) -> tuple[bytes, list[bytes]]:
 
 
 def _look_at(place: Path, preview: bytes) -> None:
-    """Show a preview drawn from the frames as read, so nobody can exchange it.
-
-    Without a terminal it is saved beside them. Raises Abort for a no.
+    """Drawn from the frames as read, so nobody can exchange it; without a terminal saved beside them. Raises Abort for a
+    no.
     """
     if not can_ask():
         file = place / PREVIEW_FILE

@@ -64,7 +64,7 @@ def admin_keys(folder: Path) -> dict[str, Path]:
 
 
 def read_private_key(path: Path) -> PrivateKey:
-    """Read 32 raw bytes. Raises ORGANISATION_KEY_NOT_FOUND, KEY_INVALID."""
+    """32 raw bytes. Raises ORGANISATION_KEY_NOT_FOUND, KEY_INVALID."""
     try:
         return PrivateKey(path.read_bytes())
     except FileNotFoundError:
@@ -88,7 +88,7 @@ def with_network(signer: Signer, work: Callable[[NetworkClient], Awaitable[T]]) 
 
 
 def read_with_first(signers: list[Signer], work: Callable[[NetworkClient, PrivateKey], Awaitable[T]]) -> T:
-    """Read as the first signer that nodes admit; proved results are the same."""
+    """The first that nodes admit; proved results are the same."""
     for place, signer in enumerate(signers):
         try:
             return with_network(signer, lambda client, key=signer.key: work(client, key))  # type: ignore[misc]
@@ -109,7 +109,7 @@ def _refused_as_no_admin() -> Iterator[None]:
 
 
 def with_client(signer: Signer, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
-    """Run an admin's work with a network client. Raises GOVERNANCE_NOT_ADMIN."""
+    """As an admin. Raises GOVERNANCE_NOT_ADMIN."""
     with _refused_as_no_admin():
         return with_network(signer, work)
 
@@ -123,10 +123,7 @@ class AdminOptions:
     key_file: Path | None = None
 
     def signer(self) -> Signer:
-        """Return the signer; an ambiguous organisation is a usage error.
-
-        Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID.
-        """
+        """Ambiguous names are a usage error. Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID."""
         signers = self._signers()
         if len(signers) > 1:
             names = " | ".join(signer.name for signer in signers)
@@ -134,7 +131,7 @@ class AdminOptions:
         return signers[0]
 
     def read(self, work: Callable[[NetworkClient, PrivateKey], Awaitable[T]]) -> T:
-        """Read as any local organisation. Raises GOVERNANCE_NOT_ADMIN, and as `signer`."""
+        """As any local organisation. Raises GOVERNANCE_NOT_ADMIN, and as `signer`."""
         with _refused_as_no_admin():
             return read_with_first(self._signers(), work)
 
@@ -180,9 +177,8 @@ def propose_once(
     check: Check | None = None,
     prepare: Callable[[Governor], Awaitable[None]] | None = None,
 ) -> SubmittedAct:
-    """Check and prepare if requested, propose unless already open, wait for finality, read the result.
-
-    Raises GOVERNANCE_PROPOSED_ALREADY.
+    """Check and prepare if requested, propose unless open, wait for finality, read the result. Raises
+    GOVERNANCE_PROPOSED_ALREADY.
     """
 
     async def run(client: NetworkClient) -> SubmittedAct:
@@ -201,9 +197,8 @@ def propose_once(
 def _refuse_twice(
     signer: Signer, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
 ) -> None:
-    """Refuse duplicates of open proposals, which would split the approvals.
-
-    Exempt: revoking an own certificate, which takes effect at once.
+    """Duplicates of open proposals would split the approvals. Exempt: revoking an own certificate, which takes effect at
+    once.
     """
     if kind == "revoke_certificate" and signer.name in {"", arguments["organisation"]}:
         return
@@ -232,7 +227,7 @@ async def _tell_closed(client: NetworkClient, key: PrivateKey, text: str) -> Non
 def decide_on_proposal(
     signer: Signer, contract: str, text: str, entry: str, check: Check | None = None
 ) -> tuple[SubmittedAct, ProposalRow]:
-    """Find an open proposal by id prefix, check if requested, approve or withdraw it."""
+    """By id prefix; check if requested, approve or withdraw."""
 
     async def run(client: NetworkClient) -> tuple[SubmittedAct, ProposalRow]:
         before = await read_membership(client, signer.key)

@@ -67,7 +67,7 @@ def notice() -> None:
 
 
 def read_notice_file(path: Path) -> Notice:
-    """Read a notice from TOML. Raises NOTICE_INVALID."""
+    """From TOML. Raises NOTICE_INVALID."""
     data = read_given_file(path, TOML_MAX_BYTES)
     try:
         text = data.decode("utf-8")

@@ -41,7 +41,7 @@ async def _answers(client: NetworkClient, node: NodeAddress) -> bool:
 
 
 async def find_unwell(client: NetworkClient, folder: Path, names: Iterable[str]) -> list[str]:
-    """Return nodes that do not answer or, if local, are not ready."""
+    """Nodes that do not answer or, if local, are not ready."""
     addresses = {node.name: node for node in client.nodes}
     asked = [name for name in names if name in addresses]
     answers = await asyncio.gather(*(_answers(client, addresses[name]) for name in asked))
@@ -60,10 +60,8 @@ def seats_after(
     withdrawn: tuple[bytes, str] | None = None,
     maximum: int | None = None,
 ) -> list[CandidateRow]:
-    """Return the seats after a change, by the election contract's rules.
-
-    `withdrawn` is a candidate key and the organisation withdrawing its vote (empty: any). Waiting newcomers are
-    excluded: they may be unready.
+    """By the election contract's rules. `withdrawn` is a candidate key and the organisation withdrawing its vote (empty:
+    any). Waiting newcomers are excluded: they may be unready.
     """
     most = view.max_producers if maximum is None else maximum
     ranked = []
@@ -88,10 +86,7 @@ async def require_live_quorum(
     after: Sequence[CandidateRow],
     silenced: Collection[str] = (),
 ) -> None:
-    """Refuse a change after which the seats could not finalize.
-
-    `silenced` nodes keep a seat but cannot sign until given a new key. Raises GOVERNANCE_QUORUM_UNWELL.
-    """
+    """`silenced` nodes keep a seat but cannot sign until given a new key. Raises GOVERNANCE_QUORUM_UNWELL."""
     seated = [row for row in view.candidates if row.turn is not None]
     left = [row.name for row in after]
     mute = [name for name in left if name in silenced]
@@ -119,7 +114,7 @@ async def check_membership_change(
     kind: str,
     arguments: Mapping[str, Any],
 ) -> None:
-    """Check a change that removes or silences producers. Raises GOVERNANCE_QUORUM_UNWELL."""
+    """Does it remove or silence producers? Raises GOVERNANCE_QUORUM_UNWELL."""
     if kind not in {"remove_node", "remove_org", "rekey_producer"}:
         return
     view = await read_producers(client, reader)
@@ -135,7 +130,7 @@ async def check_membership_change(
 
 
 async def check_setting(client: NetworkClient, folder: Path, reader: PrivateKey, name: str, value: int | str) -> None:
-    """Check a lower number of seats. Raises GOVERNANCE_QUORUM_UNWELL."""
+    """A lower number of seats. Raises GOVERNANCE_QUORUM_UNWELL."""
     if name == "max_producers" and isinstance(value, int) and value > 0:
         view = await read_producers(client, reader)
         await require_live_quorum(client, folder, view, seats_after(view, maximum=value))

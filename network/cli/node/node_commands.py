@@ -52,10 +52,7 @@ def node() -> None:
 
 
 def get_node_config(text: str, folder: Path | None) -> NodeConfig:
-    """Return a node's configuration by data directory or network name.
-
-    Raises NOT_FOUND, DATA_DIRECTORY_INVALID, CONFIGURATION_INVALID.
-    """
+    """By data directory or network name. Raises NOT_FOUND, DATA_DIRECTORY_INVALID, CONFIGURATION_INVALID."""
     place = Path(text)
     if (place / CONFIG_FILE).is_file():
         return load_config(place.resolve())

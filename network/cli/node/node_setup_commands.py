@@ -142,7 +142,7 @@ def _speaker(organisation: str, network: Path | None, authority: Path | None) ->
 
 
 def next_steps(name: str, speaker: str, place: Path, network: Path | None, folder: Path | None) -> list[str]:
-    """Return the commands to run before a new node participates; `speaker` is the signer option, `folder` --dir."""
+    """Commands before a new node participates; `speaker` is the signer option, `folder` --dir."""
     where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
     run = shlex.quote(str(place)) if network is None else f"{name} --detach{where}"
     return [

@@ -19,7 +19,7 @@ class LoggedEvent(Event, frozen=True):
 
     @property
     def sequence(self) -> int | None:
-        """Return the frame's sequence number; None if about no frame."""
+        """The frame's; None if about no frame."""
         found = _FRAME_CASE.fullmatch(self.case)
         return int(found[1]) if found else None
 

@@ -23,7 +23,7 @@ _IN_MS = '<span class="visually-hidden">in milliseconds</span>'
 
 
 def build_page(outcome: Outcome, refusal: BlockRobotError | None, drawn: str | None = None) -> str:
-    """Return an experiment's page. `drawn`: Graphviz's SVG map; `refusal`: why there is none."""
+    """`drawn`: Graphviz's SVG map; `refusal`: why there is none."""
     experiment = outcome.experiment
     sections = [Section("What was checked", _checks(outcome.checks.checks) + quiet(_told(outcome.conditions)))]
     if outcome.reading is not None and outcome.robot is not None:

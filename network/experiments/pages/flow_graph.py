@@ -81,7 +81,7 @@ class FlowGraph:
 
 
 def build_flow_graph(table: EventTable) -> FlowGraph:
-    """Return the directly-follows graph, in order of first occurrence; skips events about the run."""
+    """In order of first occurrence; skips events about the run."""
     graph = FlowGraph()
     for case, events in table.cases().items():
         if events[0].activity in RUN_NOTES:

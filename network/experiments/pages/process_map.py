@@ -41,7 +41,7 @@ def _quote(text: str) -> str:
 
 
 def build_dot(graph: FlowGraph) -> str:
-    """Return the map in DOT; nodes are numbered, which prevents injection by activity names."""
+    """Nodes are numbered, which prevents injection by activity names."""
     names = {activity: f"a{number}" for number, activity in enumerate(graph.activities)}
     busiest = max((tally.absolute for tally in graph.pairs.values()), default=1)
     lines = [
@@ -75,10 +75,7 @@ def write_dot(text: str, path: Path) -> None:
 
 
 def draw_with_graphviz(dot_file: Path) -> list[Path]:
-    """Draw a DOT file as SVG and PNG beside it; return their paths.
-
-    Raises DRAWING_UNAVAILABLE without `dot` or if it fails; the DOT file stays.
-    """
+    """As SVG and PNG beside it. Raises DRAWING_UNAVAILABLE without `dot` or if it fails; the DOT file stays."""
     program = shutil.which(GRAPHVIZ_PROGRAM)
     if program is None:
         raise BlockRobotError(

@@ -41,7 +41,7 @@ NAMES = (
 
 
 def features(view: View) -> Floats:
-    """Return the pixels' features, shape (height, width, len(NAMES))."""
+    """Shape (height, width, len(NAMES))."""
     depth, empty = _metres(view.picture), _metres(view.empty)
     hole = (view.picture == 0).astype(np.float32)
     known = (1 - hole) * (view.empty > 0)

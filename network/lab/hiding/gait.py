@@ -54,7 +54,7 @@ class _Clip:
 
 
 def judge_gait(seed: int, people: int, attackers: Mapping[str, LearnedAttacker]) -> GaitReport:
-    """Return re-identification of one population per way of hiding. Raises EXTRA_MISSING."""
+    """One population, per way of hiding. Raises EXTRA_MISSING."""
     require_learning()
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis  # noqa: PLC0415 - the optional extra
     from sklearn.preprocessing import StandardScaler  # noqa: PLC0415 - the optional extra
@@ -220,7 +220,7 @@ def _describe(clip: _Clip) -> Floats:
 
 
 def _portrait(mask: Mask) -> Floats:
-    """Return a centred silhouette at fixed height: (24, 16), 0 to 1."""
+    """Centred, at fixed height: (24, 16), 0 to 1."""
     width, height = PORTRAIT
     empty = np.zeros((height, width), dtype=np.float32)
     if np.count_nonzero(mask) < RECOVERED_MIN_PX:

@@ -38,7 +38,7 @@ class HidingOptions:
 
 
 def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> Result[HidingFigures]:
-    """Return the figures; `ok`: every scene was judged and every goal holds. Raises EXTRA_MISSING."""
+    """`ok`: every scene was judged and every goal holds. Raises EXTRA_MISSING."""
     require_learning()
     conditions = measure_conditions(nodes=0, seed=options.seed)
     processes = options.processes or count_cores()
@@ -117,6 +117,6 @@ def _train_all(
 
 
 def _one_thread_each() -> None:
-    """Limit a worker to one core: processes are the parallelism."""
+    """Processes are the parallelism."""
     os.environ["OMP_NUM_THREADS"] = "1"
     cv2.setNumThreads(1)

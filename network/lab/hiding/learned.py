@@ -42,7 +42,7 @@ class LearnedAttacker:
     threshold: float
 
     def probability(self, view: View, *, every: int = 1) -> Floats:
-        """Return each pixel's (or every n-th's) probability of hiding someone."""
+        """Each pixel's (or every n-th's) of hiding someone."""
         table = features(view)[::every, ::every]
         with _one_thread():
             likely = self.model.predict_proba(table.reshape(-1, table.shape[-1]))[:, 1]

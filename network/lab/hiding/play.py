@@ -84,7 +84,7 @@ class Stage:
 
 
 def sightings(scene: Scene) -> list[tuple[int, str, Sighting]]:
-    """Return all readings as (arrival in ms, alias, sighting), by arrival."""
+    """(arrival in ms, alias, sighting), by arrival."""
     made = []
     for reading in readings(scene.scenario):
         at_ms = round(reading.at_s * 1000)
@@ -103,9 +103,8 @@ def sightings(scene: Scene) -> list[tuple[int, str, Sighting]]:
 
 
 def release(stage: Stage, indices: Iterable[int], see: Callable[[int, Depth, Labels], None]) -> list[Output]:
-    """Run frames and readings, as they arrive, through the robot's redactor; return its verdicts.
-
-    `see` receives each frame and its truth before the redactor.
+    """Frames and readings go through the robot's redactor as they arrive. `see` receives each frame and its truth before
+    the redactor.
     """
     redactor = FrameRedactor(stage.background, focal_px=stage.focal_px)
     waiting = sightings(stage.scene)[::-1]
@@ -174,7 +173,7 @@ def placed(kept: KeptFrame, shape: tuple[int, ...]) -> Depth:
 
 
 def gap_px(owner: Mask, others: Mask) -> float:
-    """Return the pixels between two half-resolution silhouettes; infinite if one is empty."""
+    """Between two half-resolution silhouettes; infinite if one is empty."""
     if not owner.any() or not others.any():
         return float("inf")
     away = cv2.distanceTransform((~owner).astype(np.uint8), cv2.DIST_L2, 3)
@@ -182,10 +181,7 @@ def gap_px(owner: Mask, others: Mask) -> float:
 
 
 def owner_cutout(stage: Stage, depth: Depth, labels: Labels, label: int, *, troubled: bool) -> Depth | None:
-    """Return the cut for `label`, 0 elsewhere; None if the robot would not cut.
-
-    `troubled`: also accept troubled silhouettes (controls only).
-    """
+    """0 elsewhere; None if the robot would not cut. `troubled`: also accept troubled silhouettes (controls only)."""
     segmented = segment(depth, stage.background, stage.focal_px)
     silhouette = _silhouette_of(segmented, labels, label)
     if silhouette is None or (silhouette.withhold_reason and not troubled):
@@ -224,7 +220,7 @@ class Timed:
         self._waiting = sightings(stage.scene)[::-1]
 
     def step(self, depth: Depth, at_ms: int) -> None:
-        """Record a frame's CPU and wall milliseconds; frames come in time order."""
+        """CPU and wall milliseconds; frames come in time order."""
         background = self._stage.background
         cpu, wall = time.thread_time(), time.perf_counter()
         while self._waiting and self._waiting[-1][0] <= at_ms:

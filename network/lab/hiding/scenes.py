@@ -34,10 +34,7 @@ class Scene:
 
 
 def draw_scenes(seed: int, count: int, purpose: int, *, duration_s: float = DURATION_S) -> list[Scene]:
-    """Return `count` scenes of two or three people, cycling through the strata.
-
-    No scene of one purpose is drawn for another.
-    """
+    """Two or three people, cycling through the strata. No scene of one purpose is drawn for another."""
     scenes = []
     for number in range(count):
         stratum = PAIR_STRATA[number % len(PAIR_STRATA)]
@@ -67,7 +64,7 @@ def half_view(picture: Depth, empty: Depth, owner: Mask) -> View:
 
 
 def show_owner_only(kept: Depth, recorded_empty: Depth) -> Depth:
-    """Return our rendition as displayed: the owner's non-zero pixels on a recorded empty frame."""
+    """Our rendition as displayed: the owner's non-zero pixels on a recorded empty frame."""
     return np.where(kept > 0, kept, recorded_empty)
 
 

@@ -15,7 +15,7 @@ UPPER_SHARE = 0.95
 
 
 def iou(found: Mask, true: Mask) -> float:
-    """Return intersection over union of two masks; 0.0 if both are empty."""
+    """Intersection over union; 0.0 if both are empty."""
     union = int(np.count_nonzero(found | true))
     return int(np.count_nonzero(found & true)) / union if union else 0.0
 
@@ -30,7 +30,7 @@ class Bound:
 
 
 def paired_bound(differences: Sequence[float], *, seed: int) -> Bound:
-    """Return the mean difference per scene and its upper 95 % bound; zeros without scenes."""
+    """Mean difference per scene and its upper 95 % bound; zeros without scenes."""
     if not differences:
         return Bound(0.0, 0.0, 0)
     values = np.asarray(differences, dtype=np.float64)
@@ -41,10 +41,10 @@ def paired_bound(differences: Sequence[float], *, seed: int) -> Bound:
 
 
 def mean_of(values: Sequence[float]) -> float | None:
-    """Return the mean, 4 decimals; None if nothing was measured."""
+    """4 decimals; None if nothing was measured."""
     return round(statistics.fmean(values), 4) if values else None
 
 
 def share_of(count: int, total: int) -> float | None:
-    """Return `count / total`, 5 decimals; None if nothing was measured."""
+    """5 decimals; None if nothing was measured."""
     return round(count / total, 5) if total else None

@@ -18,7 +18,7 @@ AGAIN_ROUNDS = 2
 
 
 def run_corpus() -> dict[str, Any]:
-    """Run every program; return findings, CPU seconds by name, memory before and peak."""
+    """Findings, CPU seconds by name, memory before and peak."""
     started_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     findings: list[dict[str, Any]] = []
     seconds: dict[str, float] = {}

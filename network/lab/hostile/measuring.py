@@ -36,9 +36,8 @@ class Price:
 
 
 def measure_program(program: Program, *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> Price | None:
-    """Return the median run on fresh states; None if too little gas was used.
-
-    Writes of failed calls count as kept, since similar ones may succeed.
+    """Median run on fresh states; None if too little gas was used. Writes of failed calls count as kept, since similar ones
+    may succeed.
     """
     if program.at_once or program.expect.startswith(REFUSED):
         return None
@@ -71,7 +70,7 @@ def measure_program(program: Program, *, rounds: int = 3, gas_limit: int = GAS_L
 
 
 def measure_all(programs: Iterable[Program], *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> list[Price]:
-    """Return programs' prices, dearest first."""
+    """Dearest first."""
     given = {program.name: program for program in programs}
     measured = (measure_program(program, rounds=rounds, gas_limit=gas_limit) for program in given.values())
     prices = sorted((price for price in measured if price is not None), key=_seconds)

@@ -201,7 +201,7 @@ def _of_state() -> Iterator[Program]:
 
 
 def _signed_for_nothing() -> bytes:
-    """Return a signature of `MESSAGE` that recovers to the point at infinity."""
+    """For `MESSAGE`; it recovers to the point at infinity."""
     digest = int.from_bytes(tagged_hash(TAG, MESSAGE), "big")
     for secret in range(2, 64):
         point = point_of(secret.to_bytes(32, "big"))

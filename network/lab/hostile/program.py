@@ -39,7 +39,7 @@ class Program:
 
 
 def body(name: str, expect: str, text: str, *, before: str = "", **more: Any) -> Program:
-    """Return a program with this body of entry `f`, parameters a, b, c ... per `args`."""
+    """The body of entry `f`, parameters a, b, c ... per `args`."""
     params = ", ".join(f"{letter}: object" for letter in "abcdef"[: len(more.get("args", ()))])
     inner = textwrap.indent(textwrap.dedent(text).strip("\n"), "    ")
     return Program(name, expect, f"{before}\n@export\ndef f({params}):\n{inner}\n", **more)
