@@ -11,9 +11,8 @@ from clients.bundle.bundle_answers import SignedReceipt, StatedProblem, VerifyBu
 from clients.bundle.checks.bundle_check import Verdict, name_visits, printable, unproved, verify_bundle
 from clients.bundle.checks.consent_receipts import CheckedFile, CheckedReceipt, check_file, is_receipt_file
 from clients.bundle.checks.frame_check import count_pictures
-from clients.bundle.progress import show_progress
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import command_output, console, load_genesis, pluralize, print_answer
+from clients.sdk.terminal.terminal import command_output, console, load_genesis, pluralize, print_answer, show_progress
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from pages.time_format import format_time

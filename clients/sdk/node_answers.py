@@ -13,12 +13,13 @@ from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.primitives.encoding import decode
 
 D = TypeVar("D", bound=Document)
-_FAULTY = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
+FAULTY = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
+"""What only a node says that is damaged, or lies."""
 BY_ITS_CLOCK = frozenset({"TRANSACTION_EXPIRED", "TRANSACTION_TOO_FAR_AHEAD"})
 """What a node judges by its own clock. That may be wrong, and another node may have taken the transaction before."""
 NOT_TAKING_PART = frozenset({"NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED"})
 """What a node says that no other node hears."""
-_ELSEWHERE = _FAULTY | BY_ITS_CLOCK | NOT_TAKING_PART | {"SESSION_REFUSED", "BLOCK_PRUNED"}
+_ELSEWHERE = FAULTY | BY_ITS_CLOCK | NOT_TAKING_PART | {"SESSION_REFUSED", "BLOCK_PRUNED"}
 """Another node may answer well: one that does not lie, or does not follow late of who is nobody, or is an archive."""
 
 SURE_REFUSALS = frozenset({"CALL_REFUSED", "TRANSACTION_EXPIRED", "CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"})

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ import click
 from rich.text import Text
 
 from clients.sdk.terminal.ascii_output import is_utf8
-from clients.sdk.terminal.safe_output import SafeConsole, keep_own_tags, write_trusted
+from clients.sdk.terminal.safe_output import SafeConsole, keep_own_tags, overwrite_line, write_trusted
 from consensus import exit_codes
 from consensus.errors import BlockRobotError
 
@@ -250,6 +251,23 @@ def handle_errors(command: F) -> F:
 def command_output(command: F) -> F:
     """Add --json, and handle errors."""
     return json_option(handle_errors(command))
+
+
+def show_progress(*, quiet: bool) -> Callable[[str, int, int], None]:
+    """What is done, how much of how much: on a terminal's standard error, four updates a second."""
+    is_shown = not quiet and sys.stderr.isatty()
+    last = 0.0
+
+    def hear(what: str, done: int, of: int) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if is_shown and done < of and now - last > 0.25:
+            last = now
+            overwrite_line(f"{what}: {100 * done // of} %")
+        elif is_shown and done == of:
+            overwrite_line()
+
+    return hear
 
 
 def pluralize(count: int, one: str, many: str = "") -> str:

@@ -1,4 +1,6 @@
-"""Open wallets for commands. The passphrase comes from the terminal or BLOCKROBOT_PASSPHRASE_FILE."""
+"""What commands share: opening wallets, questions, warnings. The passphrase comes from the terminal or
+BLOCKROBOT_PASSPHRASE_FILE.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +13,7 @@ from typing import Any, TypeVar
 
 import click
 
+from clients.sdk.node_answers import FAULTY
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
     ask,
@@ -19,7 +22,7 @@ from clients.sdk.terminal.terminal import (
     load_genesis,
 )
 from clients.wallet.cli.group_options import KEYRING_KEY
-from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.presentation.former_text import member_gone_line
 from clients.wallet.presentation.translations import WrongUsage, refusal, text
 from clients.wallet.store.keystore import Keystore
@@ -33,7 +36,6 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 _READS_ONLY_MARK = "blockrobot_reads_only"
-_LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 PASSPHRASE_TRIES_MAX_COUNT = 5
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 
@@ -149,7 +151,7 @@ def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable
 def print_failed_nodes(troubles: Mapping[str, BlockRobotError]) -> None:
     """Nodes with false proofs, on standard error."""
     for name, error in sorted(troubles.items()):
-        if error.code in _LIES:
+        if error.code in FAULTY:
             click.echo(text("ask.lied", name=name, code=error.code), err=True)
 
 
@@ -169,3 +171,24 @@ def confirm_or_print(question: str, *, yes: bool, as_json: bool = False, explana
     if explanation:
         click.echo(explanation, err=True)
     ask(question, err=as_json or bool(explanation))
+
+
+def warn_of_linked_visits(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
+    """Return the records."""
+    if not as_json:
+        print_linking_notice(len({entry.visit.owner for entry in entries}))
+    return entries
+
+
+def print_linking_notice(visit_count: int) -> None:
+    if visit_count > 1:
+        click.echo(text("linked.acting", number=visit_count), err=True)
+
+
+def print_linked_moves(visit_count: int, *, with_member: bool) -> None:
+    """Of visits rotated together; `with_member`: with the member too."""
+    if not visit_count or (visit_count == 1 and not with_member):
+        return
+    key = "linked.moving_member" if with_member else "linked.moving"
+    notice = text(key, count=visit_count, number=visit_count)
+    click.echo(f"{notice} {text('linked.otherwise')}", err=True)

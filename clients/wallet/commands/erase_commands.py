@@ -14,9 +14,9 @@ from msgspec import UNSET
 from clients.sdk.terminal.json_answers import Problem
 from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer, problem_json
 from clients.wallet.cli.group_options import complete_records
-from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
+from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet, warn_of_linked_visits
 from clients.wallet.commands.share_commands import print_copies, print_recipients
-from clients.wallet.ledger.record_filter import choose_records, warn_of_linked_visits
+from clients.wallet.ledger.record_filter import choose_records
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.presentation.record_answers import ErasuresAnswer
 from clients.wallet.presentation.share_text import own_share

@@ -8,11 +8,10 @@ from pathlib import Path
 import click
 
 from clients.bundle.checks.bundle_check import Verdict
-from clients.bundle.progress import show_progress
 from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import FILE, ask, can_ask, command_output, console, print_answer
+from clients.sdk.terminal.terminal import FILE, ask, can_ask, command_output, console, print_answer, show_progress
 from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import on_abort, run_with_wallet

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.presentation.linking_notice import print_linking_notice
 from clients.wallet.presentation.translations import WrongUsage
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.rights.sensors import require_sensor
@@ -162,10 +161,3 @@ async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[Re
     if not record_ids:
         return list(entries.values())
     return [entries[resolve_record(list(entries), record_id)] for record_id in record_ids]
-
-
-def warn_of_linked_visits(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
-    """Return the records."""
-    if not as_json:
-        print_linking_notice(len({entry.visit.owner for entry in entries}))
-    return entries

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from clients.sdk.node_answers import FAULTY
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.page.jobs import Jobs
 from clients.wallet.page.open_clips import Clips
@@ -33,8 +34,6 @@ LISTENING_MS = 60_000
 HOLD_MAX_S = 20.0
 NEWS_KEPT_COUNT = 1_000
 AWAY_TOLD_MS = 5 * 60_000
-LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
-"""What only a node says that is damaged, or lies."""
 UNKNOWN_YET = "SESSION_REFUSED"
 """What a node says that has not followed the chain to the owner's registration."""
 _PRIVATE_FOLDER = 0o700
@@ -181,7 +180,7 @@ class PageSession:
         return {
             name: error
             for name, error in troubles.items()
-            if error.code in LIES or now - self._troubles[name][1] < AWAY_TOLD_MS
+            if error.code in FAULTY or now - self._troubles[name][1] < AWAY_TOLD_MS
         }
 
     def keep_export(self, name: str, path: Path) -> None:

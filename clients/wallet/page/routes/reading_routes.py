@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from aiohttp import web
 
+from clients.sdk.node_answers import FAULTY
 from clients.sdk.pictures.depth_colours import scale_json
 from clients.sdk.terminal.json_answers import Answer, Hex, extend
 from clients.wallet.ledger.record_filter import Filter
@@ -27,7 +28,7 @@ from clients.wallet.page.record_days import (
 )
 from clients.wallet.page.record_seals import verified_block
 from clients.wallet.page.request_fields import RequestFields, read_id
-from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
+from clients.wallet.page.session import UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
 from clients.wallet.presentation.audit_story import PageEvent, page_event
 from clients.wallet.presentation.former_text import member_gone_line, words_lines
@@ -116,7 +117,7 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
 
 
 def _node_state(error: BlockRobotError) -> str:
-    if error.code in LIES:
+    if error.code in FAULTY:
         return "lied"
     return {"NODE_UNREACHABLE": "unreachable", UNKNOWN_YET: "behind"}.get(error.code, "refused")
 

@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet.cli import main as cli
+from clients.wallet.cli.wallet_context import print_linked_moves, print_linking_notice
 from clients.wallet.commands import consent_commands, serve_commands
 from clients.wallet.commands.account import rotate_commands
 from clients.wallet.consent.notice_reading import NoticeView
@@ -20,7 +21,6 @@ from clients.wallet.consent.receipt_fetching import Receipts
 from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_status import BreachEnd, OfficersErasure, VisitRights
 from clients.wallet.presentation.former_text import words_lines
-from clients.wallet.presentation.linking_notice import print_linked_moves, print_linking_notice
 from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, code_text, load, section
 from clients.wallet.presentation.visit_status_text import standing_lines
 from consensus.errors import BlockRobotError

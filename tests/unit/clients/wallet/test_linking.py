@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.wallet.presentation.linking_notice import print_linked_moves, print_linking_notice
+from clients.wallet.cli.wallet_context import print_linked_moves, print_linking_notice
 
 
 def test_of_several_visits_she_is_told_that_they_are_linked(capsys: pytest.CaptureFixture[str]) -> None:
