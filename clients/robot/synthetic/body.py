@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,13 +49,17 @@ def pose(person: Person, at_s: float) -> Capsules | None:
     swing = min(speed / 1.0, 1.0) * 0.5
     sway = 0.01 * math.sin(2 * math.pi * 0.3 * person.cadence * at_s)
     props = aid_rows(person)
-    rows = [*_body(person, phase, swing, sway), *props]
+    return place_rows([*_body(person, phase, swing, sway), *props], *place, heading, len(props))
+
+
+def place_rows(rows: Sequence[Row], x: float, z: float, heading: float, props: int = 0) -> Capsules:
+    """Return rows of somebody or something that stands at a place and looks along `heading` (0: against z)."""
     local = np.array([row[:6] for row in rows], dtype=np.float32).reshape(-1, 2, 3)
     cos, sin = math.cos(heading), math.sin(heading)
     right, up, ahead = local[..., 0], local[..., 1], local[..., 2]
-    world = np.stack([place[0] + right * cos + ahead * sin, up, place[1] + right * sin - ahead * cos], axis=-1)
+    world = np.stack([x + right * cos + ahead * sin, up, z + right * sin - ahead * cos], axis=-1)
     radius = np.array([row[6] for row in rows], dtype=np.float32)
-    return Capsules(world[:, 0].astype(np.float32), world[:, 1].astype(np.float32), radius, len(props))
+    return Capsules(world[:, 0].astype(np.float32), world[:, 1].astype(np.float32), radius, props)
 
 
 def _body(person: Person, phase: float, swing: float, sway: float) -> list[Row]:

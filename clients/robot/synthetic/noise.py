@@ -1,4 +1,4 @@
-"""Structured-light depth camera noise: jitter, axial noise, disparity steps, holes. Deterministic by seed and index."""
+"""Noise of depth cameras, of structured light or time of flight. Deterministic by seed and index."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from clients.robot.sensing.sensor_events import Depth
-from clients.robot.synthetic.corridor import Image, Labels
+from clients.robot.synthetic.camera import Image, Labels
 
 AXIAL_FLOOR_M = 0.0012
 AXIAL_SLOPE = 0.0019
@@ -18,13 +18,17 @@ RANGE_MIN_M, RANGE_MAX_M = 0.4, 9.0
 EDGE_JUMP_M = 0.12
 EDGE_LOSS = 0.55
 SHADOW_STEPS_PX = (2, 4, 6, 8, 11)
+FLYING_SHARE = 0.3
+FLIGHT_FLOOR_M, FLIGHT_SLOPE = 0.004, 0.0015
 POOL_COUNT = 6
 POOL_MARGIN_PX = 96
 HOLE_SIZE_PX = 1.6
 
 
 class CameraNoise:
-    """Random fields drawn once and shifted for each frame."""
+    """Structured light: jitter, axial noise, disparity steps, shadows, holes. Random fields are drawn once and shifted
+    for each frame, for speed.
+    """
 
     def __init__(self, shape: tuple[int, int], focal_px: float, seed: int, holes: float = 0.0) -> None:
         self._shape = shape
@@ -46,7 +50,7 @@ class CameraNoise:
         self._holes = [_blotches(large, holes, rng) for _ in range(POOL_COUNT)] if holes > 0 else []
 
     def apply(self, depth: Image, labels: Labels | None, index: int) -> tuple[Depth, Labels | None]:
-        """Return the noisy frame in mm, and `labels` shifted alike."""
+        """Return the noisy frame in millimetres, and `labels` shifted alike."""
         rng = np.random.default_rng([self._seed, 1, index])
         disparity = self._disparity / depth
         lost = self._shadow(disparity)
@@ -80,6 +84,40 @@ class CameraNoise:
         for step in SHADOW_STEPS_PX:
             lost[:, :-step] |= (disparity[:, step:] - disparity[:, :-step]) > step
         return lost
+
+
+class FlightNoise(CameraNoise):
+    """Time of flight: axial noise, holes, and at edges pixels at a depth in between."""
+
+    def apply(self, depth: Image, labels: Labels | None, index: int) -> tuple[Depth, Labels | None]:
+        rng = np.random.default_rng([self._seed, 1, index])
+        square = np.ones((3, 3), np.uint8)
+        reached = np.minimum(depth, np.float32(RANGE_MAX_M + 1))
+        near, far = cv2.erode(reached, square), cv2.dilate(reached, square)
+        chance = self._field(self._uniform, rng)
+        flying = (far - near > EDGE_JUMP_M) & (chance < FLYING_SHARE)
+        flown = np.where(flying, near + (far - near) * (chance / np.float32(FLYING_SHARE)), reached)
+        noisy = flown + (np.float32(FLIGHT_FLOOR_M) + np.float32(FLIGHT_SLOPE) * flown) * self._field(self._normal, rng)
+        lost = (noisy < RANGE_MIN_M) | (noisy > RANGE_MAX_M)
+        if self._holes:
+            lost |= self._field(self._holes, rng) > 0
+        millimetres = np.rint(noisy * 1000)
+        millimetres[lost] = 0
+        return millimetres.astype(np.uint16), None if labels is None else labels.copy()
+
+
+def blur(depth: Image, labels: Labels, shift_px: float, seed: int, index: int) -> tuple[Image, Labels]:
+    """Mix the depths at edges that pass a pixel while the shutter is open; the label is of what is nearer."""
+    half = round(abs(shift_px) / 2)
+    if half == 0:
+        return depth, labels
+    columns = np.arange(depth.shape[1])
+    first, last = np.clip(columns - half, 0, None), np.clip(columns + half, None, depth.shape[1] - 1)
+    one, two = depth[:, first], depth[:, last]
+    mixed = np.abs(one - two) > EDGE_JUMP_M
+    share = np.random.default_rng([seed, 4, index]).random(depth.shape, dtype=np.float32)
+    nearer = np.where(one < two, labels[:, first], labels[:, last])
+    return np.where(mixed, one + (two - one) * share, depth), np.where(mixed, nearer, labels)
 
 
 def _blotches(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Image:

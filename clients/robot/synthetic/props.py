@@ -20,7 +20,7 @@ def aid_rows(person: Person) -> list[Row]:
         return _iv_pole(person)
     if person.aid == "bag":
         return _bag(person)
-    fixed = {"wheelchair": _wheelchair, "rollator": lambda: _rollator(person.height_m), "bed": _bed}
+    fixed = {"wheelchair": wheelchair_rows, "rollator": lambda: rollator_rows(person.height_m), "bed": empty_bed_rows}
     return fixed[person.aid]() if person.aid else []
 
 
@@ -46,7 +46,7 @@ def _wheel(x: float, centre_m: float, ahead: float, radius: float) -> list[Row]:
     return rows
 
 
-def _wheelchair() -> list[Row]:
+def wheelchair_rows() -> list[Row]:
     rows: list[Row] = [(x, SEAT_M - 0.03, -0.20, x, SEAT_M - 0.03, 0.22, 0.04) for x in (-0.17, -0.06, 0.06, 0.17)]
     rows += [(x, SEAT_M, -0.22, x, 0.88, -0.27, 0.035) for x in (-0.18, -0.06, 0.06, 0.18)]
     for side in (-1.0, 1.0):
@@ -61,7 +61,7 @@ def _wheelchair() -> list[Row]:
     return rows
 
 
-def _rollator(height_m: float) -> list[Row]:
+def rollator_rows(height_m: float) -> list[Row]:
     grip = 0.53 * height_m
     rows: list[Row] = [(-0.2, 0.56, 0.42, 0.2, 0.56, 0.42, 0.05), (-0.2, 0.56, 0.52, 0.2, 0.56, 0.52, 0.05)]
     rows.append((-0.15, 0.42, 0.58, 0.15, 0.42, 0.58, 0.09))
@@ -77,7 +77,10 @@ def _rollator(height_m: float) -> list[Row]:
 
 def _iv_pole(person: Person) -> list[Row]:
     x = 0.145 * person.height_m * person.girth * person.shoulders + 0.05
-    z = 0.27 * person.height_m
+    return iv_pole_rows(x, 0.27 * person.height_m)
+
+
+def iv_pole_rows(x: float, z: float) -> list[Row]:
     rows: list[Row] = [(x, 0.08, z, x, 1.92, z, 0.014), (x - 0.14, 1.9, z, x + 0.14, 1.9, z, 0.01)]
     rows.append((x - 0.13, 1.62, z, x - 0.13, 1.80, z, 0.055))
     rows.append((x + 0.13, 1.66, z, x + 0.13, 1.80, z, 0.045))
@@ -88,7 +91,7 @@ def _iv_pole(person: Person) -> list[Row]:
     return rows
 
 
-def _bed() -> list[Row]:
+def empty_bed_rows() -> list[Row]:
     rows: list[Row] = [(x, 0.60, -0.95, x, 0.60, 0.95, 0.075) for x in (-0.38, -0.25, -0.12, 0.0, 0.12, 0.25, 0.38)]
     for end, top in ((-1.02, 1.02), (1.02, 0.88)):
         rows += [(-0.42, up, end, 0.42, up, end, 0.035) for up in (0.58, 0.70, 0.82, top)]
@@ -102,5 +105,5 @@ def bed_rows(bed: Bed) -> list[Row]:
     """Return a bed in corridor coordinates, foot end to the robot."""
     return [
         (bed.x_m + x0, u0, bed.z_m - a0, bed.x_m + x1, u1, bed.z_m - a1, radius)
-        for x0, u0, a0, x1, u1, a1, radius in _bed()
+        for x0, u0, a0, x1, u1, a1, radius in empty_bed_rows()
     ]

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from clients.robot.sensing.sensor_events import Depth, Facing
-from clients.robot.synthetic.body import pose
-from clients.robot.synthetic.corridor import AID_BIT, Camera, Image, Labels, draw, empty_corridor
+from clients.robot.synthetic.body import Capsules, pose
+from clients.robot.synthetic.camera import AID_BIT, Camera, Image, Labels, draw
+from clients.robot.synthetic.corridor import empty_corridor
 from clients.robot.synthetic.noise import CameraNoise
-from clients.robot.synthetic.scenario import Scenario
-from clients.robot.synthetic.surroundings import furnish, mirror
+from clients.robot.synthetic.scenario import Person, Scenario
+from clients.robot.synthetic.surroundings import furnish, mirror, patches
 
 RENDERER_VERSION = 3
 EMPTY_FRAME_OFFSET = 1_000_000
 RSSI_AT_1M_DBM = -48.0
+
+SeenFrom = Callable[[Person, float], tuple[float, float, float] | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +43,7 @@ class Renderer:
         self._noise = _noise_of(self.camera.shape, scenario.focal_px, scenario.seed, scenario.surroundings.holes)
 
     def frame(self, index: int) -> Depth:
-        """In mm."""
+        """Return a frame as uint16 millimetres."""
         return self.frame_with_truth(index)[0]
 
     def frame_with_truth(self, index: int) -> tuple[Depth, Labels]:
@@ -56,25 +60,26 @@ class Renderer:
             body = pose(person, at_s) if person.alias not in self.scenario.absent else None
             if body is not None:
                 draw(self.camera, depth, labels, body, label, label | AID_BIT)
-                bodies.append(body)
-        share = self.scenario.surroundings.mirror_floor
-        if share > 0:
-            mirror(self.camera, depth, labels, bodies, share, self.scenario.seed)
+                bodies.append((body, 0))
+        self._mirror(depth, labels, bodies)
         image, moved = self._noise.apply(depth, labels, index)
         assert moved is not None
         own = moved & np.uint8(AID_BIT - 1)
         return GroundTruth(image, own, np.where(moved >= AID_BIT, own, np.uint8(0)))
 
     def empty_frame(self, index: int) -> Depth:
-        """From the robot's first position."""
+        """Return an unpeopled frame from the robot's first position."""
         return self._noise.apply(self._empty_of(0.0), None, EMPTY_FRAME_OFFSET + index)[0]
 
     def _empty_of(self, at_s: float) -> Image:
         depth = self._corridor(at_s)
-        share = self.scenario.surroundings.mirror_floor
-        if share > 0:
-            mirror(self.camera, depth, np.zeros(depth.shape, np.uint8), [], share, self.scenario.seed)
+        self._mirror(depth, np.zeros(depth.shape, np.uint8), [])
         return depth
+
+    def _mirror(self, depth: Image, labels: Labels, bodies: list[tuple[Capsules, int]]) -> None:
+        share = self.scenario.surroundings.mirror_floor
+        if share > 0:  # the patches are at fixed pixels
+            mirror(self.camera, depth, labels, bodies, *patches(depth.shape, share, self.scenario.seed))
 
     def _corridor(self, at_s: float) -> Image:
         at = self.scenario.camera_at(at_s)
@@ -92,7 +97,7 @@ def _noise_of(shape: tuple[int, int], focal_px: float, seed: int, holes: float) 
 
 
 class Reading:
-    """One synthetic tag reading, with times of measurement and arrival."""
+    """One synthetic tag reading: times of measurement and arrival, alias, measurements."""
 
     __slots__ = ("alias", "antenna", "arrives_s", "at_s", "distance_m", "facing", "rssi_dbm", "sigma_m")
 
@@ -117,8 +122,9 @@ class Reading:
         self.rssi_dbm = RSSI_AT_1M_DBM - 20 * float(np.log10(distance_m)) + float(rng.normal(0, 1.5))
 
 
-def readings(scenario: Scenario) -> list[Reading]:
-    """Received readings in arrival order, without absent people's."""
+def readings(scenario: Scenario, seen: SeenFrom | None = None) -> list[Reading]:
+    """Return received readings in arrival order, without absent people's; `seen`: where a tag is from the reader."""
+    seen = scenario.seen_from_robot if seen is None else seen
     made = []
     for number, person in enumerate(scenario.people):
         if person.alias in scenario.absent:
@@ -126,7 +132,7 @@ def readings(scenario: Scenario) -> list[Reading]:
         rng = np.random.default_rng([scenario.seed, 2, number])
         fate = np.random.default_rng([scenario.seed, 3, number])
         for at_s in person.reading_times_s():
-            place = scenario.seen_from_robot(person, at_s)
+            place = seen(person, at_s)
             missed, late_s = fate.random() < scenario.reader.missed, fate.random() * scenario.reader.late_s
             if place is None:
                 continue

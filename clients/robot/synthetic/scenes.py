@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -63,6 +64,7 @@ COMPANIONS: tuple[tuple[Manner, str, float], ...] = (
 )
 
 Path = tuple[tuple[float, float, float], ...]
+DrawPath = Callable[[np.random.Generator, float], Path]
 
 
 def draw_scene(
@@ -106,32 +108,39 @@ def _cast(
     rng: np.random.Generator, stratum: Stratum, duration_s: float, manner: Manner | None, child: bool | None
 ) -> tuple[Person, ...]:
     if stratum == "companion":
-        return _companions(rng, duration_s, manner, child)
+        return draw_companions(rng, duration_s, manner, child)
     aids: dict[str, Aid] = {name: name for name in ("wheelchair", "rollator", "stick", "iv-pole", "bed")}
     aid = aids.get(stratum, "")
     if not aid and stratum in PAIR_STRATA and rng.random() < 0.2:
-        aid = _walking_aid(rng)
-    owner = _drawn_person(rng, OWNER, _walk(rng, duration_s), aid=aid, child=stratum == "child")
+        aid = draw_walking_aid(rng)
+    owner = draw_person(rng, OWNER, _walk(rng, duration_s), aid=aid, child=stratum == "child")
     if stratum in SINGLE_STRATA:
-        return (_tagged(owner, duration_s),)
-    other = _drawn_person(rng, OTHER, owner.path)
+        return (tagged(owner, duration_s),)
+    other = draw_person(rng, OTHER, owner.path)
     paths = _paths(rng, stratum, owner.path, duration_s)
     owner, other = replace(owner, path=paths[0]), replace(other, path=paths[1])
     if stratum in ("close", "touching"):  # side by side: both look the same way
-        facing = _turning(rng, duration_s)
+        facing = draw_turning(rng, duration_s)
         owner, other = replace(owner, facing=facing), replace(other, facing=facing)
-    owner = _tagged(owner, duration_s)
-    return owner, _tagged(other, duration_s) if rng.random() < TAGGED_SHARE else other
+    owner = tagged(owner, duration_s)
+    return owner, tagged(other, duration_s) if rng.random() < TAGGED_SHARE else other
 
 
-def _walking_aid(rng: np.random.Generator) -> Aid:
+def draw_walking_aid(rng: np.random.Generator) -> Aid:
     aids: tuple[Aid, ...] = ("rollator", "stick", "iv-pole", "bag")
     return aids[int(rng.integers(len(aids)))]
 
 
-def _companions(
-    rng: np.random.Generator, duration_s: float, manner: Manner | None, child: bool | None
+def draw_companions(
+    rng: np.random.Generator,
+    duration_s: float,
+    manner: Manner | None = None,
+    child: bool | None = None,
+    *,
+    walk: DrawPath | None = None,
+    stand: DrawPath | None = None,
 ) -> tuple[Person, ...]:
+    """Return two people who keep together; `walk` and `stand` draw the way of the one who leads."""
     fitting = [row for row in COMPANIONS if manner in (None, row[0]) and child in (None, row[1] == "child")]
     if not fitting:
         fitting = [(manner or "arm-in-arm", "child" if child else "adult", 1.0)]
@@ -140,19 +149,19 @@ def _companions(
     pushed: Aid = "" if chosen != "pushing" else ("bed" if rng.random() < 0.1 else "wheelchair")
     leads = bool(kind == "child" or rng.random() < 0.6)  # a child keeps to the owner, not the other way round
     names = (OWNER, OTHER) if leads else (OTHER, OWNER)
-    leader = _drawn_person(rng, names[0], _walk(rng, duration_s), aid=pushed)
+    leader = draw_person(rng, names[0], (walk or _walk)(rng, duration_s), aid=pushed)
     if chosen == "embrace" or rng.random() < 0.35:
-        leader = replace(leader, path=_stand(rng, duration_s), facing=_turning(rng, duration_s))
-    follower = _drawn_person(rng, names[1], (), child=kind == "child")
+        leader = replace(leader, path=(stand or _stand)(rng, duration_s), facing=draw_turning(rng, duration_s))
+    follower = draw_person(rng, names[1], (), child=kind == "child")
     follower = replace(follower, accompanies=leader.alias, manner=chosen, facing=(), arms="")
     leader = replace(leader, arms="")
     leader, follower = joined((leader, follower))
     others_tagged = rng.random() < TAGGED_SHARE
-    made = [_tagged(p, duration_s) if p.alias == OWNER or others_tagged else p for p in (leader, follower)]
+    made = [tagged(p, duration_s) if p.alias == OWNER or others_tagged else p for p in (leader, follower)]
     return (made[0], made[1]) if leads else (made[1], made[0])
 
 
-def _drawn_person(rng: np.random.Generator, alias: str, path: Path, *, aid: Aid = "", child: bool = False) -> Person:
+def draw_person(rng: np.random.Generator, alias: str, path: Path, *, aid: Aid = "", child: bool = False) -> Person:
     height = rng.uniform(0.95, 1.45) if child else np.clip(rng.normal(1.70, 0.095), 1.48, 1.98)
     old = aid in ("rollator", "stick") or rng.random() < 0.12
     free: tuple[Arms, ...] = ("folded", "raised", "forward")
@@ -176,7 +185,7 @@ def _drawn_person(rng: np.random.Generator, alias: str, path: Path, *, aid: Aid 
     )
 
 
-def _tagged(person: Person, duration_s: float) -> Person:
+def tagged(person: Person, duration_s: float) -> Person:
     return replace(person, readings_s=(0.05, duration_s - 0.05), also_every_s=0.5)
 
 
@@ -193,7 +202,7 @@ def _walk(rng: np.random.Generator, duration_s: float) -> Path:
             continue
         times.append(times[-1] + length / float(rng.uniform(0.45, 1.2)))
         points.append(goal)
-    return _cut_off(times, points, duration_s)
+    return cut_off(times, points, duration_s)
 
 
 def _stand(rng: np.random.Generator, duration_s: float) -> Path:
@@ -206,13 +215,13 @@ def _spot(rng: np.random.Generator) -> tuple[float, float]:
     return float(rng.uniform(-1, 1)) * min(VIEW_SHARE * z, 1.5), z
 
 
-def _cut_off(times: list[float], points: list[tuple[float, float]], duration_s: float) -> Path:
+def cut_off(times: list[float], points: list[tuple[float, float]], duration_s: float) -> Path:
     kept = [(t, *p) for t, p in zip(times, points, strict=True) if t < duration_s]
     x, z = (float(np.interp(duration_s, times, [p[i] for p in points])) for i in (0, 1))
     return (*kept, (duration_s, x, z))
 
 
-def _turning(rng: np.random.Generator, duration_s: float) -> tuple[tuple[float, float], ...]:
+def draw_turning(rng: np.random.Generator, duration_s: float) -> tuple[tuple[float, float], ...]:
     start = float(rng.uniform(-math.pi, math.pi))
     turn_s = float(rng.uniform(0.2, 0.6)) * duration_s
     end = start + float(rng.uniform(-math.pi, math.pi))
@@ -242,7 +251,7 @@ def _apart(rng: np.random.Generator, duration_s: float) -> tuple[Path, Path]:
         times = [float(t) for t in np.linspace(0, duration_s, steps)]
         centre = sign * 0.26 * z
         points = [(centre + float(rng.uniform(-0.18, 0.18)), z + float(rng.uniform(-0.35, 0.35))) for _ in times]
-        made.append(_cut_off(times, points, duration_s))
+        made.append(cut_off(times, points, duration_s))
     return (made[0], made[1]) if rng.random() < 0.5 else (made[1], made[0])
 
 
@@ -258,7 +267,7 @@ def _crossing(rng: np.random.Generator, duration_s: float) -> tuple[Path, Path]:
         drift = float(rng.uniform(-0.3, 0.3))
         times = [0.0, begin, max(end, begin + 0.5), max(end, duration_s) + 1.0]
         points = [(sign * reach, z), (sign * reach, z), (-sign * reach, z + drift), (-sign * reach, z + drift)]
-        made.append(_cut_off(times, points, duration_s))
+        made.append(cut_off(times, points, duration_s))
     return (made[0], made[1]) if rng.random() < 0.5 else (made[1], made[0])
 
 
@@ -267,7 +276,7 @@ def _third(rng: np.random.Generator, people: tuple[Person, ...], duration_s: flo
     z = max(4.8, min(deepest + 1.0, 6.4))
     times = [float(t) for t in np.linspace(0, duration_s, 5)]
     points = [(float(rng.uniform(-0.35, 0.35)) * z, z + float(rng.uniform(-0.3, 0.6))) for _ in times]
-    return _drawn_person(rng, THIRD, _cut_off(times, points, duration_s))
+    return draw_person(rng, THIRD, cut_off(times, points, duration_s))
 
 
 def _surroundings(rng: np.random.Generator, stratum: Stratum, duration_s: float) -> Environment:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
@@ -10,7 +11,8 @@ import numpy as np
 
 from clients.robot.sensing.sensor_events import Mask
 from clients.robot.synthetic.body import Capsules
-from clients.robot.synthetic.corridor import BEYOND_M, HALF_WIDTH_M, NEAR_M, Camera, Image, Labels, directions, draw
+from clients.robot.synthetic.camera import NEAR_M, Camera, Image, Labels, draw
+from clients.robot.synthetic.corridor import BEYOND_M, HALF_WIDTH_M, directions
 from clients.robot.synthetic.props import bed_rows
 from clients.robot.synthetic.scenario import Door, Environment
 
@@ -23,7 +25,7 @@ PATCH_SIZE_PX = 4.0
 
 
 def door_angle(door: Door, at_s: float) -> float:
-    """In radians."""
+    """Return a door's opening angle at a time, in radians."""
     opened = (at_s - door.opens_s) / DOOR_SWING_S
     closed = (at_s - door.closes_s) / DOOR_SWING_S
     share = min(max(opened, 0.0), 1.0) - min(max(closed, 0.0), 1.0)
@@ -67,25 +69,27 @@ def _draw_door(camera: Camera, depth: Image, door: Door, angle: float) -> None:
     depth[leaf] = hit[leaf]
 
 
-def mirror(camera: Camera, depth: Image, labels: Labels, bodies: list[Capsules], share: float, seed: int) -> None:
-    """Mirror bodies in part of the floor, with holes, in place; reflections are unlabelled, at fixed pixels."""
-    ry = np.broadcast_to(camera.ray_y, camera.shape)
-    with np.errstate(divide="ignore"):
-        floor = np.where(ry > 0, camera.height_m / ry, np.inf)
-    is_floor = (np.abs(depth - floor) < 0.01) & (labels == 0)
-    shiny, dull = _patches(depth.shape, share, seed)
+def mirror(
+    camera: Camera, depth: Image, labels: Labels, bodies: Sequence[tuple[Capsules, int]], shiny: Mask, dull: Mask
+) -> None:
+    """Mirror bodies in the shiny part of the floor, with holes in the dull part. In place; each reflection has the label
+    beside its body.
+    """
+    is_floor = (np.abs(depth - camera.ground()) < 0.01) & (labels == 0)
     below = np.full(depth.shape, np.inf, dtype=np.float32)
-    nobody = np.zeros(depth.shape, dtype=np.uint8)
-    for body in bodies:
-        down = np.array([1, -1, 1], dtype=np.float32)
-        draw(camera, below, nobody, Capsules(body.start * down, body.end * down, body.radius), 0)
+    marks = np.zeros(depth.shape, dtype=np.uint8)
+    down = np.array([1, -1, 1], dtype=np.float32)
+    for body, label in bodies:
+        draw(camera, below, marks, Capsules(body.start * down, body.end * down, body.radius), label)
     seen = is_floor & shiny & np.isfinite(below)
     depth[seen] = below[seen]
+    labels[seen] = marks[seen]
     depth[is_floor & dull & ~seen] = BEYOND_M
 
 
 @lru_cache(maxsize=4)
-def _patches(shape: tuple[int, int], share: float, seed: int) -> tuple[Mask, Mask]:
+def patches(shape: tuple[int, ...], share: float, seed: int) -> tuple[Mask, Mask]:
+    """Return a random share of an area in blotches, and a smaller one."""
     fields = []
     for number, part in ((0x317, share), (0x318, share * MIRROR_DROP)):
         rng = np.random.default_rng([seed, number])

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from clients.robot.sensing.sensor_events import Depth, Mask
-from clients.robot.synthetic.corridor import Labels
+from clients.robot.synthetic.camera import Labels
 from network.lab.hiding.hand_made import HAND_MADE
 from network.lab.hiding.learned import Example, LearnedAttacker
 from network.lab.hiding.play import VISIBLE_MIN_PX, Played, Shown, Stage, Timed, owner_cutout, placed, play

@@ -10,7 +10,7 @@ import numpy as np
 
 from clients.robot.hiding.frame_redactor import KeptFrame
 from clients.robot.sensing.sensor_events import Depth, Mask
-from clients.robot.synthetic.corridor import Labels
+from clients.robot.synthetic.camera import Labels
 from clients.robot.synthetic.scenario import Person, published_run_1
 from network.lab.hiding.attacks import BLUR, CONTROL, NONE, ON_OURS, OURS
 from network.lab.hiding.features import Floats

@@ -20,7 +20,7 @@ from clients.robot.hiding.segmentation import Segmented, Silhouette, segment
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.sensing.sensor_events import Depth, Frame, Mask, Sighting
-from clients.robot.synthetic.corridor import Labels
+from clients.robot.synthetic.camera import Labels
 from clients.robot.synthetic.render import Renderer, readings
 from clients.sdk.pictures.rendition_picture import decode_depth_png
 from network.lab.hiding.scenes import Scene
