@@ -1,0 +1,1 @@
+"""Synthetic scenes in which the robot drives."""
