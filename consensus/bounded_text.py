@@ -1,8 +1,4 @@
-"""Bounded reading of untrusted JSON and TOML.
-
-The parsers below would end deep nesting with RecursionError and take quadratic time for long dotted TOML keys; here
-both raise TextInvalidError.
-"""
+"""Reading of untrusted JSON and TOML, with bounded nesting and keys."""
 
 from __future__ import annotations
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+# Units
+MIB_BYTES = 1024 * 1024
+DAY_MS = 86_400_000
+
 # Transactions
 TRANSACTION_SIZE_MAX_BYTES = 16 * 1024
 TRANSACTION_LIFETIME_MAX_MS = 10 * 60 * 1000

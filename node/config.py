@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from consensus.bounded_text import TextInvalidError, read_toml_text
-from consensus.chain.genesis import Genesis, genesis_from_json
-from consensus.chain.proof_of_possession import require_possession
+from consensus.chain.genesis import Genesis, genesis_from_json, require_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from node.budgets.disk_reserve import RESERVE_DEFAULT_MIB

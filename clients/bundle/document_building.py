@@ -13,9 +13,8 @@ from clients.bundle.layout import RECORD_OPENINGS
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.records.metadata import find_chain_gaps
-from consensus.rights.consents import Step, read_choices
 from consensus.rights.right_codes import Correction, commit_correction
-from consensus.state.consent import CHOICES, CONSENT, SAID
+from consensus.state.consent import CHOICES, CONSENT, SAID, Step, read_choices
 from consensus.state.erasure import ErasureReceiptRow
 from consensus.state.identity import MEMBER, MemberRow
 from consensus.state.keys import Row, Rows

@@ -17,7 +17,7 @@ from clients.wallet.ledger.visit_audit import RECORDED_KIND
 from clients.wallet.ledger.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
-from consensus.rights.lost_keys import SPAN_MAX_MS
+from consensus.rights.right_codes import LOST_KEY_SPAN_MAX_MS
 from consensus.state import officers
 from consensus.state.audit import COUNT, ENTRY, entry_keys
 from consensus.state.officers import ProposalRow
@@ -111,8 +111,8 @@ def make_span(robot: bytes, from_ms: int, until_ms: int) -> Span:
     end = -(-until_ms // TIME_BUCKET_MS) * TIME_BUCKET_MS
     if not 0 <= first < end:
         raise BlockRobotError("SPAN_INVALID", "The span ends before it begins.")
-    if end - first > SPAN_MAX_MS:
-        minutes = SPAN_MAX_MS // 60_000
+    if end - first > LOST_KEY_SPAN_MAX_MS:
+        minutes = LOST_KEY_SPAN_MAX_MS // 60_000
         raise BlockRobotError(
             "SPAN_INVALID", f"A span has at most {minutes} minutes, for others' visits go with it: make it shorter."
         )

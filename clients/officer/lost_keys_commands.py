@@ -21,7 +21,12 @@ from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.times import MOMENT
 from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from consensus.errors import BlockRobotError
-from consensus.rights.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, VISITS_MAX_COUNT
+from consensus.rights.right_codes import (
+    LOST_KEY_APPROVE_MS,
+    LOST_KEY_CARRY_OUT_MS,
+    LOST_KEY_REASONS,
+    LOST_KEY_VISITS_MAX_COUNT,
+)
 from pages.time_format import format_time
 
 _DAY_MS = 24 * 3600 * 1000
@@ -160,7 +165,7 @@ def _require_room(found: Preview, visits: int | None) -> int:
     count = len(found.touched)
     if not count:
         raise BlockRobotError("SPAN_EMPTY", "Nothing in that span is left to erase.")
-    most = min(visits or count, VISITS_MAX_COUNT)
+    most = min(visits or count, LOST_KEY_VISITS_MAX_COUNT)
     if count > most:
         found_visits = pluralize(count, "visit is", "visits are")
         raise BlockRobotError("SPAN_TOO_FULL", f"{found_visits} in that span, and {most} may go.")
@@ -212,7 +217,7 @@ def preview(ctx: click.Context, robot: str, from_ms: int, until_ms: int, as_json
 @click.option("--reason", type=click.Choice(sorted(LOST_KEY_REASONS)), required=True, help="Why: it stands for ever.")
 @click.option(
     "--visits",
-    type=click.IntRange(1, VISITS_MAX_COUNT),
+    type=click.IntRange(1, LOST_KEY_VISITS_MAX_COUNT),
     help="How many visits may go at most. [default: as many as are there now]",
 )
 @click.option("--yes", is_flag=True, help="Do not ask.")
@@ -247,7 +252,7 @@ def propose(
         return found, await handling.find(proposal_id.hex())
 
     found, proposal = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
-    line = f"Proposed. Nothing is erased yet: a second officer has {APPROVE_MS // _DAY_MS} days to agree."
+    line = f"Proposed. Nothing is erased yet: a second officer has {LOST_KEY_APPROVE_MS // _DAY_MS} days to agree."
     _print_decided(found, proposal, line, as_json=as_json)
 
 
@@ -273,7 +278,7 @@ def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None
         return found, await handling.find(before.proposal_id.hex())
 
     found, after = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))
-    line = f"Approved. Either of you has {CARRY_OUT_MS // _DAY_MS} days to have it carried out."
+    line = f"Approved. Either of you has {LOST_KEY_CARRY_OUT_MS // _DAY_MS} days to have it carried out."
     _print_decided(found, after, line, as_json=as_json)
 
 

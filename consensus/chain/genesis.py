@@ -14,11 +14,12 @@ from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, encode
 from consensus.primitives.hashing import HASH_SIZE_BYTES, tagged_hash
-from consensus.primitives.keys import is_public_key
+from consensus.primitives.keys import PrivateKey, is_public_key, verify
 from consensus.primitives.merkle import merkle_root
 
 __all__ = [
     "GENESIS_VERSION",
+    "POSSESSION_TAG",
     "ChainSettings",
     "ContractEntry",
     "Genesis",
@@ -27,9 +28,12 @@ __all__ = [
     "genesis_from_json",
     "genesis_to_json",
     "parse_production",
+    "prove_possession",
+    "require_possession",
 ]
 
 GENESIS_VERSION = 1
+POSSESSION_TAG = "blockrobot/producer-possession"
 
 
 class Organisation(Wire, frozen=True):
@@ -64,7 +68,7 @@ class ContractEntry(Wire, frozen=True):
 class Genesis(Wire, frozen=True):
     """The whole file; `state_root` follows the genesis entries and is outside the chain id.
 
-    `contract_language` is the contracts' language version with its gas prices; all nodes must agree on it.
+    All nodes must agree on `contract_language`, which has gas prices.
     """
 
     version: int
@@ -186,3 +190,15 @@ def genesis_from_json(text: str) -> Genesis:
     check_settings(genesis.settings)
     _check_nodes(genesis)
     return genesis
+
+
+def prove_possession(key: PrivateKey, node: str) -> bytes:
+    return key.sign_compact(POSSESSION_TAG, node.encode())
+
+
+def require_possession(genesis: Genesis) -> None:
+    """Check all producers' proofs. Raises GENESIS_INVALID, naming the node."""
+    for node in genesis.nodes:
+        key, proof = node.producer_key, node.producer_possession
+        if key and not verify(key, POSSESSION_TAG, proof, node.name.encode()):
+            raise BlockRobotError("GENESIS_INVALID", f"The node {node.name!r} does not prove that it holds its key.")

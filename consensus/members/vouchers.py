@@ -1,7 +1,6 @@
 """Enrolment: the registrar's voucher, and the card's one-time key and code.
 
-The card's secret e signs the four keys, so an observer cannot steal the handle. Messages concatenate fixed-size fields,
-text last, as the contract does.
+The card's secret e signs the four keys, so an observer cannot steal the handle.
 """
 
 from __future__ import annotations

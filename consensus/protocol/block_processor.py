@@ -33,7 +33,6 @@ class BlockProcessor:
         return self._halt("A quorum certified a block that contradicts the finalized chain.")
 
     def connected(self, nodes: list[BlockNode]) -> list[Effect]:
-        """The tree connected these blocks, parents first."""
         self._dirty = self._dirty or bool(nodes)
         effects: list[Effect] = []
         for node in nodes:
@@ -45,7 +44,6 @@ class BlockProcessor:
         return effects
 
     def certified(self, block_id: bytes) -> list[Effect]:
-        """The tree has a block's first certificate."""
         self._dirty = True
         node = self._tree.find(block_id)
         if node is None:

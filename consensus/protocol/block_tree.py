@@ -75,7 +75,6 @@ class BlockTree:
         return self.nodes.get(block_id)
 
     def find(self, block_id: bytes) -> BlockNode | None:
-        """Return a block, connected or not."""
         return self.nodes.get(block_id) or self.orphans.get(block_id)
 
     def may_add(self, block_id: bytes, header: Header) -> bool:

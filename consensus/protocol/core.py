@@ -1,6 +1,6 @@
 """The consensus core: Jolteon as a pure state machine, `handle(event) -> [effects]`.
 
-No clock, randomness or I/O; `Persist` precedes sending. Rules: `consensus/README.md`.
+`Persist` precedes sending. Rules: `consensus/README.md`.
 """
 
 from __future__ import annotations

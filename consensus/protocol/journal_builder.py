@@ -22,7 +22,6 @@ class JournalBuilder:
 
     @property
     def is_behind(self) -> bool:
-        """Return whether the store lags too far behind for signing."""
         return len(self._unstored) >= UNSTORED_BLOCKS_MAX_COUNT
 
     def unstored(self) -> list[BlockNode]:

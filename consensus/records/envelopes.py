@@ -1,10 +1,14 @@
-"""Envelopes: frames under data keys sealed to the owner; callers supply keys and nonces."""
+"""Envelopes: frames under data keys sealed to the owner; one sealed box is disclosed by its own key."""
 
 from __future__ import annotations
+
+import hashlib
 
 from nacl.bindings import (
     crypto_aead_xchacha20poly1305_ietf_decrypt,
     crypto_aead_xchacha20poly1305_ietf_encrypt,
+    crypto_box_beforenm,
+    crypto_box_open_afternm,
 )
 from nacl.exceptions import CryptoError
 from nacl.public import PrivateKey, PublicKey, SealedBox
@@ -21,6 +25,8 @@ SEALING_KEY_BYTES = 32
 SEALED_BOX_OVERHEAD_BYTES = 48
 SEALED_KEY_BYTES = DATA_KEY_BYTES + SEALED_BOX_OVERHEAD_BYTES
 RECORD_ID_BYTES = 16
+BOX_KEY_BYTES = 32
+_BOX_NONCE_BYTES = 24
 
 
 def _associated_data(record_id: bytes, index: int) -> bytes:
@@ -107,3 +113,27 @@ def open_metadata(sealing_private: bytes, sealed: bytes) -> bytes:
     if len(sealed) != SEALED_METADATA_BYTES:
         raise BlockRobotError("ENVELOPE_INVALID", f"Sealed metadata has {len(sealed)} bytes instead of 560.")
     return unpad_from(open_sealed(sealing_private, sealed))
+
+
+def derive_box_key(sealing_private: bytes, sealed: bytes) -> bytes:
+    """Return a sealed box's 32-byte key, which opens no other. Raises ENVELOPE_INVALID."""
+    if len(sealing_private) != SEALING_KEY_BYTES or len(sealed) < SEALED_BOX_OVERHEAD_BYTES:
+        raise BlockRobotError("ENVELOPE_INVALID")
+    try:
+        return bytes(crypto_box_beforenm(sealed[:SEALING_KEY_BYTES], sealing_private))
+    except CryptoError:
+        raise BlockRobotError("ENVELOPE_INVALID") from None
+
+
+def open_disclosed_metadata(sealing_public: bytes, box_key: bytes, sealed: bytes) -> bytes:
+    """Open metadata with its box key and the owner's public sealing key. Raises ENVELOPE_INVALID."""
+    sizes = (len(sealing_public), len(box_key), len(sealed))
+    if sizes != (SEALING_KEY_BYTES, BOX_KEY_BYTES, SEALED_METADATA_BYTES):
+        raise BlockRobotError("ENVELOPE_INVALID", "The box, its key or its owner's key has a wrong size.")
+    one_time = sealed[:SEALING_KEY_BYTES]
+    nonce = hashlib.blake2b(one_time + sealing_public, digest_size=_BOX_NONCE_BYTES).digest()
+    try:
+        padded: bytes = crypto_box_open_afternm(sealed[SEALING_KEY_BYTES:], nonce, box_key)
+    except CryptoError:
+        raise BlockRobotError("ENVELOPE_INVALID") from None
+    return unpad_from(padded)

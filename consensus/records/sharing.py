@@ -28,6 +28,7 @@ GRANTEE_ROLES = ("officer", "staff")
 """The roles of members with whom records may be shared."""
 
 _MEMBER = "blockrobot/grant-member"
+_SALT_TAG = "blockrobot/grant-salt"
 _PACKAGE_PLACE = 0
 
 
@@ -291,3 +292,14 @@ def check_shared_download(download: SharedDownload, commitment_root_: bytes, cip
         for frame, leaf in zip(download.frames, download.ciphertext_leaves, strict=True)
         if not frame.erased and ciphertext_leaf(frame.index, sha256(frame.ciphertext), frame.sealed_key_hash) != leaf
     ]
+
+
+def derive_grant_salt(private: PrivateKey, public: bytes, *, chain_id: bytes, owner: bytes) -> bytes:
+    """Return the 32-byte salt of a grant of visit `owner`, which opens the grantee's hash to custodians.
+
+    From ephemeral secret and public view key, or private view key and on-chain ephemeral. Raises KEY_INVALID,
+    VALUE_INVALID.
+    """
+    if len(chain_id) != HASH_SIZE_BYTES or len(owner) != PUBLIC_KEY_SIZE_BYTES:
+        raise BlockRobotError("VALUE_INVALID", "A chain id has 32 bytes and an owner key 33.")
+    return tagged_hash(_SALT_TAG, chain_id, owner, private.shared_point(public))

@@ -14,10 +14,10 @@ from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey, verify
-from consensus.rights.consents import GIVEN
 from consensus.rights.notices import Notice, NoticeRow, Party, PublishedNotice
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.sensors import SENSORS
+from consensus.state.consent import GIVEN
 
 RECEIPT_SCHEMA = "ISO/IEC TS 27560:2023 (blockrobot-consent-receipt-1)"
 CONTROLLER_TAG = "blockrobot/consent-receipt"

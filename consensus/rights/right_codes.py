@@ -1,4 +1,4 @@
-"""Codes and sentences for rights and answers; same as contract `rights`."""
+"""Codes, sentences and bounds of rights and of erasures for lost keys; same as contracts `rights` and `officers`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,13 @@ BREACH_NOTIFY_MS = 72 * 3600 * 1000
 """Art. 33(1): the authority is told within 72 hours."""
 CORRECTION_SALT_BYTES = 32
 CORRECTION_MAX_BYTES = 4096
+LOST_KEY_SPAN_MAX_MS = 3600 * 1000
+"""How long the span of a lost key may be: others whom the robot met in it lose their visits too."""
+LOST_KEY_VISITS_MAX_COUNT = 64
+LOST_KEY_APPROVE_MS = 3 * 24 * 3600 * 1000
+"""How long a proposal waits for a second officer."""
+LOST_KEY_CARRY_OUT_MS = 7 * 24 * 3600 * 1000
+"""How long an approved proposal may be carried out: a robot's spool may deliver records a day late."""
 
 GROUNDS: dict[str, str] = {
     "accuracy": "What was recorded is not right, and that is being checked (Art. 18(1)(a)).",
@@ -47,6 +54,12 @@ REASONS: dict[str, str] = {
     "released-before": "Pictures had been released before the visit was denied.",
     "facts-came-late": "What had happened could not be known in time.",
     "officer-unreachable": "No officer could act in time.",
+}
+LOST_KEY_REASONS: dict[str, str] = {
+    "key-lost": "The person's key is lost for good, and they ask for it (Art. 17(1)).",
+    "owner-died": "The person died, and those who speak for them ask for it.",
+    "guardian-request": "The person's guardian asks for it.",
+    "authority-order": "An authority or a court ordered it (Art. 17(1)(e), Art. 58(2)(g)).",
 }
 
 _CORRECTION = "blockrobot/correction"

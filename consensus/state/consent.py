@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from consensus.state.keys import HASH, TEXT, U32, ListRow, Prefix, Reader, Row, StateKey
 
 CONSENT = "consent"
 GIVEN = "given"
+STEPS_MAX_COUNT = 2
+_STEP_TYPES = [int, str, int, int, int, bytes]
 
 
 class StepRow(ListRow, frozen=True):
@@ -74,3 +78,48 @@ def allows(state: Reader, handle: bytes, purpose: str, sensor: str, *, height: i
     if now is None or now.status != GIVEN:
         return False
     return now.from_ms <= time_ms and (now.until_ms == 0 or time_ms < now.until_ms)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """From `height` on `status` holds; `since_ms`: refusal time, or start of unbroken consent.
+
+    Recording is allowed from `from_ms` to before `until_ms` (chain ms, 0 unbounded). `mandate` is its id, empty for the
+    person themselves.
+    """
+
+    height: int
+    status: str
+    since_ms: int
+    from_ms: int
+    until_ms: int
+    mandate: bytes = b""
+
+
+Choices = dict[tuple[str, str], tuple[Step, ...]]
+
+
+def read_choices(value: Any) -> Choices:
+    return dict(_each(value))
+
+
+def _each(value: Any) -> Iterator[tuple[tuple[str, str], tuple[Step, ...]]]:
+    for purpose, sensors in value.items() if isinstance(value, dict) else ():
+        for sensor, steps in sensors.items() if isinstance(sensors, dict) else ():
+            if isinstance(steps, list) and steps and all(map(_is_step, steps)):
+                yield (purpose, sensor), tuple(Step(*step) for step in steps)
+
+
+def _is_step(step: Any) -> bool:
+    return isinstance(step, list) and [type(part) for part in step] == _STEP_TYPES
+
+
+def find_consent(steps: tuple[Step, ...], height: int) -> Step | None:
+    """Return the consent at a height, or None; refusals count at once, even earlier."""
+    held = None
+    for step in steps:
+        if step.height <= height:
+            held = step
+        elif step.status != GIVEN:
+            return None
+    return held if held is not None and held.status == GIVEN else None

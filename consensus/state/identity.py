@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from consensus.state.keys import HASH, KEY, TEXT, Prefix, Reader, Row, StateKey
+from consensus.visible_text import find_hidden
 
 IDENTITY = "identity"
 SHORT_HANDLE = 10
+ROBOT_NAME_MAX_CHARS = 32
+ROBOT_PLACE_MAX_CHARS = 48
 SUBJECT = "subject"
 
 
@@ -142,3 +146,22 @@ def office_of(state: Reader, key: bytes) -> tuple[str, str] | None:
 
 def custodians(state: Reader) -> list[bytes]:
     return CUSTODIANS.read(state) or []
+
+
+@dataclass(frozen=True, slots=True)
+class RobotName:
+    """A robot's name and place, possibly empty."""
+
+    name: str
+    place: str
+
+
+def read_robot_name(value: Any) -> RobotName | None:
+    if not isinstance(value, dict):
+        return None
+    name, place = value.get("name"), value.get("place")
+    if not isinstance(name, str) or not isinstance(place, str) or not name:
+        return None
+    if len(name) > ROBOT_NAME_MAX_CHARS or len(place) > ROBOT_PLACE_MAX_CHARS:
+        return None
+    return None if any(True for _ in find_hidden(name + place)) else RobotName(name, place)

@@ -24,8 +24,8 @@ from consensus.chain.genesis import (
     NodeEntry,
     Organisation,
     genesis_to_json,
+    prove_possession,
 )
-from consensus.chain.proof_of_possession import prove_possession
 from consensus.errors import BlockRobotError
 from consensus.limits import PRODUCERS_MAX_COUNT
 from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clients.sdk.connections import NodeAddress, check_address
-from consensus.chain.genesis import Genesis, NodeEntry, genesis_to_json
-from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.genesis import Genesis, NodeEntry, genesis_to_json, prove_possession
 from consensus.errors import BlockRobotError
 from network.provisioning.certificate_authority import Authority, write_secret
 from network.provisioning.network_layout import PORTS_PER_NODE, NodeKeys, check_name, create_node, new_key, store_uri_of

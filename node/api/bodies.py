@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from consensus.errors import BlockRobotError
-from consensus.upload_quotas import MIB_BYTES
+from consensus.limits import MIB_BYTES
 from node.budgets.token_buckets import Source, over_budget
 
 BODIES_MAX_BYTES = 256 * MIB_BYTES

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from consensus.errors import BlockRobotError
-from consensus.upload_quotas import MIB_BYTES
+from consensus.limits import MIB_BYTES
 
 RESERVE_DEFAULT_MIB = 1_024
 

@@ -11,7 +11,8 @@ from types import MappingProxyType
 from typing import Protocol
 
 from consensus.errors import BlockRobotError
-from consensus.upload_quotas import DAY_MS, MIB_BYTES, UploadQuotas
+from consensus.limits import DAY_MS, MIB_BYTES
+from consensus.state.settings import UploadQuotas
 
 USAGE_KEPT_DAYS = 8
 
@@ -47,9 +48,7 @@ class UploadAccount(Protocol):
         """Add to a robot's day, and drop days over `USAGE_KEPT_DAYS` earlier."""
         ...
 
-    async def day_uses(self) -> list[DayUse]:
-        """Return each robot's use on each kept day, by day and robot."""
-        ...
+    async def day_uses(self) -> list[DayUse]: ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,9 @@ import msgspec
 import pytest
 
 from consensus.errors import BlockRobotError
+from consensus.limits import DAY_MS, MIB_BYTES
 from consensus.records.clips import ClipUpload
-from consensus.upload_quotas import DAY_MS, MIB_BYTES, UploadQuotas
+from consensus.state.settings import UploadQuotas
 from network.custody.custody_text import find_upload_problems
 from node.budgets.disk_reserve import DiskReserve
 from node.custody.chain.custody_answers import UploadReport

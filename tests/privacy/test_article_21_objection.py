@@ -11,10 +11,10 @@ from __future__ import annotations
 import pytest
 
 from consensus.primitives.encoding import decode_value
-from consensus.rights.consents import find_consent, read_choices
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import OWN_PURPOSES
 from consensus.rights.sensors import SENSORS
+from consensus.state.consent import find_consent, read_choices
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
 
 

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from consensus.chain.transaction import Transaction
-from consensus.rights.consents import GIVEN, STEPS_MAX_COUNT, Step, find_consent, read_choices
+from consensus.state.consent import GIVEN, STEPS_MAX_COUNT, Step, find_consent, read_choices
 from tests.unit.contracts.privacy.hospital import Hospital, Person
 
 AHEAD = 6

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.chain.epoch_settings import ChainSettings, check_settings
-from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.genesis import prove_possession
 from consensus.chain.schedule import Schedule
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError

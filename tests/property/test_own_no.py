@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from consensus.rights.consents import GIVEN, STEPS_MAX_COUNT, Step, read_choices
+from consensus.state.consent import GIVEN, STEPS_MAX_COUNT, Step, read_choices
 from tests.unit.contracts.privacy.test_mandates import STEP_MS, Family, Hospital
 
 AHEAD = 5

@@ -33,7 +33,7 @@ from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import recover
 from consensus.rights.consent_receipts import REFUSED, WITHDRAWN
-from consensus.rights.consents import GIVEN
+from consensus.state.consent import GIVEN
 from consensus.visible_text import escape_controls
 
 VISITS_MAX_COUNT = 9_999

@@ -11,7 +11,7 @@ from clients.bundle.documents import RecordOpening, read_bytes
 from clients.bundle.layout import RECORD_OPENINGS
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
-from consensus.records.disclosure import open_disclosed_metadata
+from consensus.records.envelopes import open_disclosed_metadata
 from consensus.records.metadata import RecordMetadata
 from consensus.state import access, erasure
 from consensus.state.access import VERDICT, AccessRow, VerdictRow

@@ -22,7 +22,7 @@ from clients.robot.pairing.rosters import RosterBook
 from clients.robot.recording.spool import SpooledClip
 from clients.robot.run.run_summary import ConsentCounts
 from consensus.errors import BlockRobotError
-from consensus.rights.consents import GIVEN, Step, find_consent
+from consensus.state.consent import GIVEN, Step, find_consent
 
 REFRESH_EVERY_MS = 1_000
 READ_WHOLE_EVERY_MS = 60_000

@@ -12,9 +12,8 @@ from clients.sdk.chain.proved_rows import ProvingClient, in_session
 from clients.sdk.quorum import HeaderClient, confirm_with_quorum, is_rejected_by_network
 from consensus.members.roster import RosterRow
 from consensus.primitives.keys import PrivateKey
-from consensus.rights.consents import Choices, read_choices
 from consensus.state import consent, identity
-from consensus.state.consent import CHOICES
+from consensus.state.consent import CHOICES, Choices, read_choices
 from consensus.state.identity import HANDLE, MEMBER, MemberRow
 
 _COUNTS = (identity.CHANGES.flat, consent.CHANGES.flat)

@@ -28,8 +28,7 @@ from consensus.state.membership import (
     NodeRow,
     OrganisationRow,
 )
-from consensus.state.settings import QUOTA
-from consensus.upload_quotas import QUOTA_NAMES, UploadQuotas, quotas_of
+from consensus.state.settings import QUOTA, QUOTA_NAMES, UploadQuotas, quotas_of
 from consensus.visible_text import one_entry
 
 ID_PREFIX_MIN_CHARS = 6

@@ -48,9 +48,9 @@ from clients.wallet.presentation.consent_answers import (
 from clients.wallet.presentation.translations import WrongUsage, code_text, describe_error, purposes_text, text
 from consensus.bounded_text import read_json_text
 from consensus.members.handles import encode_short
-from consensus.rights.consents import GIVEN
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.sensors import SENSORS
+from consensus.state.consent import GIVEN
 from pages.time_format import format_time
 
 _SAID_COLUMNS = 4

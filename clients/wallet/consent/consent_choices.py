@@ -10,10 +10,9 @@ from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.consent_answers import ConsentChoice
 from clients.wallet.store.kept_proofs import keep_receipt
 from consensus.limits import TIME_BUCKET_MS
-from consensus.rights.consents import GIVEN, Step, find_consent, read_choices
 from consensus.rights.purposes import require_published
 from consensus.rights.sensors import SENSORS, require_sensor
-from consensus.state.consent import CHOICES
+from consensus.state.consent import CHOICES, GIVEN, Step, find_consent, read_choices
 
 DEPTH = "depth"
 """By this sensor a robot tells people apart: without a yes to it, nothing of any other is kept."""

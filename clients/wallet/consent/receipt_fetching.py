@@ -25,9 +25,8 @@ from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.rights.consent_receipts import sign_as_person
-from consensus.rights.consents import GIVEN
 from consensus.rights.notices import require_consent_asked
-from consensus.state.consent import CONSENT
+from consensus.state.consent import CONSENT, GIVEN
 from consensus.state.identity import MEMBER
 
 ASK_PAUSE_S = 0.25

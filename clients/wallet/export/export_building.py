@@ -24,7 +24,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS, VISIT_MAX_MS
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
-from consensus.records.disclosure import derive_box_key
+from consensus.records.envelopes import derive_box_key
 from consensus.records.renditions import ENCODING_PNG16, encode_rendition
 from consensus.rights.right_codes import commit_correction
 from consensus.state.records import RECORD, VISIT

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.keystore import KnownVisit
-from consensus.members.robot_names import RobotName, read_robot_name
-from consensus.state.identity import ROBOT_NAME
+from consensus.state.identity import ROBOT_NAME, RobotName, read_robot_name
 
 KEY_SHOWN_CHARS = 10
 RobotNames = Mapping[bytes, RobotName]

@@ -8,7 +8,7 @@ from clients.sdk.terminal.terminal import console
 from clients.wallet.ledger.visit_status import VisitRights
 from clients.wallet.presentation.record_answers import ErasedByOfficers, VisitBreachEnd, VisitRestriction, VisitStanding
 from clients.wallet.presentation.translations import code_text, purposes_text, text
-from consensus.rights.lost_keys import LOST_KEY_REASONS
+from consensus.rights.right_codes import LOST_KEY_REASONS
 from pages.time_format import format_time
 
 

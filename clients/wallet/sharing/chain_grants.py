@@ -16,8 +16,7 @@ from clients.wallet.store.keystore import ReceivedGrant
 from clients.wallet.store.member_keys import WalletKeys
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from consensus.records.grant_keys import derive_grant_salt
-from consensus.records.sharing import derive_grantee_key, scan_grant
+from consensus.records.sharing import derive_grant_salt, derive_grantee_key, scan_grant
 from consensus.state.access import GRANT, GRANT_COUNT, GRANT_NUMBER, GrantRow
 from consensus.state.identity import CUSTODIAN, custodians
 

@@ -27,7 +27,6 @@ from clients.wallet.store.keystore import GivenGrant, KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.members.handles import decode_short, encode_short, is_short
 from consensus.primitives.keys import PrivateKey
-from consensus.records.grant_keys import derive_grant_salt
 from consensus.records.sharing import (
     GRANT_MAX_MS,
     GRANT_RECORDS_MAX_COUNT,
@@ -36,6 +35,7 @@ from consensus.records.sharing import (
     SHARE_KEY_BYTES,
     GrantUpload,
     count_masks,
+    derive_grant_salt,
     hash_grant_member,
     open_grant_keys,
     seal_package,

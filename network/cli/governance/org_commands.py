@@ -14,7 +14,7 @@ from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.json_answers import convert_row
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer
-from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.genesis import prove_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import is_public_key
 from consensus.state.membership import NodeRow, OrganisationRow

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from consensus.chain.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation
-from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation, prove_possession
 from consensus.limits import TIME_BUCKET_MS
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey, verify

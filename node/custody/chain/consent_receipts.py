@@ -18,14 +18,13 @@ from consensus.rights.consent_receipts import (
     read_word,
     sign_as_controller,
 )
-from consensus.rights.consents import GIVEN
 from consensus.rights.notices import (
     PublishedNotice,
     read_published,
     read_row,
     require_consent_asked,
 )
-from consensus.state.consent import NOTICE, NOTICE_TEXT
+from consensus.state.consent import GIVEN, NOTICE, NOTICE_TEXT
 from consensus.state.identity import CUSTODIAN, organisation_of
 from node.api.pruned import PeersWithBlock, require_not_pruned
 from node.api.services import LedgerSnapshot, SignedReceipt

@@ -23,7 +23,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.png import check_depth_png
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
-from consensus.upload_quotas import read_quotas
+from consensus.state.settings import read_quotas
 from node.api.services import TransactionPool
 from node.budgets.disk_reserve import DiskReserve
 from node.custody.chain.custody_answers import UploadReport

@@ -15,7 +15,7 @@ from consensus.errors import BlockRobotError
 from consensus.state.identity import handle_of, organisation_of
 from consensus.state.keys import Reader
 from consensus.state.records import RECORD, VISIT, is_frame_approved
-from consensus.upload_quotas import read_quotas
+from consensus.state.settings import read_quotas
 from node.custody.chain.upload_report import RefusedUploads
 from node.custody.custodian import Custodian
 from node.custody.uploads import UploadTerms, Use
@@ -35,7 +35,6 @@ HoldRoom = Callable[[bytes, int], AbstractContextManager[None]]
 
 
 def may_upload(state: Reader, record_id: bytes, owner: bytes, robot: bytes) -> bool:
-    """Return whether this robot has the visit open or made the record."""
     visit = VISIT.at(state, owner)
     if visit is not None and visit.robot == robot and visit.status == "open":
         return True

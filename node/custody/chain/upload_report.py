@@ -13,7 +13,8 @@ from msgspec import UNSET
 from prometheus_client import CollectorRegistry, Gauge, generate_latest
 
 from consensus.errors import BlockRobotError
-from consensus.upload_quotas import MIB_BYTES, UploadQuotas
+from consensus.limits import MIB_BYTES
+from consensus.state.settings import UploadQuotas
 from node.budgets.disk_reserve import DiskReserve
 from node.custody.chain.custody_answers import RobotUploads, UploadReport
 from node.custody.uploads import USAGE_KEPT_DAYS, DayUse, UploadAccount, Use, find_day

@@ -5,8 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from consensus.chain.genesis import Genesis
-from consensus.chain.proof_of_possession import prove_possession, require_possession
+from consensus.chain.genesis import Genesis, prove_possession, require_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from tests.unit.consensus.test_genesis import GENESIS, KEYS

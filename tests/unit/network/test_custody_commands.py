@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from consensus.errors import BlockRobotError
-from consensus.upload_quotas import UploadQuotas
+from consensus.state.settings import UploadQuotas
 from network.cli.main import main
 from network.provisioning.network_layout import create_network
 from node.custody.chain.custody_answers import CustodyStatus, ScrubAnswer

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from consensus.chain.genesis import Genesis
-from consensus.chain.proof_of_possession import POSSESSION_TAG
+from consensus.chain.genesis import POSSESSION_TAG, Genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import verify
 from network.cluster import Cluster

@@ -9,11 +9,12 @@ import pytest
 
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
+from consensus.limits import DAY_MS, MIB_BYTES
 from consensus.members.vouchers import CARD_TAG, sign_rotation
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.state.identity import handle_of, organisation_of
-from consensus.upload_quotas import DAY_MS, MIB_BYTES, read_quotas
+from consensus.state.settings import read_quotas
 from contracts.execution.sender_admission import find_account, is_admitted
 from contracts.state.view import MemoryState
 from node.api.access.principals import resolve_principal

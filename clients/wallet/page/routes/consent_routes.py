@@ -15,10 +15,10 @@ from clients.wallet.page.session import PageSession
 from clients.wallet.presentation.consent_answers import ConsentChoice, NoticeAnswer
 from clients.wallet.presentation.translations import refusal
 from consensus.errors import BlockRobotError
-from consensus.rights.consents import GIVEN
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import OWN_PURPOSES
 from consensus.rights.sensors import SENSORS
+from consensus.state.consent import GIVEN
 from pages.local_page import LocalRoute
 
 

@@ -26,8 +26,7 @@ from consensus.members.roster import RosterRow
 from consensus.primitives.encoding import decode_value
 from consensus.records.clips import ClipUpload
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
-from consensus.rights.consents import find_consent, read_choices
-from consensus.state.consent import CHOICES
+from consensus.state.consent import CHOICES, find_consent, read_choices
 from consensus.state.records import VISIT
 from network.lab.privacy.hospital.attacked_chain import Chain, Final
 from network.lab.privacy.hospital.household import PURPOSE, Unit

@@ -25,9 +25,9 @@ from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, code_text
 from clients.wallet.presentation.visit_status_text import standing_lines
 from consensus.errors import BlockRobotError
 from consensus.rights import right_codes as codes
-from consensus.rights.lost_keys import LOST_KEY_REASONS
 from consensus.rights.notices import NOTICE_LINES, NoticeRow, PublishedNotice, notice_lines
 from consensus.rights.purposes import PURPOSES
+from consensus.rights.right_codes import LOST_KEY_REASONS
 from consensus.state.rights import RestrictionRow
 from network.cli.main import main
 from network.notices.notice_publishing import demo_notice

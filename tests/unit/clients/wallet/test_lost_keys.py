@@ -18,7 +18,7 @@ from clients.officer.lost_keys import LostKeys, make_span
 from clients.wallet.cli import main as wallet_cli
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, LANGUAGES
 from consensus.errors import BlockRobotError
-from consensus.rights.lost_keys import CARRY_OUT_MS
+from consensus.rights.right_codes import LOST_KEY_CARRY_OUT_MS
 from tests.unit.contracts.privacy.hospital import Visit
 from tests.world.commands import open_for_commands, sit_at_terminal
 from tests.world.transcripts import Transcript
@@ -175,7 +175,7 @@ async def test_more_visits_than_were_approved_stay_until_they_are_proposed(house
 async def test_a_proposal_whose_time_is_over_says_so(house: House) -> None:
     house.lost()
     proposal_id = await house.agree(house.pass_span())
-    house.chain.time_ms += CARRY_OUT_MS + 1
+    house.chain.time_ms += LOST_KEY_CARRY_OUT_MS + 1
     house.chain.block([])
     proposal = await LostKeys(house.officers[0]).find(proposal_id)
     assert (proposal.status, proposal.is_open) == ("lapsed", False)

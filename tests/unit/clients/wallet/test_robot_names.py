@@ -13,7 +13,7 @@ from clients.wallet.commands import records_commands
 from clients.wallet.ledger.robot_names import read_robot_names, robot_label
 from clients.wallet.page.wallet_snapshot import Snapshot, read_snapshot
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
-from consensus.members.robot_names import RobotName, read_robot_name
+from consensus.state.identity import RobotName, read_robot_name
 from tests.world.commands import open_for_commands
 from tests.world.sharing import SharedWard
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from consensus.rights.consents import GIVEN, Step, find_consent, read_choices
+from consensus.state.consent import GIVEN, Step, find_consent, read_choices
 
 YES = [5, GIVEN, 100, 0, 0, b""]
 

@@ -6,8 +6,7 @@ import pytest
 from nacl.public import PrivateKey
 
 from consensus.errors import BlockRobotError
-from consensus.records.disclosure import derive_box_key, open_disclosed_metadata
-from consensus.records.envelopes import open_metadata, seal_metadata
+from consensus.records.envelopes import derive_box_key, open_disclosed_metadata, open_metadata, seal_metadata
 
 OWNER, STRANGER = PrivateKey(bytes([7] * 32)), PrivateKey(bytes([8] * 32))
 NOTE = b"depth, five past nine, four frames"

@@ -7,7 +7,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.records.grant_keys import derive_grant_salt
+from consensus.records.sharing import derive_grant_salt
 
 CHAIN = sha256(b"chain")
 OWNER = PrivateKey(sha256(b"owner of the visit")).public_key

@@ -8,9 +8,9 @@ import pytest
 
 from consensus.limits import CALL_GAS_MAX
 from consensus.members.vouchers import sign_rotation
-from consensus.rights.consents import find_consent, read_choices
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.sensors import SENSORS
+from consensus.state.consent import find_consent, read_choices
 from contracts.lifecycle.registry import read_source
 from contracts.vm import compile_contract
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, data_of, key_of

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.members.robot_names import RobotName, read_robot_name
 from consensus.members.vouchers import sign_rotation
 from consensus.primitives.keys import PrivateKey
+from consensus.state.identity import RobotName, read_robot_name
 from consensus.visible_text import find_hidden
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, data_of, key_of
 

@@ -8,8 +8,8 @@ import pytest
 
 from consensus.chain.block import Receipt
 from consensus.primitives.encoding import encode_value
-from consensus.rights.consents import find_consent, read_choices
 from consensus.rights.mandates import ACCEPT_MS, ACTS, APPROVE_MS, LASTS_MAX_MS
+from consensus.state.consent import find_consent, read_choices
 from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, data_of
 from tests.unit.contracts.privacy.test_officers import move

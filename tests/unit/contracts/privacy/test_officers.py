@@ -7,7 +7,13 @@ from typing import Any
 import pytest
 
 from consensus.primitives.encoding import encode_value
-from consensus.rights.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, SPAN_MAX_MS, VISITS_MAX_COUNT
+from consensus.rights.right_codes import (
+    LOST_KEY_APPROVE_MS,
+    LOST_KEY_CARRY_OUT_MS,
+    LOST_KEY_REASONS,
+    LOST_KEY_SPAN_MAX_MS,
+    LOST_KEY_VISITS_MAX_COUNT,
+)
 from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, data_of
 
@@ -114,12 +120,12 @@ def test_a_proposal_waits_three_days_and_is_carried_out_within_seven(pair: Pair)
     hospital = pair.hospital
     late, in_time = pair.propose(), pair.propose()
     proposed_ms = hospital.view("officers", "proposal", in_time)["proposed_ms"]
-    hospital.time_ms = proposed_ms + APPROVE_MS - 100
+    hospital.time_ms = proposed_ms + LOST_KEY_APPROVE_MS - 100
     hospital.must(pair.second.identity, "officers", "approve", in_time)
-    assert hospital.time_ms == proposed_ms + APPROVE_MS
+    assert hospital.time_ms == proposed_ms + LOST_KEY_APPROVE_MS
     hospital.time_ms += 1
     assert pair.refusal(pair.second, "approve", late) == "PROPOSAL_LAPSED"
-    hospital.time_ms = proposed_ms + APPROVE_MS + CARRY_OUT_MS
+    hospital.time_ms = proposed_ms + LOST_KEY_APPROVE_MS + LOST_KEY_CARRY_OUT_MS
     assert pair.erasing(in_time) == "PROPOSAL_LAPSED"
     hospital.time_ms -= 200
     assert pair.erasing(in_time) == "OK"
@@ -200,9 +206,9 @@ def test_what_was_erased_before_is_not_erased_again(pair: Pair) -> None:
         (0, BUCKET_MS - 1, "SPAN_WRONG"),
         (0, 0, "SPAN_WRONG"),
         (0, -BUCKET_MS, "SPAN_WRONG"),
-        (-SPAN_MAX_MS, SPAN_MAX_MS + BUCKET_MS, "SPAN_WRONG"),
+        (-LOST_KEY_SPAN_MAX_MS, LOST_KEY_SPAN_MAX_MS + BUCKET_MS, "SPAN_WRONG"),
         (BUCKET_MS, BUCKET_MS, "SPAN_WRONG"),
-        (-10 * SPAN_MAX_MS, SPAN_MAX_MS, "OK"),
+        (-10 * LOST_KEY_SPAN_MAX_MS, LOST_KEY_SPAN_MAX_MS, "OK"),
     ],
 )
 def test_a_span_is_of_minutes_and_over(pair: Pair, start: int, length: int, code: str) -> None:
@@ -216,7 +222,7 @@ def test_a_span_is_of_minutes_and_over(pair: Pair, start: int, length: int, code
     [
         ({"reason": "so-it-seems"}, "REASON_UNKNOWN"),
         ({"visits_max": 0}, "VISITS_WRONG"),
-        ({"visits_max": VISITS_MAX_COUNT + 1}, "VISITS_WRONG"),
+        ({"visits_max": LOST_KEY_VISITS_MAX_COUNT + 1}, "VISITS_WRONG"),
         ({"robot": b"x"}, "ROBOT_UNKNOWN"),
         ({"robot": bytes(33)}, "ROBOT_UNKNOWN"),
     ],
@@ -240,9 +246,9 @@ def test_wallet_and_contract_know_the_same_bounds() -> None:
     source = read_source("officers")
     assert f"REASONS = {tuple(sorted(LOST_KEY_REASONS))}\n".replace("'", '"') in source
     for name, value in (
-        ("APPROVE_MS", APPROVE_MS),
-        ("CARRY_OUT_MS", CARRY_OUT_MS),
-        ("SPAN_MAX_MS", SPAN_MAX_MS),
-        ("VISITS_MAX_COUNT", VISITS_MAX_COUNT),
+        ("APPROVE_MS", LOST_KEY_APPROVE_MS),
+        ("CARRY_OUT_MS", LOST_KEY_CARRY_OUT_MS),
+        ("SPAN_MAX_MS", LOST_KEY_SPAN_MAX_MS),
+        ("VISITS_MAX_COUNT", LOST_KEY_VISITS_MAX_COUNT),
     ):
         assert f"\n{name} = {value}\n" in source

@@ -8,7 +8,6 @@ import pytest
 
 from consensus.limits import CALL_GAS_MAX
 from consensus.primitives.encoding import encode_value
-from consensus.rights.consents import find_consent, read_choices
 from consensus.rights.right_codes import (
     BREACH_NOTIFY_MS,
     CORRECTIONS,
@@ -22,6 +21,7 @@ from consensus.rights.right_codes import (
     RECIPIENTS,
     RISKS,
 )
+from consensus.state.consent import find_consent, read_choices
 from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit, data_of
 

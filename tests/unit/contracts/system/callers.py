@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.genesis import prove_possession
 from consensus.primitives.keys import PrivateKey
 from contracts.lifecycle.registry import compute_source_hash
 from tests.unit.contracts.privacy.hospital import Hospital, Person

@@ -6,9 +6,8 @@ from typing import Any
 
 from consensus.chain.block import Receipt
 from consensus.chain.epoch_settings import Epoch
-from consensus.chain.genesis import ChainSettings, Genesis, NodeEntry, Organisation
+from consensus.chain.genesis import ChainSettings, Genesis, NodeEntry, Organisation, prove_possession
 from consensus.chain.messages import PROPOSAL_TAG, VOTE_TAG
-from consensus.chain.proof_of_possession import prove_possession
 from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.primitives.encoding import decode_value, u32, u64
 from consensus.primitives.hashing import sha256

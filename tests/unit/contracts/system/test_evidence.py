@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.genesis import prove_possession
 from consensus.primitives.encoding import u32, u64
 from consensus.primitives.keys import PrivateKey
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of, producer_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.genesis import prove_possession
 from consensus.limits import CALL_GAS_MAX
 from tests.unit.contracts.system.consortium import (
     CERTIFICATE,

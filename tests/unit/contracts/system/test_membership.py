@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from consensus.chain.proof_of_possession import prove_possession
+from consensus.chain.genesis import prove_possession
 from consensus.primitives.keys import PrivateKey, is_public_key
 from tests.unit.contracts.system.consortium import (
     CERTIFICATE,

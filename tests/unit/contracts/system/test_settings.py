@@ -10,8 +10,7 @@ import pytest
 from consensus.chain.epoch_settings import ChainSettings, check_settings
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
-from consensus.state.settings import QUOTA
-from consensus.upload_quotas import QUOTA_NAMES, UploadQuotas, read_quotas
+from consensus.state.settings import QUOTA, QUOTA_NAMES, UploadQuotas, read_quotas
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
 

@@ -9,7 +9,7 @@ import pytest
 from aiohttp.test_utils import TestServer
 
 from consensus.errors import BlockRobotError
-from consensus.upload_quotas import MIB_BYTES
+from consensus.limits import MIB_BYTES
 from node.api import bodies as module
 from node.api import create_api
 from node.api.bodies import (
