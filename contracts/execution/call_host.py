@@ -76,7 +76,7 @@ class CallHost:
         self._call[key] = None
 
     def emit(self, name: str, data: bytes) -> None:
-        """Do nothing: events come with the call's outcome, which alone decides whether they count."""
+        """Events come with the call's outcome, which alone decides whether they count."""
 
     def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
         if self._block_keys is None:

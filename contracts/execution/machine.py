@@ -67,7 +67,7 @@ class ContractMachine:
     ) -> BlockResult:
         """Execute exactly these. Raises BLOCK_INVALID if too many, ExecutionFault (no verdict, no vote).
 
-        `effort` bounds a separate process's resources; unused here.
+        `effort` is unused here.
         """
         del effort
         context, host = self._context(height, time_ms), CallHost(parent)

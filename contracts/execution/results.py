@@ -22,8 +22,7 @@ class ExecutionFault(InternalFault):
         super().__init__(reason)
 
 
-def note_nothing(_place: int) -> None:
-    """Note nothing of how far an execution is."""
+def note_nothing(_place: int) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode_value
 from contracts.execution.call_host import CallHost
 from contracts.execution.results import BlockContext
-from contracts.lifecycle.catalogue import ActiveContracts
+from contracts.lifecycle.catalogue import ActiveContracts, Catalogue
 from contracts.lifecycle.changed_calls import ARGUMENTS_INVALID, CONTRACT_DISABLED, explain_absence
+from contracts.lifecycle.registry import require_contracts
 from contracts.state.view import StateReader
 from contracts.vm import CallContext, CompiledContract, invoke
 
@@ -55,3 +58,26 @@ def _in_force(contracts: Mapping[str, CompiledContract], name: str) -> str:
     if not isinstance(contracts, ActiveContracts):
         return ""
     return f" Version {contracts.versions[name]} of {name} is active since height {contracts.since[name]}."
+
+
+class ContractViews:
+    """Runs views with the contracts that the state names."""
+
+    def __init__(self, genesis: Genesis) -> None:
+        """Raises GENESIS_INVALID if the first contracts differ from those shipped here."""
+        require_contracts(genesis)
+        self._chain_id = genesis.chain_id
+        self._catalogue = Catalogue()
+
+    def load(self, state: StateReader) -> None:
+        self._catalogue.active(state)
+
+    def run(
+        self, state: StateReader, height: int, time_ms: int, contract: str, view: str, arguments: list[Any]
+    ) -> bytes:
+        """Return a view's encoded result at height and time (ms).
+
+        Raises TRANSACTION_CONTRACT_UNKNOWN (or unknown view), CONTRACT_DISABLED, CALL_REFUSED.
+        """
+        context = BlockContext(chain_id=self._chain_id, height=height, time_ms=time_ms)
+        return encode_value(run_view(state, self._catalogue.active(state), context, contract, view, arguments))

@@ -1,4 +1,4 @@
-"""Converts arguments typed as text to an entry's parameter types.
+"""Converts arguments typed as text to an entry's parameter types, and values to text.
 
 `int` is decimal or 0x, `bytes` is 0x..., hex:... or text:..., `str` is literal, lists and dicts are JSON.
 """
@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 from collections.abc import Sequence
 from typing import Any, Protocol, TypeVar
@@ -210,3 +211,22 @@ def _fit_anything(value: Any) -> Any:
     if isinstance(value, dict):
         return {_fit_anything(key): _fit_anything(item) for key, item in value.items()}
     return value
+
+
+def format_value(value: Any) -> str:
+    if isinstance(value, bytes):
+        return f"0x{value.hex()}"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{format_value(key)}: {format_value(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(format_value(item) for item in value) + "]"
+    if isinstance(value, tuple):
+        return "(" + ", ".join(format_value(item) for item in value) + ("," if len(value) == 1 else "") + ")"
+    return repr(value)
+
+
+def format_short(value: Any, limit_chars: int = 60) -> str:
+    text = format_value(value)
+    return text if len(text) <= limit_chars else text[: limit_chars - 3] + "..."

@@ -13,9 +13,9 @@ import msgspec
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.state.keys import flat_prefix
 from contracts.execution.call_host import CallHost
+from contracts.kit.arguments import format_short
 from contracts.kit.recorder import LineFigures, Recorder
 from contracts.kit.tracing import Trace
-from contracts.kit.value_text import format_short
 from contracts.state.view import MemoryState
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
 from contracts.vm.compiler.invoke import Mode
@@ -90,7 +90,6 @@ class Engine:
         return next(migrations, "") if len(versions) > 1 else ""
 
     def withdraw(self, name: str) -> None:
-        """Restore the previous version, as a network does when migration fails."""
         self._versions[name].pop()
         self._count_lines_of(name)
 

@@ -1,7 +1,4 @@
-"""The mypy plugin that makes the contract language's names known.
-
-A module without imports and with a language decorator counts as a contract.
-"""
+"""The mypy plugin that makes the contract language's names known."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The pytest plugin: fixture `chain`, and a gas and coverage report.
-
-`--contract-report FILE` writes what `blockrobot contract test` shows.
-"""
+"""The pytest plugin: fixture `chain`, and a gas and coverage report."""
 
 from __future__ import annotations
 

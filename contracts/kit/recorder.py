@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from contracts.kit.value_text import format_short
+from contracts.kit.arguments import format_short
 from contracts.vm.compiler.line_watch import Place
 from contracts.vm.model.closures import Frame
 from contracts.vm.model.values import Mark

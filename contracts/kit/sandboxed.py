@@ -26,7 +26,7 @@ from contracts.kit.worker import (
     Withdraw,
 )
 from contracts.vm.model.faults import ContractSourceError
-from contracts.worker.sandboxed_process import SandboxedProcess
+from contracts.worker.handle import SandboxedProcess
 from contracts.worker.wire import SandboxFeature
 
 _T = TypeVar("_T")

@@ -1,7 +1,4 @@
-"""Resolves which contracts are active in a state.
-
-Sources come by hash from the package, from the machine's own keys, or from `lifecycle`.
-"""
+"""Resolves which contracts are active in a state."""
 
 from __future__ import annotations
 

@@ -27,7 +27,6 @@ _HAS_ANSWERED = ("superseded", "disabled")
 
 
 def explain_absence(contracts: object, name: str) -> tuple[str, str]:
-    """Return code and sentence for an inactive contract."""
     if isinstance(contracts, ActiveContracts) and name in contracts.disabled:
         return CONTRACT_DISABLED, f"The organisations have disabled {name} at height {contracts.since[name]}."
     return CONTRACT_UNKNOWN, "There is no contract of this name."
@@ -62,7 +61,6 @@ def find_misfit(found: EntryRow | None, arguments: list[Any]) -> str:
 def explain_misfit(
     state: Reader, row: VersionRow, since_height: int, entry: str, arguments: list[Any]
 ) -> tuple[str, str] | None:
-    """Return code and sentence for a mismatching call, or None."""
     now = find_entry(row, entry)
     try:
         code = find_misfit(now, arguments)

@@ -1,7 +1,6 @@
 """The exact row form that the machine accepts as contract changes.
 
-Any `lifecycle` version may write `due` freely; other forms are ignored. The machine's own tables are beyond every
-contract's reach.
+Other forms are ignored; the machine's own tables are beyond every contract's reach.
 """
 
 from __future__ import annotations

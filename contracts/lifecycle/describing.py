@@ -76,7 +76,6 @@ class VersionRow:
 
 
 def entry_rows(entries: Any) -> tuple[EntryRow, ...]:
-    """Return the entries as `lifecycle` stores them."""
     return tuple(
         EntryRow(name, kind, tuple((param, of) for param, of in params), required, returns)
         for name, kind, params, required, returns in entries

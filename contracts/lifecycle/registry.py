@@ -1,7 +1,4 @@
-"""Contracts shipped with BlockRobot: sources, hashes and compiled forms.
-
-Genesis names each by source hash.
-"""
+"""Contracts shipped with BlockRobot: sources, hashes and compiled forms."""
 
 from __future__ import annotations
 
@@ -56,7 +53,6 @@ def find_shipped_source(source_hash: bytes) -> str | None:
 
 
 def describe_shipped() -> list[list[Any]]:
-    """Return [name, facts] per shipped contract, as `lifecycle` keeps them."""
     contracts = load_contracts()
     return [[name, describe_source(read_source(name).encode(), contracts[name])] for name in SHIPPED_CONTRACTS]
 

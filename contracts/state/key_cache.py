@@ -39,7 +39,6 @@ class KeyCache:
         self._ends: list[bytes] = []
 
     def first(self, start: bytes, end: bytes, count: int) -> list[bytes]:
-        """Return up to `count` first keys in [start, end)."""
         found: list[bytes] = []
         place = start
         while place < end and len(found) < count:

@@ -1,7 +1,4 @@
-"""Reading state: Protocols, overlays of unfinalized blocks, state in memory.
-
-An `Overlay` is one block's writes over its parent's view; children of finalized blocks are rebased onto the store.
-"""
+"""Reading state: Protocols, overlays of unfinalized blocks, state in memory."""
 
 from __future__ import annotations
 
@@ -34,9 +31,7 @@ class StateView(StateReader, PageReader, Protocol):
     """One state version with its trie, on which blocks execute."""
 
     @property
-    def state_root(self) -> bytes:
-        """The 32-byte root."""
-        ...
+    def state_root(self) -> bytes: ...
 
 
 class Overlay:

@@ -1,7 +1,6 @@
 """The node's handle of one worker process, which gets only its pipe.
 
-A worker is given up if it gets no processor time for long or uses more than any block needs; its request then goes to
-another.
+A worker that gets no processor time for long, or uses more than any block needs, is given up.
 """
 
 from __future__ import annotations
@@ -10,12 +9,15 @@ import contextlib
 import os
 import select
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from itertools import islice
+from typing import Any, TypeVar
 
 import msgspec
 
+from consensus.errors import BlockRobotError
 from contracts.state.view import StateReader, StateView
 from contracts.worker.wire import (
     FROM_WORKER,
@@ -130,7 +132,6 @@ class WorkerHandle:
         return answer
 
     def newest_place(self) -> int | None:
-        """Return the last noted transaction, IN_CHANGE, or None."""
         return newest_place(self._read_notes())
 
     def _read_notes(self) -> bytes:
@@ -208,3 +209,43 @@ def _read(question: Get | Page | Scan, state: StateReader | StateView | None) ->
         return Rows(list(islice(state.scan_range(question.start, question.end), limit)))
     page: Callable[[bytes], bytes | None] | None = getattr(state, "page", None)
     return Value(None if page is None else page(question.path))
+
+
+_M = TypeVar("_M")
+
+
+class SandboxedProcess:
+    """A tool's helper: `python -I -m MODULE` in the root folder, empty environment, no terminal, no keys."""
+
+    def __init__(self, module: str) -> None:
+        """Raises CONTRACT_WORKER_FAILED."""
+        try:
+            self._process = subprocess.Popen(
+                (sys.executable, "-I", "-m", module), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL, env={}, cwd="/", bufsize=0, start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            raise BlockRobotError("CONTRACT_WORKER_FAILED", f"No process could be started: {error}.") from error
+        if self._process.stdin is None or self._process.stdout is None:
+            raise AssertionError("the process was started with pipes")
+        self._pipe = Pipe(self._process.stdout.fileno(), self._process.stdin.fileno())
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def ask(self, message: Any, answers: msgspec.msgpack.Decoder[_M]) -> _M:
+        """Send a message, return the answer. Raises CONTRACT_WORKER_FAILED."""
+        try:
+            self._pipe.send(message)
+            return self._pipe.receive(answers)
+        except (EOFError, OSError, msgspec.MsgspecError) as error:
+            detail = f"The process that executes contracts ended: {type(error).__name__}."
+            raise BlockRobotError("CONTRACT_WORKER_FAILED", detail) from error
+
+    def close(self) -> None:
+        self._process.kill()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+        self._process.wait()

@@ -1,7 +1,4 @@
-"""The worker's cache of block writes above the stored ledger, by state root.
-
-Layers are merged, so read cost is independent of their number.
-"""
+"""The worker's cache of block writes above the stored ledger, by state root; merged."""
 
 from __future__ import annotations
 
@@ -73,7 +70,6 @@ class Layers:
         return merged
 
     def add(self, base_root: bytes, parent_root: bytes, root: bytes, writes: _Rows, pages: _Rows) -> None:
-        """Store a block's writes; `base_root` is the ledger's current root."""
         if root == parent_root:
             return
         layer = _Layer(parent_root, writes, pages)

@@ -1,7 +1,6 @@
 """Runs a chain's contracts in worker processes; results equal `ContractMachine`'s.
 
-`WorkerViews` uses a worker of its own. Lost workers are replaced and asked again; a second failure gives
-`ExecutionFault`, no verdict. Each effort step doubles memory and time.
+Lost workers are replaced and asked again; a second failure gives `ExecutionFault`, no verdict.
 """
 
 from __future__ import annotations

@@ -57,9 +57,7 @@ class LedgerView(StateView, Protocol):
     """The stored ledger at one position, until closed."""
 
     @property
-    def height(self) -> int:
-        """The newest contained block's height."""
-        ...
+    def height(self) -> int: ...
 
     def close(self) -> None: ...
 
@@ -101,10 +99,7 @@ class WorkerTools:
 
 
 class RemoteState:
-    """The parent's state fetched from the node row by row: always right, but slow.
-
-    A scan requests at most about twice the rows taken; their values are kept for later `get` calls.
-    """
+    """The parent's state fetched from the node row by row: always right, but slow."""
 
     def __init__(self, pipe: Pipe, state_root: bytes) -> None:
         self._pipe = pipe

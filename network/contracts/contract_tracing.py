@@ -22,7 +22,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.tracing import Trace
-from contracts.worker.sandboxed_process import SandboxedProcess
+from contracts.worker.handle import SandboxedProcess
 from network.contracts.tracing_worker import (
     FROM_WORKER,
     Begin,

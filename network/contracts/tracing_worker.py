@@ -19,10 +19,10 @@ from contracts.execution.call_host import CallHost
 from contracts.execution.executor import execute_transaction
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext
+from contracts.kit.arguments import format_short
 from contracts.kit.engine import watched_stack
 from contracts.kit.recorder import Recorder
 from contracts.kit.tracing import Trace
-from contracts.kit.value_text import format_short
 from contracts.lifecycle.catalogue import Catalogue, read_source_of
 from contracts.lifecycle.opening import open_block
 from contracts.state.view import MemoryState

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from consensus.chain.genesis import genesis_from_json
 from contracts.execution.machine import ContractMachine
+from contracts.execution.views import ContractViews
 from contracts.worker.process import WorkerTools, serve
 from contracts.worker.wire import Begin, Pipe
-from node.execution.contract_views import ContractViews
 from node.storage.lmdb_reader import LedgerFile
 from node.storage.lmdb_snapshot import LmdbSnapshot
 from node.storage.lmdb_store import DATA_FILE_NAME
@@ -57,7 +57,6 @@ def prepare(begin: Begin) -> WorkerTools:
 
 
 def main(prepare_place: Callable[[Begin], WorkerTools] = prepare) -> int:
-    """Serve the node over standard input and output; return the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal says it to everybody; the node is who decides
     os.umask(0o077)
     serve(Pipe(0, 1), prepare_place)

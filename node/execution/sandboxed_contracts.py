@@ -17,13 +17,13 @@ import structlog
 from consensus.chain.genesis import Genesis, genesis_to_json
 from consensus.errors import BlockRobotError
 from contracts.execution.machine import ContractMachine
+from contracts.execution.views import ContractViews
 from contracts.lifecycle.registry import check_contracts
 from contracts.worker.machine import Hold, WorkerMachine, WorkerSpec, WorkerViews, missing_parts
 from contracts.worker.wire import Begin, SandboxFeature
 from node.api.services import LedgerSnapshot, ViewRunner
 from node.budgets.token_buckets import OWN, Source, over_budget
 from node.config import CONTRACT_MEMORY_MIB, NodeConfig
-from node.execution.contract_views import ContractViews
 from node.execution.execution_machines import Machine
 from node.storage.ledger_store import LedgerStore
 from node.storage.lmdb_reader import LedgerFile
@@ -76,16 +76,12 @@ class ContractRuntime(Protocol):
     """Where contracts run."""
 
     @property
-    def machine(self) -> Machine | None:
-        """The block machine; None means the one inside the node."""
-        ...
+    def machine(self) -> Machine | None: ...
 
     @property
     def views(self) -> ViewRunner: ...
 
-    def describe(self) -> Mapping[str, Any]:
-        """Return the state of sandbox and workers, for JSON."""
-        ...
+    def describe(self) -> Mapping[str, Any]: ...
 
     async def close(self) -> None: ...
 
@@ -170,8 +166,7 @@ class InProcessContracts:
     def describe(self) -> Mapping[str, Any]:
         return {"sandbox": "off"}
 
-    async def close(self) -> None:
-        """Do nothing: there is nothing to end."""
+    async def close(self) -> None: ...
 
 
 class SandboxedContracts:

@@ -34,7 +34,7 @@ BOUNDED: dict[str, str] = {
     "invoke._run": "as many parameters as stand in the source",
     "values.encode_checked": "an int: at most 33 bytes",
     "dict_shapes.encode_by_shape": "at most 32 keys and 16 KiB",
-    "source_functions._check_source": "a source of at most 60,000 bytes, paid for by the byte before",
+    "host._check_source": "a source of at most 60,000 bytes, paid for by the byte before",
     "closures.call_contract.run": "as many arguments as stand in the source",
     "closures.call_method.many": "the same",
     "compiler_expressions.ExpressionCompiler._joinedstr": "the references to as many parts as stand in the source",

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
+from contracts.execution.views import ContractViews
 from contracts.vm import InternalFault
 from contracts.worker.machine import WorkerMachine, WorkerSpec, WorkerViews
 from contracts.worker.sandbox import PARTS
 from network.ledger_diff.block_replay import base_of_genesis
 from network.provisioning.network_layout import create_network
 from node.config import load_config
-from node.execution.contract_views import ContractViews
 from node.execution.sandboxed_contracts import open_sandboxed_machine
 from node.storage.lmdb_reader import LedgerFile
 from tests.worker.conftest import Start

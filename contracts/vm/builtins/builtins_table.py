@@ -242,7 +242,6 @@ def _require(runtime: Runtime, condition: Any, code: Any, message: Any = MISSING
 
 
 def require_fault(code: Any, message: Any = MISSING) -> Fault:
-    """Return the fault of a failed `require`, or a fault about an invalid code."""
     if not is_author_code(need_str(code, "require")):
         return Fault(VALUE_ERROR, "The code given to require is not UPPER_SNAKE text, or is one of the machine's own.")
     text = f"The contract requires otherwise: {code}." if message is MISSING else need_str(message, "require")

@@ -13,14 +13,14 @@ from consensus.errors import BlockRobotError
 from consensus.limits import STATE_KEY_MAX_BYTES, STATE_VALUE_MAX_BYTES
 from consensus.primitives import hashing, keys
 from contracts.vm.builtins.builtins_table import Builtin
-from contracts.vm.builtins.source_functions import SOURCE_FUNCTIONS
 from contracts.vm.model.closures import CONTEXT_SLOTS, Code, read_slot
 from contracts.vm.model.dict_shapes import encode_by_shape
-from contracts.vm.model.faults import TYPE_ERROR, VALUE_ERROR, Fault
+from contracts.vm.model.faults import LIFECYCLE_ONLY, TYPE_ERROR, VALUE_ERROR, Fault
 from contracts.vm.model.meter import EVENTS_MAX_COUNT, Runtime
 from contracts.vm.model.values import (
     HEADER_BYTES,
     ITEM_BYTES,
+    charge_decoded,
     encode_checked,
     encode_walked,
     need_bytes,
@@ -48,6 +48,15 @@ EMIT_GAS = 50
 HASH_GAS = 15
 RECOVER_GAS = 680
 """Whatever comes of it: a signature that leads to no key is found out only after the same work."""
+
+LIFECYCLE = "lifecycle"
+SOURCE_PART_BYTE_GAS = 40
+SOURCE_CHECK_BYTE_GAS = 3
+SOURCE_CHECK_GAS = 2000
+SOURCE_KEPT_GAS = 20_000
+"""What must be left to keep the verdict, or nothing is compiled; it is not taken."""
+PROBLEM_MAX_CHARS = 200
+"""What may be kept of a source: so that what follows the compiling is bounded, and no call fails for it."""
 
 
 @lru_cache(maxsize=256)
@@ -178,6 +187,30 @@ def _call(runtime: Runtime, contract: Any, fn: Any, *arguments: Any) -> Any:
     return runtime.enter(runtime, contract, fn, [*arguments])
 
 
+def _require_lifecycle(runtime: Runtime, what: str) -> None:
+    if runtime.contract != LIFECYCLE:
+        raise Fault(LIFECYCLE_ONLY, f"Only the contract {LIFECYCLE} may use {what}.")
+
+
+def _charge_source(runtime: Runtime, data: Any) -> None:
+    _require_lifecycle(runtime, "charge_source")
+    runtime.charge(SOURCE_PART_BYTE_GAS * len(need_bytes(data, "charge_source")))
+
+
+def _check_source(runtime: Runtime, data: Any) -> list[Any]:
+    """Return [problem or empty text, facts]; kept as a result, so it depends on no version of Python."""
+    _require_lifecycle(runtime, "check_source")
+    price = SOURCE_CHECK_GAS + SOURCE_CHECK_BYTE_GAS * len(need_bytes(data, "check_source"))
+    runtime.charge(price + SOURCE_KEPT_GAS)
+    runtime.gas += SOURCE_KEPT_GAS
+    problem, facts = runtime.judge_source(data)
+    problem = problem.encode("ascii", "backslashreplace").decode()
+    if len(problem) > PROBLEM_MAX_CHARS:
+        problem = problem[: PROBLEM_MAX_CHARS - 3] + "..."
+    charge_decoded(runtime, [problem, facts])
+    return [problem, facts]
+
+
 HOST_FUNCTIONS: dict[str, Builtin] = {
     "state.get": Builtin(_state_get, ("key", "default"), 1),
     "state.has": Builtin(_state_has, ("key",), 1),
@@ -189,7 +222,8 @@ HOST_FUNCTIONS: dict[str, Builtin] = {
     "sha256": Builtin(_sha256, ("data",), 1),
     "tagged_hash": Builtin(_tagged_hash, ("tag", "data"), 2),
     "recover": Builtin(_recover, ("tag", "signature", "message"), 3),
-    **SOURCE_FUNCTIONS,
+    "charge_source": Builtin(_charge_source, ("data",), 1),
+    "check_source": Builtin(_check_source, ("data",), 1),
 }
 CONTEXT_FIELDS: dict[str, Code] = {
     **{name: read_slot(slot) for name, slot in CONTEXT_SLOTS.items()},

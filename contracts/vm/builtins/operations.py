@@ -87,7 +87,6 @@ def subtract(runtime: Runtime, left: Any, right: Any) -> int:
 
 
 def multiply(runtime: Runtime, left: Any, right: Any) -> Any:
-    """`left * right` of ints, or of a sequence and an int."""
     if type(left) is int:
         if type(right) is int:
             return check_int(left * right)
@@ -282,8 +281,7 @@ def find_item(runtime: Runtime, items: Any, wanted: Any) -> int:
 def charge_search(runtime: Runtime, text: Any, part: Any, times: int = 1, *, every: bool = False) -> None:
     """Charge a search beforehand, by how often the last letter of `part` stands in `text`.
 
-    From some lengths on the search is linear, as in CPython. `times` repeats it; `every` continues past the first match
-    and adds branch mispredictions.
+    `times` repeats it; `every` continues past the first match.
     """
     size, width = len(text), len(part)
     if size < 64 or not width:

@@ -22,7 +22,6 @@ _NAMELESS = "contract"
 
 
 def compute_source_hash(data: bytes) -> bytes:
-    """Return the 32-byte hash of a source's UTF-8 bytes."""
     return tagged_hash(SOURCE_TAG, data)
 
 

@@ -1,7 +1,4 @@
-"""Resolves names and calls from the source alone, without values.
-
-The checker and the compiler share it, so that they agree.
-"""
+"""Resolves names and calls from the source alone, for checker and compiler alike."""
 
 from __future__ import annotations
 

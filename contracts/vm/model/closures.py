@@ -122,7 +122,6 @@ def fast_arithmetic(
 
 
 def add_to_bytes(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code) -> Code:
-    """`left + right` where `left` is certainly bytes."""
     first, second, prefix, j = left.run, right.run, left.constant, right.slot
     header = HEADER_BYTES + (0 if prefix is MISSING else len(prefix))
 

@@ -1,7 +1,4 @@
-"""Failures at deployment and run time; they carry only public contract data.
-
-`Fault` is the contract's own failure and decides a receipt; `InternalFault` is the interpreter's and never does.
-"""
+"""Failures at deployment and run time; they carry only public contract data."""
 
 from __future__ import annotations
 

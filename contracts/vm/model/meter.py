@@ -29,20 +29,16 @@ ALLOCATION_SHIFT = 9
 class HostInterface(Protocol):
     """Ledger access: whole flat keys, encoded values and event data."""
 
-    def get(self, key: bytes) -> bytes | None:
-        """Return the encoded value under `key`, or None."""
+    def get(self, key: bytes) -> bytes | None: ...
 
-    def put(self, key: bytes, value: bytes) -> None:
-        """Store an encoded value under `key`."""
+    def put(self, key: bytes, value: bytes) -> None: ...
 
-    def delete(self, key: bytes) -> None:
-        """Remove `key`, if present."""
+    def delete(self, key: bytes) -> None: ...
 
     def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
         """Return up to `limit` (key, value) pairs in key order."""
 
-    def emit(self, name: str, data: bytes) -> None:
-        """Note an event."""
+    def emit(self, name: str, data: bytes) -> None: ...
 
 
 class CallContext(msgspec.Struct, frozen=True, gc=False):
@@ -106,7 +102,6 @@ class Runtime:
         raise Fault(MEMORY_BUDGET, "The call used up its memory.")
 
     def check_write(self) -> None:
-        """Count a state write; refuse it in a view."""
         if self.read_only:
             raise Fault(VIEW_WRITES, "A view may not change the state.")
         self.writes_left -= 1
@@ -114,7 +109,6 @@ class Runtime:
             raise Fault(WRITE_BUDGET, "The call writes to the state more often than a call may.")
 
     def check_event(self) -> None:
-        """Count an event; refuse it in a view."""
         if self.read_only:
             raise Fault(VIEW_WRITES, "A view may not emit events.")
         if len(self.events) >= EVENTS_MAX_COUNT:

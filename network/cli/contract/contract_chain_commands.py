@@ -18,9 +18,8 @@ from consensus.errors import BlockRobotError
 from consensus.exit_codes import EXIT_REFUSED
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
-from contracts.kit.arguments import find_entry, read_arguments, signature_of
+from contracts.kit.arguments import find_entry, format_value, read_arguments, signature_of
 from contracts.kit.sources import read_source
-from contracts.kit.value_text import format_value
 from network.cli.contract.contract_answers import CallRefusal, ContractCallAnswer, ContractQueryAnswer, EmittedEvent
 from network.cli.contract.contract_signers import FindSigners, signer_options, take_signer
 from network.cli.governance.governance_signer import read_with_first, to_json, with_network

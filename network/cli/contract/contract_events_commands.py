@@ -29,7 +29,7 @@ from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.state.lifecycle import MACHINE_TABLE
-from contracts.kit.value_text import format_value
+from contracts.kit.arguments import format_value
 from network.cli.contract.contract_answers import ContractEventAnswer
 from network.cli.contract.contract_signers import FindSigners, signer_options
 from network.cli.governance.governance_signer import read_with_first, to_json

@@ -15,7 +15,7 @@ import pytest
 from consensus.limits import CALL_GAS_MAX
 from contracts.execution.executor import WIRE_BYTES_A_GAS
 from contracts.vm import LANGUAGE_VERSION
-from contracts.vm.builtins.source_functions import (
+from contracts.vm.builtins.host import (
     SOURCE_CHECK_BYTE_GAS,
     SOURCE_CHECK_GAS,
     SOURCE_KEPT_GAS,
