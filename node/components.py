@@ -33,12 +33,10 @@ from node.consensus.journal_writer import VotingJournal
 from node.consensus.readiness_reporter import ReadinessReporter
 from node.consensus.stall_detector import StallDetector
 from node.custody.chain.custody_admin import CustodyAdmin
-from node.custody.chain.custody_coordinator import CustodyCoordinator
-from node.custody.chain.custody_setup import CustodyPlace
+from node.custody.chain.custody_coordinator import CustodyCoordinator, CustodyPlace
 from node.directory.node_directory import Directory
-from node.execution.block_executor import ExecutedBlock, Executor
+from node.execution.block_executor import ExecutedBlock, Executor, genesis_block
 from node.execution.execution_machines import Machine
-from node.execution.genesis_block import genesis_block
 from node.ledger.ledger_writer import FinalityFeed, LedgerWriter
 from node.ledger.pruning import Pruner
 from node.mempool.byte_budget import ByteBudgets
@@ -406,7 +404,6 @@ class NodeComponents:
     # NodeStatus
 
     def is_ready(self) -> bool:
-        """Return whether the node reaches a quorum, is current and can write."""
         in_touch = 1 + len(self.network.connected)
         return in_touch >= self.engine.epoch.schedule.quorum and self.engine.is_signing and not self.sync.closes_gap
 

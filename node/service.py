@@ -23,11 +23,11 @@ from node.budgets.disk_reserve import DiskReserve
 from node.components import Environment, NodeComponents, begin_ledger
 from node.config import OPERATOR_HOST, READING_TOKEN_FILE_NAME, NodeConfig, load_genesis, load_key
 from node.consensus.engine import Outbox
+from node.consensus.journal import open_journal
 from node.consensus.journal_disk import SystemDisk
-from node.consensus.journal_recovery import open_journal
 from node.consensus.round_log import LoggingOutbox, RoundLog
 from node.custody.chain.consent_receipts import ConsentReceipts
-from node.custody.chain.custody_setup import CustodyPlace
+from node.custody.chain.custody_coordinator import CustodyPlace
 from node.custody.erase_keys import EraseKeys
 from node.custody.stores.open_store import open_store
 from node.directory.directory_file import newest_beginning
@@ -35,7 +35,7 @@ from node.directory.node_directory import Directory
 from node.execution.sandboxed_contracts import open_contracts
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.ledger.pruning import answer_requests
-from node.mempool.client_pool import ClientPool
+from node.mempool.transaction_intake import ClientPool
 from node.operator import create_operator_listener, serve_operator
 from node.p2p.connection_acceptor import bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
@@ -184,17 +184,14 @@ class Node:
         return self._network
 
     def reload_certificate(self) -> None:
-        """Reload a changed certificate now; otherwise checked once a second."""
         self._network.reload_certificate()
 
     # NodeStatus: how the parts are, and how the links are
 
     def is_ready(self) -> bool:
-        """Return whether the node takes part with a valid certificate."""
         return self._parts.is_ready() and self._network.own_problem() is None
 
     def problem(self) -> BlockRobotError | None:
-        """Return why all peers reject this node, or None."""
         return self._network.own_problem()
 
     def describe(self) -> Mapping[str, Any]:

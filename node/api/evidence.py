@@ -1,7 +1,6 @@
 """Builds evidence that proves a receipt without trusting a node.
 
-A child of the next round, certified in the grandchild's header, makes a block final; only the newest block and epoch
-boundaries need stored proofs.
+Only the newest block and epoch boundaries need stored proofs; later headers prove the others.
 """
 
 from __future__ import annotations

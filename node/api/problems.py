@@ -1,7 +1,4 @@
-"""Errors as problem documents (RFC 9457).
-
-Unforeseen failures are INTERNAL to clients and logged with their exception.
-"""
+"""Errors as problem documents (RFC 9457)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Protocols of what the HTTP interface needs from its node.
-
-All reads come from one finalized snapshot.
-"""
+"""Protocols of what the HTTP interface needs from its node."""
 
 from __future__ import annotations
 
@@ -20,6 +17,8 @@ from node.api.explorer_documents import RoundDocument
 from node.budgets.token_buckets import OWN, Source
 
 PoolStatus = Literal["pending", "unknown", "expired"]
+PeersWithBlock = Callable[[int], Sequence[str]]
+"""Returns the names of the peers that say they keep the body of the block of a height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +66,7 @@ class LedgerSnapshot(Protocol):
         """Yield pairs from `start` up to but without `end`, in key order."""
         ...
 
-    def prove(self, key: bytes) -> Proof:
-        """Return the proof of presence or absence under `header.state_root`."""
-        ...
+    def prove(self, key: bytes) -> Proof: ...
 
     def block(self, height: int) -> Block | None:
         """Return a finalized block; None above the head or if pruned."""
@@ -85,17 +82,13 @@ class LedgerSnapshot(Protocol):
 
     def receipt(self, height: int, index: int) -> Receipt | None: ...
 
-    def events(self, height: int, index: int, limit: int) -> Sequence[tuple[int, int, ContractEvent]]:
-        """Return up to `limit` events with height and index, from this place."""
-        ...
+    def events(self, height: int, index: int, limit: int) -> Sequence[tuple[int, int, ContractEvent]]: ...
 
     def header_bytes(self, height: int) -> bytes | None:
         """Return a finalized header's bytes, pruned or not, or None."""
         ...
 
-    def head(self, height: int) -> BlockHead | None:
-        """Return a header with its transaction count, or None."""
-        ...
+    def head(self, height: int) -> BlockHead | None: ...
 
     def block_height(self, block_id: bytes) -> int | None: ...
 
@@ -245,17 +238,11 @@ class NodeStatus(Protocol):
 
     def is_ready(self) -> bool: ...
 
-    def problem(self) -> BlockRobotError | None:
-        """Return why no peer would talk to this node, or None."""
-        ...
+    def problem(self) -> BlockRobotError | None: ...
 
-    def describe(self) -> Mapping[str, Any]:
-        """Return name, height, round, peers etc. as a JSON-ready mapping."""
-        ...
+    def describe(self) -> Mapping[str, Any]: ...
 
-    def metrics(self) -> bytes:
-        """Return metrics in the Prometheus text format."""
-        ...
+    def metrics(self) -> bytes: ...
 
 
 class RoundWatch(Protocol):
@@ -278,8 +265,7 @@ class Clock(Protocol):
         ...
 
 
-def _ignore(_source: str, _error: BlockRobotError) -> None:
-    """Tell nobody."""
+def _ignore(_source: str, _error: BlockRobotError) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,4 +286,15 @@ class ApiServices:
     rounds: RoundWatch | None = None
     public_explorer: bool = False
     note_over: Callable[[str, BlockRobotError], None] = _ignore
-    peers_with_block: Callable[[int], Sequence[str]] = lambda _: ()
+    peers_with_block: PeersWithBlock = lambda _: ()
+
+
+def require_not_pruned(snapshot: LedgerSnapshot, height: int, peers_with_block: PeersWithBlock) -> None:
+    """Raise BLOCK_PRUNED, naming keepers, if this block's body is not here."""
+    earliest = snapshot.earliest_height
+    if height < earliest:
+        names = peers_with_block(height)
+        who = f"{', '.join(names)} {'keep' if len(names) > 1 else 'keeps'} it" if names else "No peer says to keep it"
+        raise BlockRobotError(
+            "BLOCK_PRUNED", f"The body of block {height} was pruned; this node has them from {earliest} on. {who}."
+        )

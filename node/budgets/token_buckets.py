@@ -71,7 +71,6 @@ class TokenBucket:
         self.seen_s = max(self.seen_s, now_s)
 
     def take(self, cost_us: float, now_s: float) -> bool:
-        """Pay if there is enough; return whether it was."""
         self._fill(now_s)
         if self.level_us + _ROUNDING_US < cost_us:
             return False
@@ -138,7 +137,6 @@ class Budgets(Generic[K]):
         bucket.charge(cost_us, now_s)
 
     def wait_s(self, source: K, cost_us: float = 1.0) -> float:
-        """Return the seconds until the source can pay this."""
         bucket, now_s = self._of(source)
         return bucket.wait_s(cost_us, now_s)
 

@@ -1,6 +1,6 @@
 """Drives the consensus core, executing its effects in order.
 
-Nothing is sent before its record is synced; large blocks execute in a thread.
+Nothing is sent before its record is synced.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Outbox(Protocol):
     def send_to(self, index: int, message: Message) -> None: ...
 
     def fetch(self, effect: FetchBlocks) -> None:
-        """Ask producers for blocks; the answer arrives as `BlocksFetched`."""
+        """The answer arrives as `BlocksFetched`."""
         ...
 
     def gossip_again(self) -> None: ...
@@ -100,9 +100,7 @@ class Outbox(Protocol):
 class FinalizedSink(Protocol):
     """Where finalized blocks go."""
 
-    def store(self, blocks: list[ExecutedBlock], proof: FinalityProof) -> None:
-        """Take over blocks to store, oldest first."""
-        ...
+    def store(self, blocks: list[ExecutedBlock], proof: FinalityProof) -> None: ...
 
 
 CoreFactory = Callable[[Head, Core], Core]
@@ -174,7 +172,6 @@ class Engine:
         self._epoch_listeners.append(listener)
 
     def add_evidence_listener(self, listener: EvidenceListener) -> None:
-        """Call `listener` with each proof of equivocation."""
         self._evidence_listeners.append(listener)
 
     async def stop(self) -> None:
@@ -285,7 +282,6 @@ class Engine:
             self.rounds_timed_out_count += 1
 
     def _persist(self, records: tuple[bytes, ...]) -> None:
-        """Journal, then send; slow syncs run in a thread."""
         if not self._journal_writer.append(records):
             return
         if self._journal_writer.is_fast:
@@ -399,8 +395,7 @@ class Engine:
     ) -> None:
         """Take note that the ledger is stored up to this position. Only between events.
 
-        The core hears of synced blocks before the base moves; a boundary ends its epoch. Takes over `stored`, the
-        ledger at this position.
+        Takes over `stored`, the ledger at this position.
         """
         head = blocks[-1]
         if head.header.height > self.core.finalized.height and head.next_epoch is None:
@@ -419,10 +414,7 @@ class Engine:
             self._begin_epoch(EpochStart(head.next_epoch, head.block_id, proof_bytes), head)
 
     def _begin_epoch(self, start: EpochStart, boundary: ExecutedBlock) -> None:
-        """Replace the core for a new epoch; the old one's messages are dropped.
-
-        The journal restarts; after a crash before that, reading it skips the old records.
-        """
+        """Replace the core for a new epoch; the old one's messages are dropped."""
         for kind in list(self._timers):
             self._cancel_timer(kind)
         self._effects.clear()
@@ -461,7 +453,6 @@ class Engine:
             self._drain()
 
     def note_work(self) -> None:
-        """Report to the core when waiting transactions appear or run out."""
         patience = _PATIENCE_TURNS * len(self._executor.schedule.producers)
         pending = self._mempool.has_work(self._branch_txids | self._executor.quarantine.held(), patience)
         if pending != self._pending and not self._outages:

@@ -1,7 +1,6 @@
 """The node's epoch, and how others are helped into it.
 
-Messages of one epoch never count in another. The stored head decides the epoch. Earlier-epoch messages get the ending
-proof; later ones are kept briefly.
+Messages of one epoch never count in another. The stored head decides the epoch.
 """
 
 from __future__ import annotations
@@ -144,10 +143,7 @@ class Handover:
             self._timer = None
 
     def note_word(self, peer: str) -> bool:
-        """Note a peer's message in this epoch; return whether it just entered (R25).
-
-        It did if it had not been heard in it, or came from an earlier one.
-        """
+        """Note a peer's message in this epoch; return whether it just entered (R25)."""
         self._silent.discard(peer)
         is_first = peer in self._awaited
         self._awaited.discard(peer)
@@ -167,10 +163,7 @@ class Handover:
         self._timer = self._loop.call_later(self.start.epoch.settings.base_timeout_ms / 1000, self._tell)
 
     def answer(self, peer: str, epoch: int) -> bool:
-        """Send a peer in an earlier epoch its ending proof, rate-limited; return whether sent.
-
-        The limit also bounds how often such a peer counts as entering.
-        """
+        """Send a peer in an earlier epoch its ending proof, rate-limited; return whether sent."""
         now = self._loop.time()
         if self._answered.get(peer, now - 1.0) > now - ANSWER_INTERVAL_MS / 1000:
             return False

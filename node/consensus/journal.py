@@ -14,6 +14,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import structlog
+
+from consensus.chain.journal_records import encode_restored_record
 from consensus.errors import BlockRobotError
 from node.consensus.journal_disk import Disk, DiskFile, SystemDisk
 
@@ -21,12 +24,15 @@ RECORD_SIZE_MAX_BYTES = 16 * 1024 * 1024
 JOURNAL_SIZE_MAX_BYTES = 512 * 1024 * 1024
 KIND_MAX = 255
 IDENTITY_SIZE_BYTES = 16
+DAMAGED_SUFFIX = ".damaged"
 
 _FILE_MAGIC = b"blockrobot-journal/1\n"
 _FILE_HEADER = struct.Struct(f">{len(_FILE_MAGIC)}s{IDENTITY_SIZE_BYTES}sQQI")
 _FRAME_MAGIC = b"\xb1JRN"
 _FRAME_HEADER = struct.Struct(">4sIIQQB")
 _COVERED = struct.Struct(">IQQB")
+
+log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,3 +358,41 @@ class Journal:
     def _check_usable(self) -> None:
         if self._broken:
             raise BlockRobotError("JOURNAL_UNWRITABLE", f"The journal {self._path} is closed or failed before.")
+
+
+def open_journal(path: Path, *, restored: bool = False, disk: Disk | None = None) -> Journal:
+    """Open a data directory's journal; `restored`: any part is from a backup.
+
+    Then a durable mark comes first: the producer is silent until the chain advances (R34, R35). Only so is a missing or
+    damaged journal recreated.
+
+    Raises JOURNAL_MISSING, JOURNAL_DAMAGED (neither if `restored`), JOURNAL_UNWRITABLE, DATA_DIRECTORY_IN_USE.
+    """
+    disk = disk or SystemDisk()
+    if not restored:
+        return Journal.open(path, disk=disk)
+    try:
+        journal = Journal.open(path, disk=disk)
+    except BlockRobotError as error:
+        if error.code not in ("JOURNAL_MISSING", "JOURNAL_DAMAGED"):
+            raise
+        log.warning("journal_made_anew", why=error.code)
+        if error.code == "JOURNAL_DAMAGED":
+            _set_aside(path, disk)
+        return Journal.create(path, disk=disk, records=[encode_restored_record()])
+    try:
+        journal.append(encode_restored_record())
+        journal.sync()
+    finally:
+        journal.close()
+    log.warning("journal_marked_restored")
+    return Journal.open(path, disk=disk)
+
+
+def _set_aside(path: Path, disk: Disk) -> None:
+    """Raises JOURNAL_UNWRITABLE."""
+    try:
+        disk.replace(path, path.with_name(path.name + DAMAGED_SUFFIX))
+        disk.sync_directory(path.parent)
+    except OSError as error:
+        raise BlockRobotError("JOURNAL_UNWRITABLE", f"The disk refuses to rename {path}: {error}.") from error

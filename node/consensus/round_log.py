@@ -24,7 +24,6 @@ class RoundLog:
         self._rounds: OrderedDict[tuple[int, int], tuple[str | None, dict[str, int]]] = OrderedDict()
 
     def note(self, epoch: int, round_number: int, word: str) -> None:
-        """Note a message kind; repeats keep the first time."""
         place = (epoch, round_number)
         known = self._rounds.get(place)
         if known is None:

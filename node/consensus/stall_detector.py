@@ -33,7 +33,6 @@ class StallDetector:
             self._waiting_since_s = self._stopwatch()
 
     def describe(self) -> dict[str, Any]:
-        """Return `age_s` since finality, `waiting_s` of work, and whether `late`."""
         now_s = self._stopwatch()
         age_s = now_s - self._final_s
         waiting_s = 0.0 if self._waiting_since_s is None else now_s - self._waiting_since_s

@@ -1,4 +1,4 @@
-"""Finalized state of records, access and erasures for a custodian."""
+"""Finalized state of records, access, grantees and erasures for a custodian."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from typing import Protocol
 
 from msgspec import structs
 
+from consensus.errors import BlockRobotError
+from consensus.records.sharing import GRANTEE_ROLES, SharedRequest, hash_grant_member
 from consensus.state.access import GRANT, RELEASE
 from consensus.state.access import REQUEST as ACCESS_REQUEST
 from consensus.state.audit import ENTRY, EntryRow
 from consensus.state.erasure import REQUEST as ERASURE_REQUEST
 from consensus.state.erasure import ErasureRow
-from consensus.state.identity import custodians
+from consensus.state.identity import HANDLE, active_role, custodians
 from consensus.state.keys import Reader, Scanner
 from consensus.state.records import EMPTY_FRAME, OF_VISIT, RECORD, RecordRow
 from consensus.state.rights import OBJECTION, QUARANTINE, RESTRICTION
@@ -42,7 +44,6 @@ class RecordState:
     awaited: frozenset[bytes] = frozenset()
 
     def is_kept(self, at_ms: int) -> bool:
-        """Return whether its clip is kept at a block's time (ms)."""
         return self.status == "active" and self.facts.expires_at_ms > at_ms
 
 
@@ -112,7 +113,6 @@ class ChainFacts:
         return None if row is None else self._record(record_id, row)
 
     def _record(self, record_id: bytes, row: RecordRow) -> RecordState:
-        """Return a record with its present expiry, perhaps prolonged by a restriction."""
         facts = RecordFacts(
             record_id=record_id,
             txid=row.txid,
@@ -237,3 +237,32 @@ def _erasure(erasure_id: bytes, row: ErasureRow, height: int) -> ErasureFacts:
         receipts=frozenset(row.receipts),
         asked_at_ms=row.time,
     )
+
+
+def require_open_grant(state: Reader, grant_id: bytes, now_ms: int) -> None:
+    """Raise GRANT_ENDED for a revoked or ended grant; unfinalized ones pass."""
+    grant = GRANT.at(state, grant_id)
+    if grant is not None and not grant.is_open(now_ms):
+        raise BlockRobotError("GRANT_ENDED")
+
+
+def require_grantee(state: Reader, request: SharedRequest, grant_id: bytes, grantee: bytes, now_ms: int) -> None:
+    """Check that this proven 33-byte key holds a standing grant and its request.
+
+    Raises ACCESS_NOT_GRANTED, NOT_PERMITTED, GRANT_ENDED, GRANTEE_NOT_A_MEMBER.
+    """
+    grant = GRANT.at(state, grant_id)
+    if grant is None or grant.grantee != grantee:
+        raise BlockRobotError("NOT_PERMITTED", "The grant is for another key.")
+    asked = ACCESS_REQUEST.at(state, request.access_id)
+    if asked is None or asked.grant != grant_id or request.record_id not in asked.records:
+        raise BlockRobotError("ACCESS_NOT_GRANTED")
+    if not grant.is_open(now_ms):
+        raise BlockRobotError("GRANT_ENDED")
+    try:
+        is_theirs = hash_grant_member(request.salt, request.handle) == grant.member_hash
+    except BlockRobotError:
+        is_theirs = False
+    member = HANDLE.at(state, request.handle) if is_theirs else None
+    if member is None or active_role(state, member) not in GRANTEE_ROLES:
+        raise BlockRobotError("GRANTEE_NOT_A_MEMBER")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import structlog
 
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
-from node.custody.chain.peer_custodians import PeerCustodian
 from node.custody.stores.custody_store import CustodyStore, RecordFacts
 
 if TYPE_CHECKING:
@@ -19,6 +18,15 @@ FETCH_AT_ONCE_COUNT = 32
 MISSING_READ_COUNT = 10_000
 
 log = structlog.get_logger(__name__)
+
+
+class PeerCustodian(Protocol):
+    """Another custodian."""
+
+    @property
+    def name(self) -> str: ...
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None: ...
 
 
 class ClipFetcher:

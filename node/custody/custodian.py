@@ -21,10 +21,9 @@ from consensus.records.commitments import ciphertext_leaves
 from node.custody.block_effects import BlockApplier, build_release, matches_roots
 from node.custody.chain_facts import ChainFacts
 from node.custody.clip_fetching import MISSING_READ_COUNT, ClipFetcher
-from node.custody.erase_keys import ErasableKeys, unwrap_key
+from node.custody.erase_keys import ErasableKeys, unwrap_key, wipe_keys, wrap_frames
 from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvents
-from node.custody.frame_wrapping import parts_of, wipe_keys, wrap_frames
 from node.custody.repair.reconciliation import Reconciliation
 from node.custody.restrictions import find_restrictions, is_void, require_release
 from node.custody.share_service import ShareService
@@ -233,7 +232,7 @@ class Custodian(ShareService, ClipFetcher):
 
     @property
     def eraser(self) -> Eraser:
-        """Return this store's eraser; only `at_rest`."""
+        """Only `at_rest`."""
         return self._eraser
 
     @asynccontextmanager
@@ -275,7 +274,7 @@ class Custodian(ShareService, ClipFetcher):
             return slots
         old = [place.slot for place in await self._store.frame_places([clip.record_id])]
         used = taken[: len(present)]
-        await self._store.replace_frames(clip.record_id, wrap_frames(clip.record_id, parts_of(present), used))
+        await self._store.replace_frames(clip.record_id, wrap_frames(clip.record_id, _parts_of(present), used))
         return old if len(used) == len(taken) else [*old, *slots[len(used) :]]
 
     # Blocks
@@ -346,7 +345,6 @@ class Custodian(ShareService, ClipFetcher):
         return receipts + words[: limit - len(receipts)]
 
     async def dismiss(self, row: OutboxRow) -> None:
-        """Drop a transaction that the chain refuses for good as already known."""
         await self._store.remove_outbox(row.key)
 
     # Release
@@ -478,4 +476,8 @@ class Custodian(ShareService, ClipFetcher):
             ciphertext_leaves=tuple(fetched.ciphertext_leaves),
         )
         present = [frame for frame in fetched.frames if not frame.erased and frame.index not in facts.erased_frames]
-        return await self._keep(clip, parts_of(present))
+        return await self._keep(clip, _parts_of(present))
+
+
+def _parts_of(frames: Sequence[FrameDownload]) -> list[tuple[int, bytes, bytes]]:
+    return [(frame.index, frame.ciphertext, frame.sealed_key) for frame in frames]

@@ -19,6 +19,7 @@ from typing import Protocol, Self
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.records.envelopes import NONCE_BYTES, open_bytes, seal_bytes
+from node.custody.stores.custody_store import FrameRow
 from node.process_memory import wipe
 
 ERASE_KEYS_FILE_NAME = "erase-keys"
@@ -287,3 +288,17 @@ class EraseKeys:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def wrap_frames(
+    record_id: bytes, frames: Sequence[tuple[int, bytes, bytes]], taken: Sequence[tuple[int, bytes]]
+) -> list[FrameRow]:
+    return [
+        FrameRow(record_id, index, text, wrap_key(erase_key, record_id, index, key), slot)
+        for (index, text, key), (slot, erase_key) in zip(frames, taken, strict=True)
+    ]
+
+
+def wipe_keys(taken: Sequence[tuple[int, bytes]]) -> None:
+    for _, erase_key in taken:
+        wipe(erase_key)

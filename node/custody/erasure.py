@@ -79,7 +79,7 @@ class Eraser:
     async def erase_expired(self, at_ms: int, height: int) -> None:
         """Erase confirmed clips with `expires_at_ms <= at_ms` and queue their reports.
 
-        Missing clips are reported too: the chain waits for every custodian.
+        Missing clips are reported too.
         """
         while record_ids := await self._store.expired(at_ms, RECORDS_A_CALL_MAX_COUNT):
             await self._expire(record_ids, height)

@@ -43,7 +43,7 @@ class FinalizedEvents:
 
 
 def collect_events(height: int, block_id: bytes, timestamp_ms: int, receipts: Sequence[Receipt]) -> FinalizedEvents:
-    """Collect a finalized block's events; failed calls have none."""
+    """Failed calls have no events."""
     events = tuple(
         FinalizedEvent(receipt.txid, event.contract, event.name, decode_value(event.data))
         for receipt in receipts

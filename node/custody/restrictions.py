@@ -48,7 +48,6 @@ def restrictions_from_row(owner: bytes, row: RestrictionRow | None) -> VisitRest
 
 
 def is_void(grant: Grant, standing: VisitRestrictions | None) -> bool:
-    """Return whether a later statement of the visit voids this request."""
     return standing is not None and (standing.quarantined or grant.height <= standing.narrowed_height)
 
 
@@ -120,7 +119,6 @@ async def apply_restrictions(store: CustodyStore, standing: VisitRestrictions) -
 
 
 def hold(standing: VisitRestrictions, facts: RecordFacts) -> tuple[VisitRestrictions, RecordFacts]:
-    """Return a new record as kept, and its visit's standing with it."""
     until_ms = prolong(standing, facts.record_id, facts.expires_at_ms)
     if until_ms == facts.expires_at_ms:
         return standing, facts

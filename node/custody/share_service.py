@@ -50,8 +50,7 @@ class ShareService:
     ) -> PartStatus:
         """Store a part of a shared key for the visit's verified owner (33 bytes).
 
-        Staged until its grant is final. `require_open` rejects ended grants by final state, since the store forgets
-        them. Raises as `Shares.judge`.
+        Staged until its grant is final. `require_open` rejects ended grants by final state. Raises as `Shares.judge`.
         """
         check_grant_upload(upload)
         judge = partial(self._check_part, upload, owner, require_open)

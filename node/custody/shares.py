@@ -45,14 +45,12 @@ class CheckedPart:
 
 
 def grant_covers(grant: Grant, clip: ClipRow) -> bool:
-    """Return whether a final request covers this confirmed clip of its owner."""
     if grant.owner != clip.owner:
         return False
     return clip.record_id in grant.records if grant.records else clip.height <= grant.height
 
 
 async def may_release(store: CustodyStore, grant: Grant, record_id: bytes) -> bool:
-    """Return whether a request can be answered: grantees need a key part."""
     return not grant.share or await store.part(grant.share, record_id) is not None
 
 

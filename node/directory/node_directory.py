@@ -1,7 +1,4 @@
-"""The network's nodes, organisations and revoked certificates, by the finalized state.
-
-Starts from genesis or another node's directory, until the own chain reaches its height.
-"""
+"""The network's nodes, organisations and revoked certificates, by the finalized state."""
 
 from __future__ import annotations
 
@@ -72,7 +69,6 @@ class DirectoryContent:
         return node.is_active and organisation is not None and organisation.is_active
 
     def says_the_same(self, other: DirectoryContent) -> bool:
-        """Return whether two contents are equal apart from the height."""
         mine = (self.nodes, self.organisations, self.revoked)
         return mine == (other.nodes, other.organisations, other.revoked)
 
@@ -199,7 +195,6 @@ class Directory:
         return True
 
     def needs_refresh(self, writes: Iterable[Mapping[bytes, Any]], height: int) -> bool:
-        """Return whether these writes up to `height` may change the directory."""
         if height < self._hinted_height:
             return False
         return self._is_beginning or any(key.startswith(_MEMBERSHIP_KEYS) for keys in writes for key in keys)

@@ -38,6 +38,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.protocol.effects import BuildBlock
 from contracts.execution.epochs import next_epoch
+from contracts.execution.genesis import open_genesis
 from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.execution.validity import RecentTransactions, check_block_transactions, select_valid
 from contracts.state.view import Overlay, StateView
@@ -80,7 +81,6 @@ class ExecutedBlock:
         )
 
     def to_stored(self, proof: FinalityProof) -> FinalizedBlock:
-        """Return the block for the store; `proof` is that of its commit."""
         epoch_proof = b""
         if self.next_epoch is not None:
             if proof.header_bytes != self.block.header_bytes:
@@ -146,12 +146,10 @@ class Executor:
 
     @property
     def reader(self) -> LedgerSnapshot:
-        """The event loop's own snapshot of the newest stored block."""
         return self._reader
 
     @property
     def base_height(self) -> int:
-        """The height of the stored block that blocks are executed on."""
         position = self._base.position
         return -1 if position is None else position.height
 
@@ -179,11 +177,9 @@ class Executor:
             executed = self._blocks.get(executed.header.parent_id)
 
     def txids_on_branch(self, block_id: bytes) -> frozenset[bytes]:
-        """Return the executed blocks' txids from this one down to the base."""
         return frozenset().union(*(executed.txids for executed in self._branch(block_id)))
 
     def must_close(self, parent_id: bytes, epoch: int) -> bool:
-        """Return whether this epoch's block on this parent must be a closing one."""
         parent = self._blocks.get(parent_id)
         if parent is None or parent.header.epoch != epoch:
             return False
@@ -430,3 +426,19 @@ def _require_equal(header: Header, result: Outcome, following: Epoch | None) -> 
         raise BlockRobotError("BLOCK_INVALID", "The receipts are not the ones that the header names.")
     if header.next_schedule_hash != (None if following is None else compute_epoch_hash(following)):
         raise BlockRobotError("BLOCK_INVALID", "The next epoch is not the one that the header names.")
+
+
+def genesis_block(genesis: Genesis) -> FinalizedBlock:
+    """Return the genesis block with its state, ready to store. Raises GENESIS_INVALID."""
+    state = open_genesis(genesis)
+    block = genesis.block()
+    return FinalizedBlock(
+        height=0,
+        block_id=block.block_id,
+        block_bytes=encode(block),
+        receipts_bytes=encode(Receipts(receipts=())),
+        timestamp_ms=block.header.timestamp_ms,
+        state_root=state.state_root,
+        state_writes=state.writes,
+        page_writes=state.pages,
+    )

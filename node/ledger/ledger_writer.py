@@ -218,7 +218,7 @@ class LedgerWriter:
             return position
 
     def _publish(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
-        """Notify all listeners; raises nothing."""
+        """Raises nothing."""
         self._stored = self._unpublished.popleft()
         try:
             for listener in self._listeners:
@@ -229,7 +229,6 @@ class LedgerWriter:
             _close(self.take_stored())
 
     def _take_batch(self) -> list[tuple[ExecutedBlock, FinalityProof]]:
-        """Return the oldest pending blocks up to a commit's end, none beyond a boundary."""
         end = min(len(self._waiting), COMMIT_BLOCKS_MAX_COUNT)
         for place, (block, _) in enumerate(self._waiting[:end], start=1):
             if block.next_epoch is not None:

@@ -69,7 +69,6 @@ class Pruner:
         await self._prune(below)
 
     async def run_once(self) -> None:
-        """Prune if enough has piled up; failures are logged."""
         if not self._keep:
             return
         try:

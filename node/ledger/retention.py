@@ -75,7 +75,6 @@ def find_first_since(view: LedgerSnapshot, since_ms: int, first: int, last: int)
 
 
 def find_live_record(view: LedgerSnapshot, height: int, now_ms: int) -> bytes | None:
-    """Return a live record's id in this block, or None."""
     return next((record_id for record_id in _recorded_in(view, height) if is_live(view, record_id, now_ms)), None)
 
 

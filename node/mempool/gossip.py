@@ -15,7 +15,6 @@ AGAIN_MAX_BYTES = 1024 * 1024
 
 
 def batches(transactions: Iterable[Transaction], max_bytes: int = BATCH_MAX_BYTES) -> Iterable[bytes]:
-    """Yield batch payloads of about `max_bytes` at most."""
     wires: list[bytes] = []
     size = 0
     for transaction in transactions:
@@ -29,7 +28,6 @@ def batches(transactions: Iterable[Transaction], max_bytes: int = BATCH_MAX_BYTE
 
 
 def oldest_within(transactions: list[Transaction], max_bytes: int) -> list[Transaction]:
-    """Return the oldest transactions that fit into `max_bytes`."""
     kept: list[Transaction] = []
     for transaction in transactions:
         max_bytes -= len(transaction.wire)
@@ -50,7 +48,6 @@ class Gossip:
         self._timer: asyncio.TimerHandle | None = None
 
     def offer(self, transactions: list[Transaction]) -> None:
-        """Send new transactions now if the last interval was idle, else later."""
         if not transactions:
             return
         self._waiting += transactions
@@ -58,7 +55,6 @@ class Gossip:
             self._flush()
 
     def repeat(self, transactions: list[Transaction]) -> None:
-        """Resend transactions that still wait, the oldest first."""
         for payload in batches(oldest_within(transactions, AGAIN_MAX_BYTES)):
             self._send(payload)
 

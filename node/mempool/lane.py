@@ -11,16 +11,14 @@ class Waiting(Protocol):
     """A waiting transaction: its account and size."""
 
     @property
-    def account(self) -> bytes:
-        """The account in whose turn it is taken."""
+    def account(self) -> bytes: ...
 
     @property
     def is_of_visit(self) -> bool:
         """Whether the account is a visit's key or grantees; one person has many."""
 
     @property
-    def size_bytes(self) -> int:
-        """How many bytes it takes."""
+    def size_bytes(self) -> int: ...
 
 
 W = TypeVar("W", bound=Waiting)

@@ -124,7 +124,6 @@ class Mempool:
 
     @property
     def ordinary_bytes(self) -> int:
-        """Waiting bytes in the ordinary (unreserved) lane."""
         return self._ordinary.size_bytes
 
     def __len__(self) -> int:
@@ -138,7 +137,6 @@ class Mempool:
         return None if entry is None else entry.transaction
 
     def transactions(self) -> list[Transaction]:
-        """Return all that wait, oldest first."""
         return [entry.transaction for entry in self._entries.values()]
 
     # Admission
@@ -252,7 +250,6 @@ class Mempool:
         return plan.make(account, size + waiting, is_first=not waiting)
 
     def _evict(self, txids: Collection[bytes]) -> None:
-        """Evict transactions and refund their bytes."""
         for txid in txids:
             entry = self._entries[txid]
             self._byte_budgets.refund(entry.payer, entry.size_bytes)
@@ -276,7 +273,6 @@ class Mempool:
     # Leaving
 
     def remove(self, txids: Iterable[bytes]) -> int:
-        """Remove final or inexecutable transactions; return how many were here."""
         count = 0
         for txid in txids:
             entry = self._entries.pop(txid, None)
@@ -358,7 +354,7 @@ class Mempool:
             lane.queues.move_to_end(account)
 
     def note_block(self, *, is_roomy: bool) -> None:
-        """Note a certified block; `is_roomy` if it had room left."""
+        """`is_roomy`: the certified block had room left."""
         self._roomy_blocks += is_roomy
 
     def has_work(self, exclude: Collection[bytes], patience_blocks: int) -> bool:

@@ -82,20 +82,17 @@ class Quarantine:
     # Transactions
 
     def note_failure(self, txid: bytes, reason: str) -> None:
-        """Note a failed execution of a transaction (memory, time, interpreter fault)."""
         with self._lock:
             failures_count = self._failed.add(txid, self._stopwatch())
         self._note_reason(reason)
         log.error("transaction_quarantined", txid=txid.hex(), failures=failures_count, reason=self.last_failure)
 
     def note_lost(self, txids: Iterable[bytes]) -> None:
-        """Note the transactions of an own block that was not certified."""
         with self._lock:
             for txid in txids:
                 self._lost.add(txid, self._stopwatch())
 
     def held(self) -> frozenset[bytes]:
-        """Return the txids that this node does not propose now."""
         with self._lock:
             now_s = self._stopwatch()
             return frozenset(self._failed.current(now_s) | self._lost.current(now_s))
@@ -113,7 +110,6 @@ class Quarantine:
         return bool(self._changes)
 
     def note_change(self, change: Change, reason: str) -> None:
-        """Note a contract version that could not be activated here."""
         with self._lock:
             self._changes[change] = self._stopwatch() + TRANSACTION_LIFETIME_MAX_MS / 1000
             while len(self._changes) > CHANGES_MAX_COUNT:
@@ -122,7 +118,6 @@ class Quarantine:
         log.error("change_failed_here", contract=change[0], version=change[1], reason=self.last_failure)
 
     def has_failed(self, change: Change) -> bool:
-        """Return whether this version failed to activate here recently."""
         with self._lock:
             return self._changes.get(change, 0.0) > self._stopwatch()
 
@@ -140,7 +135,6 @@ class Quarantine:
         self._note_reason(reason)
 
     def forget_block(self, block_id: bytes) -> None:
-        """The block was executed after all."""
         with self._lock:
             self._blocks.pop(block_id, None)
 
@@ -150,7 +144,6 @@ class Quarantine:
             return 0 if failing is None else failing.attempts_count
 
     def forget_up_to(self, height: int) -> None:
-        """Forget everything up to this stored height."""
         with self._lock:
             for block_id in [block_id for block_id, one in self._blocks.items() if one.height <= height]:
                 del self._blocks[block_id]

@@ -17,6 +17,7 @@ import structlog
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from contracts.execution.sender_admission import is_registration
+from node.api.services import PoolStatus, SubmitResult, TransactionPool
 from node.budgets.token_buckets import OWN, Allowance, Budgets, Receipt, Source, SourceKind, over_budget
 from node.budgets.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool, Screened
@@ -222,7 +223,6 @@ class TransactionIntake:
         return True
 
     def forget(self, source: Source) -> None:
-        """Drop what waits of a disconnected source."""
         for ring in self._rings:
             queue = ring.pop(source, None)
             for job in () if queue is None else queue.jobs:
@@ -396,3 +396,25 @@ def _has_place(queue: _Queue | None, source: Source, size_bytes: int, limit_byte
 def _finish(job: _Job) -> None:
     if job.done is not None and not job.done.done():
         job.done.set_result(None)
+
+
+class ClientPool:
+    """A pool, closed while the node has a problem with all its peers."""
+
+    def __init__(self, pool: TransactionPool, problem: Callable[[], BlockRobotError | None]) -> None:
+        """`problem` returns why all peers reject this node, or None."""
+        self._pool = pool
+        self._problem = problem
+
+    async def submit(self, wires: Sequence[bytes], source: Source = OWN) -> Sequence[SubmitResult]:
+        """As `TransactionPool.submit`. Raises NODE_REMOVED, CERTIFICATE_EXPIRED, CERTIFICATE_REVOKED."""
+        problem = self._problem()
+        if problem is not None:
+            raise problem
+        return await self._pool.submit(wires, source)
+
+    def status(self, txid: bytes) -> PoolStatus:
+        return self._pool.status(txid)
+
+    async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
+        return await self._pool.wait_final(txid, timeout_ms)

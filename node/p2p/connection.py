@@ -14,7 +14,7 @@ import structlog
 
 from consensus.errors import BlockRobotError
 from node.budgets.work_costs import FRAME_COSTS, FRAME_US, READ_US, bytes_cost_us
-from node.p2p.tls_overhead import TlsOverhead
+from node.p2p.tls import TlsOverhead
 from node.p2p.traffic import Traffic
 from node.p2p.wire import (
     GOSSIP_KINDS,
@@ -51,47 +51,33 @@ class LinkShaper(Protocol):
         """Bytes held back for this peer; they count as unsent."""
         ...
 
-    def deliver(self, peer: str, frame: bytes, send: Callable[[bytes], None]) -> None:
-        """Call `send` now, later or never."""
-        ...
+    def deliver(self, peer: str, frame: bytes, send: Callable[[bytes], None]) -> None: ...
 
 
 class ConnectionOwner(Protocol):
     """What a connection reports to its network."""
 
-    def connection_made(self, connection: PeerConnection) -> None:
-        """The TLS handshake is over."""
-        ...
+    def connection_made(self, connection: PeerConnection) -> None: ...
 
     def connection_lost(self, connection: PeerConnection) -> None: ...
 
-    def frame_received(self, connection: PeerConnection, kind: FrameKind, payload: bytes) -> None:
-        """A whole frame came (no request or response)."""
-        ...
+    def frame_received(self, connection: PeerConnection, kind: FrameKind, payload: bytes) -> None: ...
 
     async def answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         """Return the answer to a peer's request. Raises BlockRobotError to refuse."""
         ...
 
-    def pay(self, peer: str, kind: FrameKind, cost_us: int) -> None:
-        """Charge a peer for a frame before it is handled."""
-        ...
+    def pay(self, peer: str, kind: FrameKind, cost_us: int) -> None: ...
 
-    def pay_reading(self, peer: str, cost_us: int) -> None:
-        """Charge a peer for reading costs besides its frames."""
-        ...
+    def pay_reading(self, peer: str, cost_us: int) -> None: ...
 
-    def too_many_requests(self, peer: str) -> None:
-        """A request was rejected: the peer has too many open."""
-        ...
+    def too_many_requests(self, peer: str) -> None: ...
 
     def wait_s(self, peer: str) -> float:
         """Return seconds to pause reading a peer; 0 within its budget."""
         ...
 
-    def offended(self, connection: PeerConnection, error: BlockRobotError) -> None:
-        """The peer sent what no honest node sends: close the connection."""
-        ...
+    def offended(self, connection: PeerConnection, error: BlockRobotError) -> None: ...
 
 
 class PeerConnection(asyncio.Protocol):
@@ -135,7 +121,6 @@ class PeerConnection(asyncio.Protocol):
         return self._transport is not None and not self._transport.is_closing()
 
     def certificate_der(self) -> bytes | None:
-        """Return the peer's certificate (DER), or None."""
         ssl_object = self.transport.get_extra_info("ssl_object")
         return cast("bytes | None", ssl_object.getpeercert(binary_form=True)) if ssl_object else None
 
@@ -250,7 +235,6 @@ class PeerConnection(asyncio.Protocol):
             self._owner.frame_received(self, kind, payload)
 
     def send(self, kind: FrameKind, frame: bytes) -> None:
-        """Send the bytes of a frame made by `encode_frame`."""
         if not self.is_open:
             return
         if kind is FrameKind.HELLO and self._shaper is not None and not self._shaper.admits(self.peer):
@@ -296,7 +280,6 @@ class PeerConnection(asyncio.Protocol):
         asyncio.get_running_loop().call_later(linger_s, self.abort)
 
     def abort(self) -> None:
-        """Close at once and stop reading."""
         self._is_cut_off = True
         if self._transport is not None:
             self._transport.abort()

@@ -42,7 +42,6 @@ class ConnectionAcceptor:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self, listener: socket.socket) -> None:
-        """Accept connections within each address's handshake budget."""
         try:
             await accept_each(listener, self._take)
         finally:

@@ -96,13 +96,9 @@ def wall_now_ms() -> int:
 class PeerHandler(Protocol):
     """How the node handles its peers' messages."""
 
-    def finalized_height(self) -> int:
-        """Return the node's finalized height, for the hello."""
-        ...
+    def finalized_height(self) -> int: ...
 
-    def peer_connected(self, peer: str, finalized_height: int) -> None:
-        """A peer is connected and has said hello."""
-        ...
+    def peer_connected(self, peer: str, finalized_height: int) -> None: ...
 
     def peer_disconnected(self, peer: str) -> None: ...
 
@@ -112,9 +108,7 @@ class PeerHandler(Protocol):
 
     async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes: ...
 
-    def note_over(self, source: Source, wait_s: float) -> None:
-        """Note a source over its budget, and the wait."""
-        ...
+    def note_over(self, source: Source, wait_s: float) -> None: ...
 
 
 class PeerNetwork:
@@ -199,7 +193,6 @@ class PeerNetwork:
             connection.send(kind, frame)
 
     def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
-        """Send to one peer; return whether it is connected."""
         connection = self._peers.get(peer)
         if connection is None:
             return False
@@ -326,7 +319,6 @@ class PeerNetwork:
             log.warning("certificate_expires_soon", code=error.code, detail=error.detail, next_step=error.next_step)
 
     def own_problem(self) -> BlockRobotError | None:
-        """Return why all peers reject this node (certificate, removal), or None."""
         now_ms, content = self._clock(), self._directory.content
         own = self._credentials.own
         if own.facts.is_expired(now_ms):
@@ -339,7 +331,6 @@ class PeerNetwork:
         return None
 
     def describe(self) -> dict[str, Any]:
-        """Return own certificate and refusals in both directions, for JSON."""
         problem, now_ms = self.own_problem(), self._clock()
         return {
             "certificate": self._credentials.own.describe(now_ms),

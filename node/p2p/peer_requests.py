@@ -84,7 +84,6 @@ class PeerRequests:
         return found.answer
 
     def forget_below(self, height: int) -> None:
-        """Drop cached answers with blocks below a height."""
         self._dropped_below = height
         for request in [request for request in self._kept if request.from_height < height]:
             self._kept_bytes -= len(self._kept.pop(request).answer)

@@ -89,25 +89,19 @@ class Network(Protocol):
 
     def broadcast(self, kind: FrameKind, payload: bytes) -> None: ...
 
-    def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
-        """Send to one peer; return whether it is connected."""
-        ...
+    def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool: ...
 
     async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         """Ask one peer and return its answer. Raises PEER_UNAVAILABLE."""
         ...
 
-    def cut_off(self, peer: str, error: BlockRobotError) -> None:
-        """Ignore a misbehaving peer for a time that doubles each time."""
-        ...
+    def cut_off(self, peer: str, error: BlockRobotError) -> None: ...
 
 
 class SnapshotSource(Protocol):
     """Serves snapshots to nodes too far behind for blocks."""
 
-    async def serve(self, body: bytes) -> bytes:
-        """Return a manifest or chunk; empty if there is none."""
-        ...
+    async def serve(self, body: bytes) -> bytes: ...
 
 
 class ClipSource(Protocol):
@@ -158,7 +152,6 @@ class Peers:
         self.snapshots: SnapshotSource | None = None
 
     def connect(self, network: Network, engine: Engine, sync: Synchroniser) -> None:
-        """Connect the parts; called once, before anything starts."""
         self._network, self._engine, self._sync = network, engine, sync
 
     async def stop(self) -> None:
@@ -174,7 +167,6 @@ class Peers:
     # Epochs
 
     def name_producers(self) -> None:
-        """Refresh the names of the epoch's producers."""
         names = [self._name_of_producer(key) for key in self._epoch.schedule.producers]
         self._names = names
         self._indexes = {node: index for index, node in enumerate(names) if node is not None}

@@ -68,7 +68,6 @@ class Penalties:
 
     @property
     def count(self) -> int:
-        """Number of pauses since the start."""
         return sum(penalty.count for penalty in self._by_peer.values())
 
     def describe(self, wall_ms: int) -> list[dict[str, Any]]:

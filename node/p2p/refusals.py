@@ -53,7 +53,6 @@ class Refusals:
         self._kinds: dict[str, _Kind] = {}
 
     def note(self, peer: str, error: BlockRobotError, now_ms: int, kind_name: str = "") -> None:
-        """Record a refusal; log it if new, then once a minute at most."""
         kind = self._kinds.setdefault(kind_name, _Kind())
         known = kind.refusals.get(peer)
         if known is not None and known.code == error.code:
@@ -78,7 +77,6 @@ class Refusals:
             kind.refusals.pop(peer, None)
 
     def describe(self, now_ms: int) -> list[dict[str, Any]]:
-        """Return the refusals of the last minute, for JSON."""
         return [
             {
                 "peer": peer,

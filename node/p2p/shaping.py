@@ -47,7 +47,6 @@ class LinkFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def is_sound(self) -> bool:
-        """Return whether the link has no fault."""
         return self == SOUND
 
     def describe(self) -> str:
@@ -84,7 +83,6 @@ class Shaper:
 
     @property
     def faults(self) -> Mapping[str, LinkFault]:
-        """Links with faults, by peer."""
         return self._faults
 
     @property
@@ -92,7 +90,6 @@ class Shaper:
         return self._seed
 
     def reseed(self, seed: int) -> None:
-        """Restart every link's randomness from this seed."""
         self._seed = seed
         for peer, link in self._links.items():
             link.chance = self._chance_of(peer)
@@ -106,7 +103,6 @@ class Shaper:
             self._faults[peer] = fault
 
     def clear(self) -> None:
-        """Remove all faults."""
         self._faults.clear()
 
     # LinkShaper

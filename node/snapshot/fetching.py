@@ -1,7 +1,6 @@
 """Fetches a snapshot's chunks from several peers, resumable.
 
-Accepted: manifests with a proven block, chunks with their hash. If the restore fails, the manifest's peer is
-distrusted.
+Accepted: manifests with a proven block, chunks with their hash.
 """
 
 from __future__ import annotations

@@ -70,7 +70,6 @@ class SnapshotJoiner:
         self._is_done = False
 
     def start_if_behind(self) -> None:
-        """Begin fetching a snapshot if needed and none is being fetched."""
         if self._is_done or (self._task is not None and not self._task.done()):
             return
         peers, above_height = self._gap.snapshot_peers(self._lag_max)

@@ -36,8 +36,7 @@ Progress = Callable[[int, int], None]
 T = TypeVar("T")
 
 
-def no_progress(_chunks: int, _size_bytes: int) -> None:
-    """Say nothing."""
+def no_progress(_chunks: int, _size_bytes: int) -> None: ...
 
 
 def read_header_bytes(ledger: LedgerSnapshot, height: int) -> bytes | None:

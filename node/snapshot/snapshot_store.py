@@ -44,7 +44,6 @@ class SnapshotStore:
         self._making: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Read the snapshots on disk; delete incomplete ones."""
         await asyncio.get_running_loop().run_in_executor(None, self._look)
 
     def _look(self) -> None:
@@ -66,7 +65,6 @@ class SnapshotStore:
         self._begin(snapshot, is_requested=False)
 
     def note_pruned(self, earliest_height: int) -> None:
-        """Replace snapshots from which no blocks lead on."""
         if max(self._known, default=-1) + 1 < earliest_height:
             self.begin(self._ledger.snapshot())
 

@@ -94,7 +94,6 @@ class EventCursor:
 
     @property
     def next(self) -> EventCursor:
-        """The first place after this one."""
         return EventCursor(self.height, self.index + 1)
 
 
@@ -136,9 +135,7 @@ class LedgerSnapshot(Protocol):
 
     def block_height(self, block_id: bytes) -> int | None: ...
 
-    def iter_blocks(self, from_height: int, limit: int) -> Iterator[tuple[int, bytes]]:
-        """Yield up to `limit` (height, block bytes) pairs, ascending."""
-        ...
+    def iter_blocks(self, from_height: int, limit: int) -> Iterator[tuple[int, bytes]]: ...
 
     @property
     def earliest_height(self) -> int:
@@ -169,9 +166,7 @@ class LedgerSnapshot(Protocol):
         """Return up to `limit` events with places, from this place (inclusive), in order."""
         ...
 
-    def close(self) -> None:
-        """Close the snapshot; idempotent."""
-        ...
+    def close(self) -> None: ...
 
     def __enter__(self) -> Self: ...
 

@@ -40,7 +40,6 @@ def proof_from_blocks(block: Block, child: Block | None, grandchild: Block | Non
 
 
 def finality_of(snapshot: LedgerSnapshot, height: int) -> FinalityProof | None:
-    """Return the stored block's own finality proof, or None."""
     position = snapshot.position
     if position is not None and position.height == height:
         return decode(snapshot.finality, FinalityProof) if snapshot.finality else None
@@ -52,7 +51,6 @@ def finality_of(snapshot: LedgerSnapshot, height: int) -> FinalityProof | None:
 
 
 def boundary_proof(snapshot: LedgerSnapshot, block: Block) -> FinalityProof | None:
-    """Return a stored boundary's proof, or None for other blocks."""
     header = block.header
     if header.next_schedule_hash is None:
         return None

@@ -97,7 +97,6 @@ class Synchroniser:
 
     @property
     def closes_gap(self) -> bool:
-        """Return whether a gap that a peer proved is being closed."""
         return self.is_running and self._has_proof
 
     @property
@@ -106,7 +105,6 @@ class Synchroniser:
         return max(0, max(self._heights.values(), default=0) - self._writer.queued_height)
 
     def is_level_with(self, peer: str) -> bool:
-        """Return whether a peer's known height is no higher than this node's."""
         height = self._heights.get(peer)
         return height is not None and height <= self._writer.queued_height
 
@@ -131,7 +129,6 @@ class Synchroniser:
         return position
 
     def peers_with_block(self, height: int) -> list[str]:
-        """Return peers that claim this height's block body."""
         return sorted(
             peer for peer, earliest in self._earliest.items() if earliest <= height <= self._heights.get(peer, -1)
         )

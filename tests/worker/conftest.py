@@ -12,7 +12,7 @@ import pytest
 from consensus.chain.genesis import genesis_to_json
 from contracts.worker.machine import WorkerMachine, WorkerSpec
 from contracts.worker.wire import Begin
-from node.execution.genesis_block import genesis_block
+from node.execution.block_executor import genesis_block
 from node.execution.sandboxed_contracts import WORKER_COMMAND, WorkerLedgerSource
 from node.storage.lmdb_store import LmdbStore
 from tests.worker.written_blocks import Chain

@@ -22,7 +22,7 @@ from contracts.worker.machine import WorkerMachine, WorkerSpec
 from contracts.worker.wire import Begin
 from network.sim.plan import NetworkSize
 from network.sim.world.sim_chain import make_chain
-from node.execution.genesis_block import genesis_block
+from node.execution.block_executor import genesis_block
 from node.execution.sandboxed_contracts import WORKER_COMMAND, WORKER_MEMORY_MAX_BYTES, WorkerLedgerSource
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.lmdb_store import LmdbStore

@@ -16,7 +16,7 @@ from contracts.lifecycle.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
 from network.sim.plan import NetworkSize
 from network.sim.world.cpu import COSTS, charge
-from node.execution.genesis_block import genesis_block
+from node.execution.block_executor import genesis_block
 from node.mempool.transaction_cache import TransactionCache
 from node.storage.ledger_store import FinalizedBlock
 

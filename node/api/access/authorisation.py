@@ -81,7 +81,6 @@ CALLERS = (
 
 
 def refusal_of(access: Access, caller: Caller, *, is_public: bool = False) -> str:
-    """Return the code that refuses a caller, or ""."""
     if not access.asks_session(is_public=is_public):
         return ""
     if caller.standing is None:

@@ -37,7 +37,6 @@ class Meter:
         self._tab, self._paid_us = tab, float(prepaid_us)
 
     def add(self, spent_us: float) -> None:
-        """Record spent time; anything beyond the price is charged at once."""
         self._spent_us += spent_us
         if self._tab is not None and self._spent_us > self._paid_us:
             self._tab.charge(self._spent_us - self._paid_us)
@@ -93,7 +92,6 @@ class _Reading(Generic[T]):
             return (yield from work(snapshot))
 
     def go_on(self) -> tuple[T] | None:
-        """Work for one slice; return a 1-tuple of the result once done."""
         started_ns = time.thread_time_ns()
         try:
             while time.thread_time_ns() - started_ns < SLICE_US * 1_000:

@@ -1,7 +1,4 @@
-"""Resolves keys on the finalized state: member, custodian, visit owner, grantee.
-
-A grant's key reads only its visit's state, later only the records' fate.
-"""
+"""Resolves keys on the finalized state: member, custodian, visit owner, grantee."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """Sessions: a client proves its key once and gets a short-lived token.
 
-Only token hashes are kept. Tables are bounded; a full account loses its oldest. Visits share half and beyond that never
-evict members.
+Only token hashes are kept. A full account loses its oldest; visits never evict members.
 """
 
 from __future__ import annotations

@@ -11,9 +11,8 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.pruned import PeersWithBlock, require_not_pruned
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import BlockHead, LedgerSnapshot
+from node.api.services import BlockHead, LedgerSnapshot, PeersWithBlock, require_not_pruned
 
 
 def _summary(head: BlockHead) -> BlockSummary:

@@ -11,10 +11,9 @@ from consensus.chain.block import ContractEvent
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.pruned import require_not_pruned
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import LedgerSnapshot
+from node.api.services import LedgerSnapshot, require_not_pruned
 
 SCAN_MAX_COUNT = 1_000
 SCAN_AT_ONCE_COUNT = 100

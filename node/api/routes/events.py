@@ -11,9 +11,8 @@ from aiohttp import web
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
-from node.api.pruned import PeersWithBlock, require_not_pruned
 from node.api.routing import SSE, Answer, Call, Parameter, Route
-from node.api.services import LedgerSnapshot
+from node.api.services import LedgerSnapshot, PeersWithBlock, require_not_pruned
 from node.budgets.work_costs import bytes_cost_us
 
 KEEP_ALIVE_MS = 10_000

@@ -16,9 +16,8 @@ from node.api.access.metering import Steps
 from node.api.access.route_access import ANYONE
 from node.api.evidence import build_evidence
 from node.api.problems import problem_document
-from node.api.pruned import PeersWithBlock, require_not_pruned
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, json_answer
-from node.api.services import LedgerSnapshot, SubmitResult
+from node.api.services import LedgerSnapshot, PeersWithBlock, SubmitResult, require_not_pruned
 
 BATCH_MAX_COUNT = 256
 BATCH_MAX_BYTES = 1024 * 1024

@@ -26,8 +26,7 @@ from consensus.rights.notices import (
 )
 from consensus.state.consent import GIVEN, NOTICE, NOTICE_TEXT
 from consensus.state.identity import CUSTODIAN, organisation_of
-from node.api.pruned import PeersWithBlock, require_not_pruned
-from node.api.services import LedgerSnapshot, SignedReceipt
+from node.api.services import LedgerSnapshot, PeersWithBlock, SignedReceipt, require_not_pruned
 
 
 class ConsentReceipts:

@@ -24,9 +24,9 @@ from node.custody.chain.custody_answers import (
     ScrubAnswer,
     UploadReport,
 )
-from node.custody.chain.peer_custodians import PeerCustodian
 from node.custody.chain.upload_report import render_uploads
 from node.custody.chain_facts import ChainFacts, ErasureFacts
+from node.custody.clip_fetching import PeerCustodian
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
 from node.custody.repair.rebuild import Rebuild, RebuildReport

@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import structlog
 
@@ -18,23 +19,24 @@ from consensus.chain.block import Block, Receipt, Receipts
 from consensus.chain.genesis import Genesis
 from consensus.chain.transaction import SALT_SIZE_BYTES, Transaction, sign_transaction
 from consensus.errors import BlockRobotError
+from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, decode_value, encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.png import check_depth_png
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
+from consensus.state.records import EMPTY_FRAME
 from consensus.state.settings import read_quotas
 from node.api.services import TransactionPool
 from node.budgets.disk_reserve import DiskReserve
 from node.custody.chain.custody_answers import UploadReport
-from node.custody.chain.peer_custodians import PeerLink, PeerRequests
 from node.custody.chain.upload_admission import CATCH_UP_MAX_MS, HoldRoom, UploadAdmission
 from node.custody.chain.upload_report import describe_uploads
-from node.custody.chain_facts import ChainFacts
+from node.custody.chain_facts import ChainFacts, require_grantee, require_open_grant
 from node.custody.custodian import Custodian
+from node.custody.erase_keys import ErasableKeys
 from node.custody.finalized_events import CUSTODIANS_REMOVED, collect_events
-from node.custody.grantees import require_grantee, require_open_grant
-from node.custody.stores.custody_store import Checkpoint, OutboxRow
+from node.custody.stores.custody_store import Checkpoint, CustodyStore, OutboxRow
 from node.custody.uploads import UploadAccount
 from node.ledger.ledger_writer import FinalityFeed
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
@@ -49,6 +51,7 @@ REFUSALS_MAX_COUNT = 3
 KNOWN_ALREADY_CODES = frozenset({"RECEIPT_EXISTS", "RELEASE_EXISTS", "REFUSAL_EXISTS"})
 CLIP_ABSENT_CODES = frozenset({"NOT_FOUND", "CLIP_NOT_CONFIRMED", "CLIP_ERASED"})
 CLIP_PART_BYTES = 1024 * 1024
+CLIP_WIRE_MAX_BYTES = CLIP_SIZE_MAX_BYTES + 1024 * 1024
 CLIPS_SERVED_KEPT_COUNT = 2
 RETRY_MS = 500
 SERVING_POLL_MS = 50
@@ -63,6 +66,37 @@ class _Submission:
     txid: bytes
     valid_until_ms: int
     refusals: int = 0
+
+
+class PeerRequests(Protocol):
+    """Asks peers."""
+
+    @property
+    def connected(self) -> list[str]: ...
+
+    async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
+        """Raises PEER_UNAVAILABLE."""
+        ...
+
+
+class PeerLink:
+    """A `PeerCustodian` over a node's connections; a clip is limited to its announced size."""
+
+    def __init__(self, name: str, peers: PeerRequests) -> None:
+        self.name = name
+        self._peers = peers
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        """Return a confirmed clip, or None. Raises PEER_*, ENCODING_*."""
+        data = bytearray()
+        while True:
+            request = ClipRequest(record_id=record_id, offset=len(data))
+            part = decode(await self._peers.request(self.name, RequestKind.CLIP, encode(request)), ClipPart)
+            if part.total > CLIP_WIRE_MAX_BYTES or (not part.data and len(data) < part.total):
+                raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer's clip is not what it announced.")
+            data += part.data
+            if len(data) >= part.total:
+                return decode(bytes(data), ClipDownload) if data else None
 
 
 class CustodyCoordinator:
@@ -423,3 +457,27 @@ class CustodyCoordinator:
                 if count:
                     log.info("clips_fetched", count=count)
                     self._wake_outbox.set()
+
+
+@dataclass(frozen=True, slots=True)
+class CustodyPlace:
+    """A custodian's key, open store and open erase keys; closed by their owner."""
+
+    key: PrivateKey
+    store: CustodyStore
+    erase_keys: ErasableKeys
+    reserve: DiskReserve | None = None
+
+    def make_custodian(self, ledger: LedgerStore, clock_ms: Callable[[], int]) -> Custodian:
+        def is_frame_approved(digest: bytes) -> bool:
+            with ledger.snapshot() as snapshot:
+                return EMPTY_FRAME.has(snapshot, digest)
+
+        return Custodian(
+            self.store,
+            self.erase_keys,
+            member=self.key.public_key,
+            clock_ms=clock_ms,
+            has_room=None if self.reserve is None else self.reserve.has_room,
+            is_frame_approved=is_frame_approved,
+        )

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 from consensus.errors import BlockRobotError
 from node.custody.block_effects import matches_roots
-from node.custody.chain.peer_custodians import PeerCustodian
 from node.custody.chain_facts import ChainFacts, RecordState
+from node.custody.clip_fetching import PeerCustodian
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
 from node.custody.erasure import RECORDS_A_CALL_MAX_COUNT

@@ -1,6 +1,6 @@
 """Scrub: verifies chain against store both ways, and that erased data is gone.
 
-Repairs nothing; missing clips are listed for fetching. Suspects are rechecked at rest.
+Repairs nothing; missing clips are listed for fetching.
 """
 
 from __future__ import annotations
@@ -30,8 +30,7 @@ _TELL_EVERY_COUNT = 100
 GONE_CODES = frozenset({"CLIP_ERASED", "CLIP_NOT_CONFIRMED", "NOT_FOUND"})
 
 
-def ignore_progress(_what: str, _done: int, _total: int) -> None:
-    """Take progress and do nothing."""
+def ignore_progress(_what: str, _done: int, _total: int) -> None: ...
 
 
 @dataclass(slots=True)
@@ -62,7 +61,6 @@ class ScrubReport:
 
     @property
     def nothing_erased_is_left(self) -> bool:
-        """Return whether nothing is left of data erased or unknown on the chain."""
         held = (self.held_though_erased, self.frames_held_though_erased, self.unknown_to_chain, self.unclaimed_frames)
         files = (self.unclaimed_keys, self.dirty_slots_count, self.leftovers.log_bytes, self.leftovers.dirty_bytes)
         others = (self.parts_held_though_ended, self.empty_frames_held_though_withdrawn)

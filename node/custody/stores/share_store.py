@@ -56,9 +56,7 @@ class PartPlace:
 class ShareStore(Protocol):
     """Storage of shares in a custodian's store. Every method raises STORE_UNAVAILABLE."""
 
-    async def put_share(self, share: ShareRow) -> None:
-        """Store a standing grant, replacing any row of the same grant."""
-        ...
+    async def put_share(self, share: ShareRow) -> None: ...
 
     async def share(self, grant_id: bytes) -> ShareRow | None: ...
 
@@ -66,9 +64,7 @@ class ShareStore(Protocol):
         """Return grants with `until_ms <= at_ms`, the oldest end first."""
         ...
 
-    async def shares_of(self, owner: bytes) -> list[ShareRow]:
-        """Return a visit's standing grants, by its first key and their ids."""
-        ...
+    async def shares_of(self, owner: bytes) -> list[ShareRow]: ...
 
     async def missing_over(self, at_ms: int) -> list[bytes]:
         """Return missing records with `expires_at_ms <= at_ms`, oldest first; erase their keys before the next
@@ -80,9 +76,7 @@ class ShareStore(Protocol):
         """Delete a grant; an unknown one is no error."""
         ...
 
-    def all_shares(self) -> AsyncIterator[ShareRow]:
-        """Yield every standing grant, ordered by id."""
-        ...
+    def all_shares(self) -> AsyncIterator[ShareRow]: ...
 
     async def put_part(self, row: PartRow) -> None:
         """Store a part, replacing any row of the same grant and record."""
@@ -90,9 +84,7 @@ class ShareStore(Protocol):
 
     async def part(self, grant_id: bytes, record_id: bytes) -> PartRow | None: ...
 
-    async def parts_of(self, field: PartField, keys: Sequence[bytes]) -> list[PartPlace]:
-        """Return the parts of these grants, records or owners, by grant and record."""
-        ...
+    async def parts_of(self, field: PartField, keys: Sequence[bytes]) -> list[PartPlace]: ...
 
     async def lapsed_parts(self, at_ms: int, limit: int) -> list[PartPlace]:
         """Return staged parts whose grant cannot become final: `valid_until_ms <= at_ms`."""
@@ -106,6 +98,4 @@ class ShareStore(Protocol):
         """Delete the parts whose erase keys are, or were, in these slots."""
         ...
 
-    def all_parts(self) -> AsyncIterator[PartPlace]:
-        """Yield every part's place, by grant and record."""
-        ...
+    def all_parts(self) -> AsyncIterator[PartPlace]: ...

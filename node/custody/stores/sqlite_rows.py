@@ -27,7 +27,7 @@ def read_missing(row: Sequence[Any]) -> RecordFacts:
 
 
 def insert_outbox(database: sqlite3.Connection, rows: Iterable[OutboxRow]) -> None:
-    """Insert outbox rows; existing ones stay as they are."""
+    """Existing rows stay as they are."""
     database.executemany(
         "INSERT INTO outbox VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
         [
@@ -92,7 +92,6 @@ def write_frames(database: sqlite3.Connection, record_id: bytes, frames: Sequenc
 
 
 def write_clip(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-    """Write a clip and its frames, replacing rows of the same record."""
     write_frames(database, clip.record_id, frames)
     database.execute(
         "INSERT OR REPLACE INTO clips VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
@@ -122,7 +121,6 @@ def delete_clip(database: sqlite3.Connection, record_id: bytes) -> None:
 
 
 def delete_staged(database: sqlite3.Connection, record_id: bytes) -> None:
-    """Delete a clip and its frames only if staged."""
     found = database.execute("SELECT status FROM clips WHERE record_id = ?", (record_id,)).fetchone()
     if found is not None and found[0] == "staged":
         database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))

@@ -24,8 +24,8 @@ from node.custody.chain.custody_coordinator import (
     OUTBOX_LIFETIME_MS,
     REFUSALS_MAX_COUNT,
     CustodyCoordinator,
+    PeerLink,
 )
-from node.custody.chain.peer_custodians import PeerLink
 from node.custody.stores.custody_store import Checkpoint, OutboxRow
 from node.ledger.ledger_writer import FinalityFeed
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind

@@ -10,7 +10,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.sharing import GRANT_STEP_MS, SharedRequest, hash_grant_member
 from contracts.execution.sender_admission import find_account, name_grantees
-from node.custody.grantees import require_grantee, require_open_grant
+from node.custody.chain_facts import require_grantee, require_open_grant
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit, key_of
 
 SALT, KEY = sha256(b"salt"), key_of("grantee")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.mempool.client_pool import ClientPool
+from node.mempool.transaction_intake import ClientPool
 from tests.unit.node.api.small_network import FakePool, ManualClock, SmallLedger
 
 

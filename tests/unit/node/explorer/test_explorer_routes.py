@@ -26,7 +26,7 @@ from node.api import create_api, server
 from node.api.access import rate_limit
 from node.api.explorer_documents import RoundDocument
 from node.api.node_services import DecodedSnapshot
-from node.api.openapi.refusal_meanings import MACHINE_MEANINGS, explain_refusal
+from node.api.routes.explorer import MACHINE_MEANINGS, explain_refusal
 from node.budgets.token_buckets import Allowance
 from node.budgets.work_costs import ROUTE_DEFAULT_US
 from node.snapshot.making import header_of_block
