@@ -84,11 +84,19 @@ class Demo:
 
     async def run(self) -> None:
         """An exception becomes a failed check and ends the run."""
+        self._tags = load_or_draw_tags(self.options.cache, self.scenario)
+        rendering = asyncio.create_task(self._render())  # beside the network's start, which waits for much
+        try:
+            await self._run_steps(rendering)
+        finally:
+            rendering.cancel()
+            await asyncio.gather(rendering, return_exceptions=True)
+
+    async def _run_steps(self, rendering: asyncio.Task[Path]) -> None:
         steps: list[tuple[str, Callable[[], Any]]] = [
-            ("the recording is being rendered", self.render),
             ("the network starts", self.start_network),
             ("people and robot are enrolled", self.enrol),
-            ("the robot records", self.record),
+            ("the robot records", lambda: self.record(rendering)),
             ("patients look at their records", self.look),
             ("a stored byte is changed", self.tamper),
             ("patient A erases", self.erase),
@@ -103,9 +111,8 @@ class Demo:
                 self.checks.add(name, ok=False, detail=f"{error.code}: {error.detail}")
                 return
 
-    async def render(self) -> None:
+    async def _render(self) -> Path:
         started = time.monotonic()
-        tags = load_or_draw_tags(self.options.cache, self.scenario)
         shown = -1
 
         def progress(done: int, total: int) -> None:
@@ -114,9 +121,9 @@ class Demo:
                 shown = done * 10 // total
                 self._tell(f"rendering the recording: {done} of {total} frames")
 
-        self._bag = await asyncio.to_thread(make_bag, self.scenario, tags, self.options.cache, progress=progress)
-        self._tags = tags
+        bag = await asyncio.to_thread(make_bag, self.scenario, self._tags, self.options.cache, progress=progress)
         self._tell(f"the recording is there ({time.monotonic() - started:.0f} s)")
+        return bag
 
     async def start_network(self) -> None:
         started = time.monotonic()
@@ -154,7 +161,8 @@ class Demo:
             detail=f"{rows} people; only this robot can open it",
         )
 
-    async def record(self) -> None:
+    async def record(self, rendering: asyncio.Task[Path]) -> None:
+        bag = await rendering
         expected_kept = self._expected_covered() // 2
         kill: asyncio.Task[LeaderKill] | None = None
 
@@ -168,7 +176,7 @@ class Demo:
                 self._tell("killing the leading node")
                 kill = asyncio.create_task(kill_and_restart_leader(self.stage.cluster))
 
-        arguments = [*self.stage.robot_arguments(), "replay", str(self._bag), "--purpose", PURPOSE]
+        arguments = [*self.stage.robot_arguments(), "replay", str(bag), "--purpose", PURPOSE]
         arguments += ["--approve-as", self.stage.organisation]
         arguments += ["--events", str(self.options.out / "events.jsonl")]
         self.state.summary = await LongCommand(arguments, RunSummary, progress).run(RECORDING_TIMEOUT_S)
@@ -218,8 +226,8 @@ class Demo:
         )
 
     async def look(self) -> None:
-        for patient in PATIENTS:
-            listed = await self.stage.wallet(patient, RecordsAnswer, "records")
+        looks = await asyncio.gather(*(self._list_and_view(patient) for patient in PATIENTS))
+        for patient, (listed, seen) in zip(PATIENTS, looks, strict=True):
             self.state.records[patient] = [row for visit in listed.visits for row in visit.records]
             missing = sum(visit.missing_records for visit in listed.visits)
             closed = all(visit.closed for visit in listed.visits)
@@ -229,8 +237,7 @@ class Demo:
                 ok=bool(self.state.records[patient]) and missing == 0 and closed,
                 detail=f"{len(self.state.records[patient])} records, {frames} pictures, none missing",
             )
-            out = self.options.out / "pictures" / patient
-            seen = await self.stage.wallet(patient, ViewAnswer, "view", "--out", str(out), "--purpose", "own-access")
+            out = self._pictures_of(patient)
             statuses = [frame.status for record in seen.records for frame in record.frames]
             self.state.pictures[patient] = sorted(out.glob("*/*[0-9].png"))
             self.checks.add(
@@ -247,6 +254,14 @@ class Demo:
                 f"at most {100 * worst:.3f} % of their pixels in any",
             )
         await self._check_strangers()
+
+    async def _list_and_view(self, patient: str) -> tuple[RecordsAnswer, ViewAnswer]:
+        listed = await self.stage.wallet(patient, RecordsAnswer, "records")
+        out = str(self._pictures_of(patient))
+        return listed, await self.stage.wallet(patient, ViewAnswer, "view", "--out", out, "--purpose", "own-access")
+
+    def _pictures_of(self, patient: str) -> Path:
+        return self.options.out / "pictures" / patient
 
     async def _check_strangers(self) -> None:
         own = {row.record_id for row in self.state.records["patient-b"]}
