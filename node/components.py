@@ -21,7 +21,7 @@ from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.protocol.core import Core
-from contracts.execution.machine import ContractMachine
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.sender_admission import find_account, require_admission
 from node.api.node_services import FinalizedLedger, Pool
 from node.api.services import Clock
@@ -32,8 +32,8 @@ from node.consensus.journal import JournalEntry
 from node.consensus.journal_writer import VotingJournal
 from node.consensus.readiness_reporter import ReadinessReporter
 from node.consensus.stall_detector import StallDetector
-from node.custody.chain.custody_admin import CustodyAdmin
-from node.custody.chain.custody_coordinator import CustodyCoordinator, CustodyPlace
+from node.custody.coordination.custody_admin import CustodyAdmin
+from node.custody.coordination.custody_coordinator import CustodyCoordinator, CustodyPlace
 from node.directory.node_directory import Directory
 from node.execution.block_executor import ExecutedBlock, Executor, genesis_block
 from node.execution.execution_machines import Machine

@@ -26,8 +26,8 @@ from node.consensus.engine import Outbox
 from node.consensus.journal import open_journal
 from node.consensus.journal_disk import SystemDisk
 from node.consensus.round_log import LoggingOutbox, RoundLog
-from node.custody.chain.consent_receipts import ConsentReceipts
-from node.custody.chain.custody_coordinator import CustodyPlace
+from node.custody.coordination.consent_receipts import ConsentReceipts
+from node.custody.coordination.custody_coordinator import CustodyPlace
 from node.custody.erase_keys import EraseKeys
 from node.custody.stores.open_store import open_store
 from node.directory.directory_file import newest_beginning
@@ -36,7 +36,7 @@ from node.execution.sandboxed_contracts import open_contracts
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.ledger.pruning import answer_requests
 from node.mempool.transaction_intake import ClientPool
-from node.operator import create_operator_listener, serve_operator
+from node.operator_listener import create_operator_listener, serve_operator
 from node.p2p.connection_acceptor import bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
 from node.snapshot.joining import SnapshotJoiner

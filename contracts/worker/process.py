@@ -63,7 +63,7 @@ class LedgerView(StateView, Protocol):
 
 
 class BlockMachine(Protocol):
-    """Executes blocks, like `contracts.execution.machine.ContractMachine`."""
+    """Executes blocks, like `contracts.execution.contract_machine.ContractMachine`."""
 
     def build(
         self,

@@ -16,8 +16,8 @@ from consensus.limits import CALL_GAS_MAX
 from consensus.primitives.encoding import decode, decode_value
 from consensus.state.lifecycle import MACHINE_TABLE
 from contracts.execution.call_host import CallHost
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.executor import execute_transaction
-from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext
 from contracts.kit.arguments import format_short
 from contracts.kit.engine import watched_stack

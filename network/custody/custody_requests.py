@@ -13,7 +13,7 @@ from consensus.api_documents import Document
 from consensus.bounded_text import read_json_as
 from consensus.errors import CATALOGUE, BlockRobotError
 from node.config import OPERATOR_HOST, NodeConfig
-from node.custody.chain.custody_answers import (
+from node.custody.coordination.custody_answers import (
     CustodyProblem,
     CustodyStatus,
     Progress,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from consensus.errors import BlockRobotError
-from node.custody.chain.custody_answers import (
+from node.custody.coordination.custody_answers import (
     CustodyStatus,
     FrameName,
     MissingReceipts,

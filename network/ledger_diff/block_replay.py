@@ -13,7 +13,7 @@ from contracts.execution.genesis import open_genesis
 from contracts.state.view import MemoryState, Overlay, StateView
 from node.execution.execution_machines import Machine
 from node.snapshot.checking import restore_into
-from node.snapshot.form import SnapshotSource
+from node.snapshot.snapshot_format import SnapshotSource
 from node.storage.memory_store import MemoryRestore
 
 

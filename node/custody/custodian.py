@@ -37,7 +37,7 @@ from node.custody.stores.custody_store import (
     OutboxRow,
     RecordFacts,
 )
-from node.custody.uploads import DayUse, UploadTerms, Use, require_quota_of
+from node.custody.upload_usage import DayUse, UploadTerms, Use, require_quota_of
 from node.process_memory import wipe
 
 LAPSED_AT_ONCE_COUNT = 64

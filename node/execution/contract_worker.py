@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from consensus.chain.genesis import genesis_from_json
-from contracts.execution.machine import ContractMachine
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.views import ContractViews
 from contracts.worker.process import WorkerTools, serve
 from contracts.worker.wire import Begin, Pipe

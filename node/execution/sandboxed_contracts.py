@@ -16,11 +16,11 @@ import structlog
 
 from consensus.chain.genesis import Genesis, genesis_to_json
 from consensus.errors import BlockRobotError
-from contracts.execution.machine import ContractMachine
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.views import ContractViews
 from contracts.lifecycle.registry import check_contracts
-from contracts.worker.machine import Hold, WorkerMachine, WorkerSpec, WorkerViews, missing_parts
 from contracts.worker.wire import Begin, SandboxFeature
+from contracts.worker.worker_machine import Hold, WorkerMachine, WorkerSpec, WorkerViews, missing_parts
 from node.api.services import LedgerSnapshot, ViewRunner
 from node.budgets.token_buckets import OWN, Source, over_budget
 from node.config import CONTRACT_MEMORY_MIB, NodeConfig

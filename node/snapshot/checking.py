@@ -26,8 +26,8 @@ from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
-from node.snapshot.form import Manifest, RecentChunk, RecentRow, SnapshotSource, StateChunk, read_manifest
 from node.snapshot.making import Progress, no_progress
+from node.snapshot.snapshot_format import Manifest, RecentChunk, RecentRow, SnapshotSource, StateChunk, read_manifest
 from node.storage.ledger_store import FinalizedBlock, KeptBlock, LedgerRestore, RecentBlock
 
 PUT_AT_ONCE_COUNT = 20_000

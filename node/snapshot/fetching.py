@@ -22,7 +22,7 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from node.p2p.wire import RequestKind, SnapshotRequest
 from node.snapshot.checking import verify_head
-from node.snapshot.form import (
+from node.snapshot.snapshot_format import (
     CHUNK_SIZE_MAX_BYTES,
     MANIFEST_NAME,
     Manifest,

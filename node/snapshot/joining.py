@@ -15,8 +15,8 @@ from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from node.snapshot.checking import ProvenHead
 from node.snapshot.fetching import Requester, SnapshotFetcher
-from node.snapshot.form import SnapshotFolder
 from node.snapshot.restoring import build_aside, discard_restored
+from node.snapshot.snapshot_format import SnapshotFolder
 from node.storage.ledger_store import Position
 
 RETRY_MS = 5_000

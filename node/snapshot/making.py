@@ -13,7 +13,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
-from node.snapshot.form import (
+from node.snapshot.snapshot_format import (
     CHUNK_SIZE_BYTES,
     MANIFEST_NAME,
     Manifest,

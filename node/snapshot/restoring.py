@@ -9,8 +9,8 @@ from pathlib import Path
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from node.snapshot.checking import ProvenHead, require_whole, restore_into, verify_head
-from node.snapshot.form import SnapshotSource, read_manifest
 from node.snapshot.making import Progress, no_progress
+from node.snapshot.snapshot_format import SnapshotSource, read_manifest
 from node.storage.ledger_store import Position
 from node.storage.lmdb_reader import LedgerFile
 from node.storage.lmdb_restore import LmdbRestore

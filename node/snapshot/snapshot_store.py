@@ -13,8 +13,8 @@ import structlog
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from node.p2p.wire import SnapshotRequest
-from node.snapshot.form import Manifest, SnapshotFolder, compute_content_id, read_manifest
 from node.snapshot.making import UNFINISHED_SUFFIX, make_snapshot_folder
+from node.snapshot.snapshot_format import Manifest, SnapshotFolder, compute_content_id, read_manifest
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 
 SNAPSHOTS_KEPT_COUNT = 2

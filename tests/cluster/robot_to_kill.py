@@ -22,8 +22,8 @@ from typing import Any
 from clients.robot.cli import main as robot_cli
 from clients.robot.delivery.delivery import Delivery
 from clients.robot.delivery.robot_network import RobotNetwork
-from clients.robot.recording import sealed_file, sealing, sensor_track, spool, visit_book
-from clients.robot.recording.sensor_track import SensorTrack
+from clients.robot.recording import sealed_file, sealing, sensor_recorder, spool, visit_book
+from clients.robot.recording.sensor_recorder import SensorRecorder
 from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.run import runner
@@ -84,9 +84,9 @@ def _in_spool(arguments: tuple[Any, ...], _: Any) -> bool:
 STEPS: dict[str, Step] = {
     # A picture on its way to the spool: lost with the robot's memory, and nowhere else.
     "frame-received": Step(RunStatistics, "frame_arrived", number=3),
-    "frame-decided": Step(SensorTrack, "process", after=True, number=2),
-    "clip-filled": Step(SensorTrack, "seal", number=2),
-    "clip-sealed": Step(sensor_track, "seal_clip", after=True, number=2),
+    "frame-decided": Step(SensorRecorder, "process", after=True, number=2),
+    "clip-filled": Step(SensorRecorder, "seal", number=2),
+    "clip-sealed": Step(sensor_recorder, "seal_clip", after=True, number=2),
     "spooled-half": Step(os, "fsync", counts=_syncs_clip, number=2, spoils=True),
     "spooled-before-sync": Step(os, "fsync", counts=_syncs_clip, number=2),
     "spooled-after-sync": Step(os, "fsync", after=True, counts=_syncs_clip, number=2),
@@ -220,7 +220,7 @@ def keep_diary(diary: Diary) -> None:
 
         return note
 
-    wrap(sensor_track, "seal_clip", Around(after=sealed))
+    wrap(sensor_recorder, "seal_clip", Around(after=sealed))
     wrap(Spool, "put", Around(after=spooled))
     wrap(sealing, "seal_data_key", Around(before=secret(1)))
     wrap(visit_book, "open_visit_keys", Around(before=secret(0)))

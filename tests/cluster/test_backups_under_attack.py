@@ -21,7 +21,7 @@ from network.bench.custody.custody_clips import ClipRobot, SealedClip
 from network.bench.fresh_network import FreshNetwork
 from network.custody.custody_requests import run_work
 from node.config import NodeConfig
-from node.custody.chain.custody_answers import ScrubAnswer
+from node.custody.coordination.custody_answers import ScrubAnswer
 from tests.cluster.test_custody_upkeep import _settled
 
 FRAMES_COUNT, FRAME_BYTES = 3, 6_000

@@ -13,7 +13,7 @@ import pytest
 
 from network.cli.main import main as command_line
 from node.consensus.journal import Journal
-from node.snapshot.form import SnapshotFolder, read_manifest
+from node.snapshot.snapshot_format import SnapshotFolder, read_manifest
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest, running
 
 BLOCKS_COUNT = 600

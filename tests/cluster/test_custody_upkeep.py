@@ -22,7 +22,7 @@ from network.custody.hunt import HuntReport, gather, hunt
 from network.custody.traces import Trace, read_traces, write_traces
 from network.demo.tampering import flip_stored_byte
 from node.config import CONFIG_FILE
-from node.custody.chain.custody_answers import FrameName, RebuildAnswer, ScrubAnswer
+from node.custody.coordination.custody_answers import FrameName, RebuildAnswer, ScrubAnswer
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 
 FRAMES_COUNT, FRAME_BYTES = 5, 6_000

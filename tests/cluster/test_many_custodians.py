@@ -17,7 +17,7 @@ from network.bench.custody.custody_clips import ClipRobot
 from network.bench.fresh_network import FreshNetwork
 from network.cluster import Cluster
 from network.custody.custody_requests import ask_all, run_work
-from node.custody.chain.custody_answers import ScrubAnswer
+from node.custody.coordination.custody_answers import ScrubAnswer
 
 FRAMES_COUNT, FRAME_BYTES = 3, 4_000
 SETTLE_MAX_S = 60.0

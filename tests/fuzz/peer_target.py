@@ -56,7 +56,7 @@ from node.p2p.wire import (
     encode_frame,
     encode_request,
 )
-from node.snapshot.form import read_manifest
+from node.snapshot.snapshot_format import read_manifest
 from tests.fuzz.target import FlipBytes, Target, refusing
 from tests.fuzz.trees import change_msgpack
 from tests.unit.consensus.one_core import OneCore

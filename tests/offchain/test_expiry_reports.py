@@ -18,7 +18,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.commitments import ciphertext_root, commitment_root
 from contracts.execution.executor import execute_block
 from node.api.services import SubmitResult
-from node.custody.chain.custody_coordinator import OUTBOX_LIFETIME_MS, CustodyCoordinator
+from node.custody.coordination.custody_coordinator import OUTBOX_LIFETIME_MS, CustodyCoordinator
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys
 from node.custody.stores.sqlite_store import SqliteStore

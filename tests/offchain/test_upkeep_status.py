@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 
 from network.custody.custody_text import scrub_sentences
-from node.custody.chain.custody_admin import CustodyAdmin, describe_scrub
-from node.custody.chain.custody_answers import FrameName, PartName, UploadReport
+from node.custody.coordination.custody_admin import CustodyAdmin, describe_scrub
+from node.custody.coordination.custody_answers import FrameName, PartName, UploadReport
 from node.custody.repair.scrub import ScrubReport
 from node.custody.stores.custody_store import Checkpoint
 from tests.offchain.house import ERASURE_ID, House

@@ -17,15 +17,15 @@ from consensus.records.clips import ClipUpload
 from consensus.state.settings import UploadQuotas
 from network.custody.custody_text import find_upload_problems
 from node.budgets.disk_reserve import DiskReserve
-from node.custody.chain.custody_answers import UploadReport
-from node.custody.chain.upload_admission import (
+from node.custody.coordination.custody_answers import UploadReport
+from node.custody.coordination.upload_admission import (
     UPLOADS_OF_CONTENT_MAX_COUNT,
     UPLOADS_OF_ROBOT_MAX_COUNT,
     UploadAdmission,
 )
-from node.custody.chain.upload_report import LATELY_S, RefusedUploads, describe_uploads
+from node.custody.coordination.upload_report import LATELY_S, RefusedUploads, describe_uploads
 from node.custody.stores.custody_store import CustodyStore
-from node.custody.uploads import DayUse, UploadTerms, Use, find_day, require_quota
+from node.custody.upload_usage import DayUse, UploadTerms, Use, find_day, require_quota
 from node.ledger.ledger_writer import FinalityFeed
 from node.storage.memory_store import MemoryStore
 from tests.offchain.house import ERASURE_ID, House, refused
@@ -233,7 +233,7 @@ def admitting(house: House, monkeypatch: pytest.MonkeyPatch, reserve: DiskReserv
     """What lets uploads in of visits that are all open, two clips of each robot at a time."""
     hold = None if reserve is None else reserve.hold
     admission = UploadAdmission(MemoryStore(), FinalityFeed(-1), house.custodian, hold)
-    monkeypatch.setattr("node.custody.chain.upload_admission.may_upload", lambda *_: True)
+    monkeypatch.setattr("node.custody.coordination.upload_admission.may_upload", lambda *_: True)
     monkeypatch.setattr(admission, "read_terms", lambda robot: terms(robot, robot_staged_max_count=2))
     return admission
 

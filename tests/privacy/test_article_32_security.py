@@ -11,7 +11,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.records.envelopes import open_data_key
-from node.api.access.authorisation import CALLERS, refusal_of
+from node.api.openapi.authorisation_page import CALLERS, refusal_of
 from node.api.routes import ROUTES
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
 from tests.offchain.house import ACCESS_ID, House, read_all

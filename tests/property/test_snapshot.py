@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
 from node.snapshot.checking import restore_into
-from node.snapshot.form import MANIFEST_NAME, MemorySnapshotFolder, chunk_name
 from node.snapshot.making import make_snapshot
+from node.snapshot.snapshot_format import MANIFEST_NAME, MemorySnapshotFolder, chunk_name
 from node.storage.memory_store import MemoryRestore, MemoryStore
 from tests.unit.node.written_chain import WrittenChain
 

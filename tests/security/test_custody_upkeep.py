@@ -17,9 +17,9 @@ from aiohttp.test_utils import TestServer, make_mocked_request
 from consensus.errors import BlockRobotError
 from network.custody.custody_requests import LINE_TIMEOUT_S, ask_status, run_work
 from node.config import NodeConfig
-from node.custody.chain.custody_admin import describe_rebuild, describe_scrub
-from node.custody.chain.custody_admin_routes import HEARTBEAT_S
-from node.custody.chain.custody_answers import (
+from node.custody.coordination.custody_admin import describe_rebuild, describe_scrub
+from node.custody.coordination.custody_admin_routes import HEARTBEAT_S
+from node.custody.coordination.custody_answers import (
     CustodyStatus,
     MissingReceipts,
     OverdueErasure,
@@ -29,7 +29,7 @@ from node.custody.chain.custody_answers import (
 from node.custody.repair.rebuild import RebuildReport
 from node.custody.repair.scrub import ScrubReport
 from node.faults import TOKEN_FILE_NAME
-from node.operator import create_operator_listener
+from node.operator_listener import create_operator_listener
 
 pytestmark = pytest.mark.smoke
 
@@ -209,8 +209,8 @@ async def test_work_that_has_nothing_to_say_for_long_is_still_heard_of(
     config: NodeConfig, upkeep: ScriptedUpkeep, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever hears nothing hangs up, and work that nobody waits for is given up."""
-    monkeypatch.setattr("node.custody.chain.custody_admin_routes.TELL_EVERY_S", 0.001)
-    monkeypatch.setattr("node.custody.chain.custody_admin_routes.HEARTBEAT_S", 0.0)
+    monkeypatch.setattr("node.custody.coordination.custody_admin_routes.TELL_EVERY_S", 0.001)
+    monkeypatch.setattr("node.custody.coordination.custody_admin_routes.HEARTBEAT_S", 0.0)
     upkeep.may_end.clear()
     heard: list[str] = []
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from consensus.chain.genesis import genesis_to_json
-from contracts.worker.machine import WorkerMachine, WorkerSpec
 from contracts.worker.wire import Begin
+from contracts.worker.worker_machine import WorkerMachine, WorkerSpec
 from node.execution.block_executor import genesis_block
 from node.execution.sandboxed_contracts import WORKER_COMMAND, WorkerLedgerSource
 from node.storage.lmdb_store import LmdbStore

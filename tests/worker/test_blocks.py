@@ -15,8 +15,8 @@ import pytest
 from consensus.errors import BlockRobotError
 from contracts.execution.views import ContractViews
 from contracts.vm import InternalFault
-from contracts.worker.machine import WorkerMachine, WorkerSpec, WorkerViews
 from contracts.worker.sandbox import PARTS
+from contracts.worker.worker_machine import WorkerMachine, WorkerSpec, WorkerViews
 from network.ledger_diff.block_replay import base_of_genesis
 from network.provisioning.network_layout import create_network
 from node.config import load_config

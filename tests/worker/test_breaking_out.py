@@ -15,7 +15,7 @@ from consensus.chain.transaction import Transaction
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.hashing import sha256
 from contracts.execution.results import ExecutionFault
-from contracts.worker.machine import WorkerSpec, WorkerViews
+from contracts.worker.worker_machine import WorkerSpec, WorkerViews
 from tests.worker.conftest import Start
 from tests.worker.holed_worker import MARK
 from tests.worker.written_blocks import Chain

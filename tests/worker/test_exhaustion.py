@@ -13,10 +13,10 @@ import pytest
 
 from consensus.chain.transaction import Transaction
 from contracts.execution.results import BlockResult, ExecutionFault
-from contracts.worker import machine as worker_machine
+from contracts.worker import worker_machine
 from contracts.worker.handle import ENDLESS
-from contracts.worker.machine import EFFORT_MAX, WorkerSpec
 from contracts.worker.wire import Begin
+from contracts.worker.worker_machine import EFFORT_MAX, WorkerSpec
 from tests.worker.conftest import Start
 from tests.worker.holed_worker import MARK, TAKE
 from tests.worker.written_blocks import Chain

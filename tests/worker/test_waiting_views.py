@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from consensus.errors import BlockRobotError
-from contracts.worker.machine import WorkerSpec
+from contracts.worker.worker_machine import WorkerSpec
 from node.api.node_services import FinalizedLedger
 from node.budgets.token_buckets import Source
 from node.execution.sandboxed_contracts import VIEWS_OF_SOURCE_MAX_COUNT, VIEWS_WAITING_MAX_COUNT, SandboxedContracts

@@ -8,10 +8,10 @@ from consensus.chain.block import Receipts
 from consensus.chain.transaction import Transaction
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
-from contracts.execution.machine import ContractMachine
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.state.view import Overlay, StateView
-from contracts.worker.machine import WorkerMachine
+from contracts.worker.worker_machine import WorkerMachine
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.lmdb_store import LmdbStore
 from tests.unit.contracts.privacy.hospital import START_MS, Hospital, Person

@@ -24,7 +24,7 @@ from clients.robot.hiding.frame_redactor import KeptFrame, SampleForm, WithheldF
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.pairing.occupancy import OccupancyMonitor
 from clients.robot.recording.batching import ReadyClip
-from clients.robot.recording.sensor_track import NO_PICTURE, RunContext, SensorTrack
+from clients.robot.recording.sensor_recorder import NO_PICTURE, RunContext, SensorRecorder
 from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Label, SensorSample
 from consensus.errors import BlockRobotError
@@ -99,12 +99,12 @@ class WaitingSamples:
         self.alone = OccupancyMonitor(statistics.window_ms)
         self._run = run
         self._statistics = statistics.senses
-        self.tracks: dict[str, SensorTrack] = {}
+        self.tracks: dict[str, SensorRecorder] = {}
         for sensor in SENSORS.values():
             self._statistics[sensor] = RunStatistics(window_ms=statistics.window_ms)
-            self.tracks[sensor] = SensorTrack(run, sensor, people, self._statistics[sensor])
+            self.tracks[sensor] = SensorRecorder(run, sensor, people, self._statistics[sensor])
         self._waiting = {sensor: _Queue() for sensor in SENSORS.values()}
-        self._ready: list[tuple[SensorTrack, ReadyClip]] = []
+        self._ready: list[tuple[SensorRecorder, ReadyClip]] = []
 
     async def process(self, sample: SensorSample) -> None:
         sensor = SENSORS[type(sample)]
@@ -122,7 +122,7 @@ class WaitingSamples:
         self._statistics[sensor].let_go += 1
         self._waiting[sensor].empty_last()
 
-    def drain(self, *, final: bool = False) -> list[tuple[SensorTrack, ReadyClip]]:
+    def drain(self, *, final: bool = False) -> list[tuple[SensorRecorder, ReadyClip]]:
         """`final`: end of input."""
         for queue in self._waiting.values():
             while queue and self._conclude_first(queue, final=final):

@@ -18,7 +18,7 @@ from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.pairing.rosters import RosterBook, UnknownTags
 from clients.robot.pairing.tag_pairing import REFUSED_AND_COUNTED, Decision
 from clients.robot.recording.batching import ReadyClip
-from clients.robot.recording.sensor_track import RunContext, SensorTrack
+from clients.robot.recording.sensor_recorder import RunContext, SensorRecorder
 from clients.robot.recording.spool import Spool, SpooledClip
 from clients.robot.recording.waiting_samples import WaitingSamples
 from clients.robot.run.event_log import (
@@ -74,7 +74,7 @@ class Pipeline:
         self._people: dict[str, RosterRow] = {}  # written by `_identify` only
         backgrounds = tuple(frame.background_id for frame in empty_frames)
         form = redactor.form
-        self._depth = SensorTrack(run, DEPTH, self._people, statistics, form=form, background_ids=backgrounds)
+        self._depth = SensorRecorder(run, DEPTH, self._people, statistics, form=form, background_ids=backgrounds)
         self._samples = WaitingSamples(run, self._people, statistics)
         self._throttle = InputThrottle(run.clocks)
         self._aliases = AliasBook()
@@ -241,7 +241,7 @@ class Pipeline:
         for track, clip in self._samples.drain(final=final):
             await self._seal(track, clip)
 
-    async def _seal(self, track: SensorTrack, clip: ReadyClip) -> None:
+    async def _seal(self, track: SensorRecorder, clip: ReadyClip) -> None:
         await self._wait_until_stored()
         sealed = track.seal(clip)
         if sealed is not None:

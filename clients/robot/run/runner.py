@@ -24,7 +24,7 @@ from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.frame_redactor import FrameRedactor
 from clients.robot.identity.robot_keys import load_identity
 from clients.robot.pairing.rosters import load_roster
-from clients.robot.recording.sensor_track import RunContext
+from clients.robot.recording.sensor_recorder import RunContext
 from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook

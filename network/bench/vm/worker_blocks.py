@@ -18,8 +18,8 @@ from consensus.primitives.keys import PrivateKey
 from consensus.state import identity
 from contracts.execution.results import BlockResult
 from contracts.state.view import Overlay, StateView
-from contracts.worker.machine import WorkerMachine, WorkerSpec
 from contracts.worker.wire import Begin
+from contracts.worker.worker_machine import WorkerMachine, WorkerSpec
 from network.sim.plan import NetworkSize
 from network.sim.world.sim_chain import make_chain
 from node.execution.block_executor import genesis_block

@@ -24,7 +24,7 @@ from network.cluster import Cluster
 from network.custody.custody_requests import R, ask_all, run_work
 from network.custody.custody_text import describe_position, rebuild_sentences, scrub_sentences, status_sentences
 from node.config import NodeConfig, load_genesis
-from node.custody.chain.custody_answers import CustodyStatus, RebuildAnswer, ScrubAnswer
+from node.custody.coordination.custody_answers import CustodyStatus, RebuildAnswer, ScrubAnswer
 
 _PLACES = {
     "status": LazyCommand(

@@ -20,9 +20,9 @@ from network.cli.node.node_answers import (
 from network.cli.node.node_commands import get_node_config
 from node.config import load_genesis as load_own_genesis
 from node.snapshot.checking import restore_into, verify_head
-from node.snapshot.form import Manifest, SnapshotFolder, read_manifest
 from node.snapshot.making import describe_manifest, make_snapshot_folder
 from node.snapshot.restoring import restore_ledger
+from node.snapshot.snapshot_format import Manifest, SnapshotFolder, read_manifest
 from node.storage.directory_lock import DirectoryLock
 from node.storage.lmdb_reader import LedgerFile
 

@@ -10,8 +10,8 @@ from consensus.limits import TIME_BUCKET_MS
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey, verify
 from consensus.rights.purposes import PURPOSES
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.genesis import complete_genesis
-from contracts.execution.machine import ContractMachine
 from contracts.lifecycle.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
 from network.sim.plan import NetworkSize

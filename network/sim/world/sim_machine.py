@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from contracts.execution.machine import ContractMachine
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.results import BlockResult
 from contracts.state.view import StateView
 from network.sim.world.cpu import COSTS, charge

@@ -37,7 +37,7 @@ from node.components import Environment, NodeComponents
 from node.consensus.engine import Outbox
 from node.consensus.epoch_change import EpochStart
 from node.consensus.journal import IDENTITY_SIZE_BYTES, Journal
-from node.custody.chain.custody_coordinator import CustodyPlace
+from node.custody.coordination.custody_coordinator import CustodyPlace
 from node.p2p.network import PeerHandler
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from consensus.errors import CATALOGUE
 from consensus.exit_codes import exit_code_of
-from node.api.access.authorisation import write_authorisation_page
+from node.api.openapi.authorisation_page import write_authorisation_page
 from node.api.openapi.markdown_tables import write_table
 from node.api.openapi.openapi_document import errors_of
 from node.api.routes import ROUTES

@@ -31,8 +31,8 @@ from node.consensus import journal_writer
 from node.consensus.engine import Outbox
 from node.ledger import pruning
 from node.snapshot.checking import restore_into
-from node.snapshot.form import MemorySnapshotFolder
 from node.snapshot.making import make_snapshot
+from node.snapshot.snapshot_format import MemorySnapshotFolder
 from node.storage.memory_store import MemoryRestore
 from tests.sim.mutants.mutant import Schedule
 

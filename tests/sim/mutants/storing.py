@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from consensus.chain.block import FinalityProof
-from contracts.execution.machine import ContractMachine
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.results import BlockContext
 from node.components import NodeComponents
-from node.custody.chain.custody_coordinator import CustodyCoordinator
+from node.custody.coordination.custody_coordinator import CustodyCoordinator
 from node.custody.finalized_events import collect_events
 from node.execution import block_executor
 from node.execution.block_executor import ExecutedBlock, _BranchTransactions

@@ -28,7 +28,7 @@ from consensus.chain.genesis import genesis_to_json
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
-from contracts.execution.machine import ContractMachine
+from contracts.execution.contract_machine import ContractMachine
 from contracts.worker.sandbox import REQUIRED_PARTS
 from network.cli.contract.contract_commands import contract
 from network.contracts import contract_tracing

@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.state.settings import UploadQuotas
 from network.cli.main import main
 from network.provisioning.network_layout import create_network
-from node.custody.chain.custody_answers import CustodyStatus, ScrubAnswer
+from node.custody.coordination.custody_answers import CustodyStatus, ScrubAnswer
 
 ERASURE = "ab" * 32
 

@@ -18,7 +18,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload
 from consensus.records.sharing import SharedRequest
 from node.api.services import SubmitResult
-from node.custody.chain.custody_coordinator import (
+from node.custody.coordination.custody_coordinator import (
     CLIP_PART_BYTES,
     OUTBOX_BATCH_COUNT,
     OUTBOX_LIFETIME_MS,
@@ -95,7 +95,7 @@ class Rig:
     """A custody over a memory store whose blocks the test makes."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("node.custody.chain.custody_coordinator.RETRY_MS", 0)
+        monkeypatch.setattr("node.custody.coordination.custody_coordinator.RETRY_MS", 0)
         self.now_ms = 1_000_000
         self.custodian, self.pool, self.ledger = ScriptedCustodian(), Pool(), MemoryStore()
         self.feed = FinalityFeed(-1)
@@ -307,7 +307,7 @@ async def test_no_clip_leaves_before_the_custodian_has_followed_the_network_sinc
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its disk may be of an old backup: what was erased since is erased here first, and only then does it serve."""
-    monkeypatch.setattr("node.custody.chain.custody_coordinator.CATCH_UP_MAX_MS", 0)
+    monkeypatch.setattr("node.custody.coordination.custody_coordinator.CATCH_UP_MAX_MS", 0)
     in_touch = False
     rig.custody._is_in_touch = lambda: in_touch
     rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], [], [])
@@ -340,14 +340,14 @@ async def test_nothing_leaves_while_a_final_block_is_not_followed(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, ask_for: str
 ) -> None:
     """In that block a visit may have been denied, a record erased, an approval withdrawn."""
-    monkeypatch.setattr("node.custody.chain.custody_coordinator.CATCH_UP_MAX_MS", 0)
+    monkeypatch.setattr("node.custody.coordination.custody_coordinator.CATCH_UP_MAX_MS", 0)
     asked: list[str] = []
 
     async def give(*_: Any) -> ClipDownload:
         asked.append(ask_for)
         return ClipDownload(bytes(16), bytes(32), [], [], [])
 
-    monkeypatch.setattr("node.custody.chain.custody_coordinator.require_grantee", lambda *_: None)
+    monkeypatch.setattr("node.custody.coordination.custody_coordinator.require_grantee", lambda *_: None)
     for name in ("download", "download_shared", "get_background"):
         monkeypatch.setattr(rig.custodian, name, give, raising=False)
     rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], [], [])
@@ -381,7 +381,7 @@ async def test_nothing_leaves_while_a_final_block_is_not_followed(
     with pytest.raises(BlockRobotError, match="CUSTODY_CATCHING_UP"):
         await ask()
     assert len(asked) == before
-    monkeypatch.setattr("node.custody.chain.custody_coordinator.CATCH_UP_MAX_MS", 5_000)
+    monkeypatch.setattr("node.custody.coordination.custody_coordinator.CATCH_UP_MAX_MS", 5_000)
     waiting = asyncio.create_task(ask())
     await asyncio.sleep(0)
     held.set()

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from contracts.execution.machine import ContractMachine
+from contracts.execution.contract_machine import ContractMachine
 from contracts.lifecycle.changes import read_record
 from contracts.lifecycle.describing import list_contracts
 from contracts.lifecycle.registry import compute_source_hash

@@ -18,7 +18,7 @@ from consensus.state.settings import read_quotas
 from contracts.execution.sender_admission import find_account, is_admitted
 from contracts.state.view import MemoryState
 from node.api.access.principals import resolve_principal
-from node.custody.uploads import DayUse, UploadTerms, require_quota
+from node.custody.upload_usage import DayUse, UploadTerms, require_quota
 from node.mempool.byte_budget import VISITS_PART, ByteBudgets
 from node.mempool.mempool import Mempool, Screened
 from node.mempool.transaction_cache import TransactionCache

@@ -6,8 +6,8 @@ from typing import Any
 
 from prometheus_client.parser import text_string_to_metric_families
 
-from node.custody.chain.custody_answers import RobotUploads, UploadReport
-from node.custody.chain.upload_report import OTHER_ROBOTS, ROBOTS_IN_METRICS_MAX_COUNT, render_uploads
+from node.custody.coordination.custody_answers import RobotUploads, UploadReport
+from node.custody.coordination.upload_report import OTHER_ROBOTS, ROBOTS_IN_METRICS_MAX_COUNT, render_uploads
 
 QUOTAS = {"robot_staged_max_mib": 512, "robot_staged_max_count": 4096, "robot_day_max_mib": 3}
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from consensus.chain.transaction import Transaction
-from contracts.execution.machine import ContractMachine
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.results import BlockResult, ExecutionFault
 from contracts.lifecycle.opening import find_activation
 from contracts.state.view import StateView

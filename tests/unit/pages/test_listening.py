@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from aiohttp import ClientSession, web
 
-from node import operator
+from node import operator_listener
 from node.api import server
 from node.p2p import connection_acceptor
 from node.p2p import network as links
@@ -138,7 +138,7 @@ def test_all_listeners_of_a_node_together_leave_a_quarter_of_the_descriptors_to_
             share_of_descriptors(most, part)
             for most, part in (
                 (server.CONNECTIONS_MAX_COUNT, server._DESCRIPTORS_PART),
-                (operator.CONNECTIONS_MAX_COUNT, operator._DESCRIPTORS_PART),
+                (operator_listener.CONNECTIONS_MAX_COUNT, operator_listener._DESCRIPTORS_PART),
                 (connection_acceptor.HANDSHAKES_OPEN_MAX_COUNT, connection_acceptor._DESCRIPTORS_PART),
                 (links.UNGREETED_MAX_COUNT, links._DESCRIPTORS_PART),
             )

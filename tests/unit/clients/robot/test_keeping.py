@@ -14,7 +14,7 @@ from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import KeptFrame, WithheldFrame
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.recording.batching import ReadyClip
-from clients.robot.recording.sensor_track import RunContext, SensorTrack
+from clients.robot.recording.sensor_recorder import RunContext, SensorRecorder
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
 from clients.robot.run.event_log import EventLog, read_events
@@ -61,7 +61,7 @@ class Desk:
             now_ms=virtual_now_ms,
         )
         self.people = {"ann": row(ANN), "ben": row(BEN)}
-        self.track = SensorTrack(self.run, "depth", self.people, self.statistics)
+        self.track = SensorRecorder(self.run, "depth", self.people, self.statistics)
         self.consents.on_change = self.track.drop_refused
 
     def kept(self, sequence: int, alias: str = "ann", taken_at_ms: int | None = None) -> list[ReadyClip]:
@@ -200,7 +200,7 @@ def test_a_no_to_one_sensor_leaves_the_visit_of_another_alone(tmp_path: Path) ->
     """A track that never kept anything of her ends nothing."""
 
     async def story(desk: Desk) -> None:
-        rgb = SensorTrack(desk.run, "rgb", desk.people, RunStatistics(window_ms=5_000))
+        rgb = SensorRecorder(desk.run, "rgb", desk.people, RunStatistics(window_ms=5_000))
         first = desk.visits.chain_for("ann", row(ANN), virtual_now_ms())
         for _ in range(3):
             rgb.drop_refused()

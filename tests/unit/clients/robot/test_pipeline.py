@@ -16,7 +16,7 @@ from clients.robot.delivery.delivery import Delivered, Delivery
 from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX, FrameRedactor
 from clients.robot.pairing.rosters import RosterBook
-from clients.robot.recording.sensor_track import RunContext
+from clients.robot.recording.sensor_recorder import RunContext
 from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook

@@ -179,7 +179,7 @@ async def test_nobody_countersigns_a_consent_beyond_the_notice(
     with pytest.raises(BlockRobotError, match=rf"^{code}:"):
         issuer.issue(ward.network.ledger, txid, member)
     with pytest.MonkeyPatch.context() as node_of_before:
-        node_of_before.setattr("node.custody.chain.consent_receipts.require_consent_asked", lambda *_: None)
+        node_of_before.setattr("node.custody.coordination.consent_receipts.require_consent_asked", lambda *_: None)
         with pytest.raises(BlockRobotError) as caught:
             await ConsentReceipts(ward.wallet).obtain(txid)
     assert caught.value.code == code

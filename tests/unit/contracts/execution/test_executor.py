@@ -13,8 +13,8 @@ from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.state.keys import Reader
 from contracts.execution.call_host import CallHost
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.executor import WIRE_BYTES_A_GAS, execute_block
-from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext, BlockResult, ExecutionLimits
 from contracts.execution.views import run_view
 from contracts.lifecycle.catalogue import ActiveContracts, Catalogue

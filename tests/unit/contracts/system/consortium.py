@@ -13,9 +13,9 @@ from consensus.primitives.encoding import decode_value, u32, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.rights.purposes import PURPOSES
+from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.epochs import next_epoch, read_epoch
 from contracts.execution.genesis import complete_genesis, open_genesis
-from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext
 from contracts.execution.views import run_view
 from contracts.lifecycle.catalogue import ActiveContracts, Catalogue

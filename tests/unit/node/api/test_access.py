@@ -12,7 +12,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from node.api import create_api
-from node.api.access.authorisation import CALLERS, refusal_of
+from node.api.openapi.authorisation_page import CALLERS, refusal_of
 from node.api.routes import ROUTES
 from node.api.routing import Route
 from tests.unit.node.api.small_network import SmallNode

@@ -9,7 +9,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.state.records import EMPTY_FRAMES, EmptyFrameRow
-from node.custody.chain.upload_admission import UploadAdmission
+from node.custody.coordination.upload_admission import UploadAdmission
 from node.ledger.ledger_writer import FinalityFeed
 from tests.unit.node.api.small_network import ROBOT, SUBJECT, SmallNode
 

@@ -17,7 +17,7 @@ from consensus.state.consent import NOTICE, NOTICE_TEXT
 from consensus.state.identity import REGISTRAR as REGISTRAR_ROWS
 from network.notices.notice_publishing import demo_notice
 from node.api import create_api
-from node.custody.chain.consent_receipts import ConsentReceipts
+from node.custody.coordination.consent_receipts import ConsentReceipts
 from tests.unit.node.api.small_network import CUSTODIAN, REGISTRAR, STRANGER, SUBJECT, SmallNode, flat
 from tests.unit.node.api.test_routes import proof_of
 

@@ -11,8 +11,8 @@ import msgspec
 from consensus.primitives.encoding import decode, encode
 from node.p2p.wire import RequestKind, SnapshotRequest
 from node.snapshot import fetching
-from node.snapshot.form import read_manifest, write_manifest
 from node.snapshot.joining import SnapshotJoiner
+from node.snapshot.snapshot_format import read_manifest, write_manifest
 from node.snapshot.snapshot_store import MANIFEST_INDEX, SnapshotStore
 from node.storage.ledger_store import Position
 from node.storage.memory_store import MemoryStore

@@ -16,8 +16,8 @@ from consensus.primitives.hashing import sha256
 from node.p2p.wire import SnapshotRequest
 from node.snapshot import fetching, joining
 from node.snapshot.fetching import SnapshotFetcher
-from node.snapshot.form import StateChunk, read_manifest, write_manifest
 from node.snapshot.restoring import adopt_restored
+from node.snapshot.snapshot_format import StateChunk, read_manifest, write_manifest
 from node.snapshot.snapshot_store import MANIFEST_INDEX
 from node.storage.lmdb_reader import LedgerFile
 from tests.unit.node.snapshot.snapshot_peers import Peers, join, joiner_of, make_shelves

@@ -13,7 +13,7 @@ from consensus.errors import BlockRobotError
 from node.p2p.wire import SnapshotRequest
 from node.snapshot import fetching
 from node.snapshot.fetching import SnapshotFetcher
-from node.snapshot.form import read_manifest, write_manifest
+from node.snapshot.snapshot_format import read_manifest, write_manifest
 from node.snapshot.snapshot_store import MANIFEST_INDEX
 from tests.unit.node.snapshot.snapshot_peers import Peers, lying_about, make_shelves
 

@@ -18,7 +18,9 @@ from consensus.primitives.keys import PrivateKey
 from contracts.state.trie import compute_root
 from node.snapshot import making
 from node.snapshot.checking import restore_into
-from node.snapshot.form import (
+from node.snapshot.making import describe_manifest, header_of_block, make_snapshot, make_snapshot_folder
+from node.snapshot.restoring import WHOLE_MARK, adopt_restored, restore_ledger
+from node.snapshot.snapshot_format import (
     CHUNK_SIZE_MAX_BYTES,
     FORMAT_LINE,
     MANIFEST_NAME,
@@ -32,8 +34,6 @@ from node.snapshot.form import (
     read_manifest,
     write_manifest,
 )
-from node.snapshot.making import describe_manifest, header_of_block, make_snapshot, make_snapshot_folder
-from node.snapshot.restoring import WHOLE_MARK, adopt_restored, restore_ledger
 from node.storage.ledger_store import LedgerStore, TransactionLocation
 from node.storage.lmdb_reader import LedgerFile
 from node.storage.lmdb_restore import LmdbRestore

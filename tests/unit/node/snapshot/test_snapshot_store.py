@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from consensus.primitives.encoding import encode
 from node.p2p.wire import SnapshotRequest
-from node.snapshot.form import read_manifest
 from node.snapshot.making import header_of_block
+from node.snapshot.snapshot_format import read_manifest
 from node.snapshot.snapshot_store import MANIFEST_INDEX, REQUESTED_INTERVAL_MIN_MS, SnapshotStore
 from tests.unit.node.snapshot.snapshot_peers import Peers
 

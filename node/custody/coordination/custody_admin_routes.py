@@ -16,8 +16,8 @@ from aiohttp import web
 
 from consensus.api_documents import Document
 from consensus.errors import BlockRobotError
-from node.custody.chain.custody_admin import CustodyAdmin
-from node.custody.chain.custody_answers import CustodyProblem, Progress, WorkLine
+from node.custody.coordination.custody_admin import CustodyAdmin
+from node.custody.coordination.custody_answers import CustodyProblem, Progress, WorkLine
 from node.custody.repair.scrub import Tell
 
 TELL_EVERY_S = 0.2

@@ -18,8 +18,8 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.services import NodeStatus
-from node.custody.chain.custody_admin import CustodyAdmin
-from node.custody.chain.custody_admin_routes import add_custody_routes
+from node.custody.coordination.custody_admin import CustodyAdmin
+from node.custody.coordination.custody_admin_routes import add_custody_routes
 from node.faults import FaultSwitch
 from pages.listening import awaiting_body, serve, share_of_descriptors
 from pages.serving import is_client_gone

@@ -12,7 +12,7 @@ from node.api.access.route_access import Access
 from node.api.access.sessions import Session
 from node.api.openapi.markdown_tables import write_table
 from node.api.routes import ROUTES
-from node.operator import OPEN_PATHS, READING_PATHS
+from node.operator_listener import OPEN_PATHS, READING_PATHS
 
 _MADE = "<!-- Made from the code by `python -m node.api.openapi.reference_pages docs/reference`. Do not edit. -->"
 _INTRODUCTION = """\

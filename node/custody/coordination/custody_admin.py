@@ -14,7 +14,9 @@ import structlog
 from consensus.api_documents import describe
 from consensus.errors import BlockRobotError
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
-from node.custody.chain.custody_answers import (
+from node.custody.chain_facts import ChainFacts, ErasureFacts
+from node.custody.clip_fetching import PeerCustodian
+from node.custody.coordination.custody_answers import (
     CustodyStatus,
     FrameName,
     MissingReceipts,
@@ -24,9 +26,7 @@ from node.custody.chain.custody_answers import (
     ScrubAnswer,
     UploadReport,
 )
-from node.custody.chain.upload_report import render_uploads
-from node.custody.chain_facts import ChainFacts, ErasureFacts
-from node.custody.clip_fetching import PeerCustodian
+from node.custody.coordination.upload_report import render_uploads
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
 from node.custody.repair.rebuild import Rebuild, RebuildReport

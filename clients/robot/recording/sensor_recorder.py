@@ -52,7 +52,7 @@ class RunContext:
     clocks: RunClocks = field(default_factory=RunClocks)
 
 
-class SensorTrack:
+class SensorRecorder:
     """One sensor of a run, for the visits' purpose; `people`: whose rows aliases are.
 
     `form` and `background_ids`: of notices, and of samples without a form of their own.

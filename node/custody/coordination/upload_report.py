@@ -16,8 +16,8 @@ from consensus.errors import BlockRobotError
 from consensus.limits import MIB_BYTES
 from consensus.state.settings import UploadQuotas
 from node.budgets.disk_reserve import DiskReserve
-from node.custody.chain.custody_answers import RobotUploads, UploadReport
-from node.custody.uploads import USAGE_KEPT_DAYS, DayUse, UploadAccount, Use, find_day
+from node.custody.coordination.custody_answers import RobotUploads, UploadReport
+from node.custody.upload_usage import USAGE_KEPT_DAYS, DayUse, UploadAccount, Use, find_day
 
 log = structlog.get_logger(__name__)
 

@@ -16,9 +16,9 @@ from consensus.state.identity import handle_of, organisation_of
 from consensus.state.keys import Reader
 from consensus.state.records import RECORD, VISIT, is_frame_approved
 from consensus.state.settings import read_quotas
-from node.custody.chain.upload_report import RefusedUploads
+from node.custody.coordination.upload_report import RefusedUploads
 from node.custody.custodian import Custodian
-from node.custody.uploads import UploadTerms, Use
+from node.custody.upload_usage import UploadTerms, Use
 from node.ledger.ledger_writer import FinalityFeed
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 
