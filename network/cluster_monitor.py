@@ -60,7 +60,7 @@ class Picture:
 
 
 def state_of(look: NodeObservation) -> str:
-    """Stopped, paused, no answer, a fault, silent, waiting, suspended or signing."""
+    """Stopped, paused, no answer, a fault, locked out, waiting, suspended or signing."""
     if not look.running:
         return "stopped"
     if look.paused:
@@ -70,8 +70,8 @@ def state_of(look: NodeObservation) -> str:
         return "no answer"
     if status.get("fault"):
         return f"fault: {status['fault']}"
-    if status.get("silent"):
-        return f"silent: {status['silent'].get('reason', '')}"
+    if status.get("lockout"):
+        return f"locked out: {status['lockout'].get('reason', '')}"
     usual = "signing" if status.get("suspended_height") is None else "suspended"
     return usual if status.get("ready") else "waiting"
 

@@ -431,7 +431,7 @@ class NodeComponents:
             "over_budget": self.over_budget.describe(self.surroundings.clock.now_ms()),
             "fault": core.halted or self.engine.fault,
             "execution": self.executor.quarantine.describe(),
-            "silent": None if core.lockout is None else core.lockout._asdict(),
+            "lockout": None if core.lockout is None else core.lockout._asdict(),
             "finality": self.stall_detector.describe(),
             "suspended_height": self._suspended_height(),
             "accused": describe_accused(self.accuser, self.directory, self.executor.reader),

@@ -118,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--restored",
         action="store_true",
-        help="the directory or its journal comes from a backup or is lost: be silent until it is safe",
+        help="the directory or its journal comes from a backup or is lost: sign nothing until it is safe",
     )
     options = parser.parse_args(arguments)
     return run_process(options.data_dir, partial(Node, restored=options.restored))

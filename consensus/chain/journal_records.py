@@ -14,7 +14,7 @@ KIND_VOTE = "vote"
 KIND_TIMEOUT = "timeout"
 KIND_BLOCK = "block"
 KIND_STATE = "state"
-KIND_LOCKOUT = "silence"
+KIND_LOCKOUT = "lockout"
 
 LOCKOUT_RESTORED = "restored"
 LOCKOUT_OUTDATED = "outdated"

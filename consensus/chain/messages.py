@@ -14,9 +14,9 @@ WORD_PROPOSAL = "proposal"
 WORD_VOTE = "vote"
 WORD_TIMEOUT = "timeout"
 
-SPEAKING = "speaking"
+SIGNING = "signing"
 ASKING = "asking"
-SILENT = "silent"
+LOCKED_OUT = "locked-out"
 
 
 class Vote(Wire, frozen=True):
@@ -74,12 +74,12 @@ class LastSignedRequest(Wire, frozen=True):
 class LastSignedResponse(Wire, frozen=True):
     """The asker's word as known here, and the sender's last signed round.
 
-    `speech` is SPEAKING, ASKING or SILENT; `qc` and `entered_by` prove the sender's round.
+    `signing_state` is SIGNING, ASKING or LOCKED_OUT; `qc` and `entered_by` prove the sender's round.
     """
 
     epoch: int
     asked_at_ms: int
-    speech: str
+    signing_state: str
     signed_round: int
     word: SignedMessage | None
     qc: QuorumCertificate

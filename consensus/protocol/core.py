@@ -14,7 +14,7 @@ from consensus.chain.evidence import Evidence
 from consensus.chain.journal_records import JournalState, read_journal
 from consensus.chain.message_checks import MessageChecks
 from consensus.chain.messages import (
-    SILENT,
+    LOCKED_OUT,
     CertificateNotice,
     LastSignedRequest,
     LastSignedResponse,
@@ -63,7 +63,7 @@ class Core:
     ) -> None:
         """Begin above `finalized`, the synced store's head, in the schedule's epoch.
 
-        `round_zero_id`: genesis or boundary (R23). `before`: the previous epoch's core; speaking in it skips asking
+        `round_zero_id`: genesis or boundary (R23). `before`: the previous epoch's core; signing in it skips asking
         (R36, R37). Raises ENCODING_*.
         """
         if finalized_qc.epoch != schedule.epoch:
@@ -504,7 +504,7 @@ class Core:
         answer = LastSignedResponse(
             epoch=self.epoch,
             asked_at_ms=request.asked_at_ms,
-            speech=SILENT if self._voter.has_left else self._voter.signing_guard.speech,
+            signing_state=LOCKED_OUT if self._voter.has_left else self._voter.signing_guard.signing_state,
             signed_round=self.last_voted_round,
             word=self._message_log.newest(sender),
             qc=self.high_qc,

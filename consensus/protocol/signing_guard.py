@@ -1,4 +1,4 @@
-"""Decides whether a restarted producer may sign: above possibly signed rounds (R40), or silent after memory loss (R34,
+"""Decides whether a restarted producer may sign: above possibly signed rounds (R40), locked out after memory loss (R34,
 R35).
 """
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from consensus.chain.block import Header
 from consensus.chain.journal_records import LOCKOUT_OUTDATED, SigningLockout
-from consensus.chain.messages import ASKING, SILENT, SPEAKING, LastSignedRequest, LastSignedResponse
+from consensus.chain.messages import ASKING, LOCKED_OUT, SIGNING, LastSignedRequest, LastSignedResponse
 from consensus.chain.schedule import Schedule
 from consensus.protocol.effects import TIMER_ASK, Broadcast, CancelTimer, Effect, LockoutChanged, SendTo, SetTimer
 
@@ -35,7 +35,7 @@ class SigningGuard:
         asks: bool = True,
         signs_above_round: int = 0,
     ) -> None:
-        """Begin with the journal's lockout; `asks` is False only after speaking in the previous epoch (R36).
+        """Begin with the journal's lockout; `asks` is False only after signing in the previous epoch (R36).
 
         `signs_above_round` bounds what may be forgotten then (R40).
         """
@@ -44,22 +44,22 @@ class SigningGuard:
         self._tolerated = schedule.faults_tolerated
         self._is_alone = index is not None and len(schedule.producers) == 1
         self._has_others = index is not None and not self._is_alone
-        self._needed_to_speak = schedule.quorum - 1
+        self._needed_to_sign = schedule.quorum - 1
         self._needed_for_round = 2 * schedule.faults_tolerated + 1
         self._is_asking = asks and self._has_others
         self._asked_at_ms = -1
         self._willing: set[int] = set()
-        self._silent: set[int] = set()
+        self._locked_out: set[int] = set()
         self._signed_rounds: dict[int, int] = {}
         self._highest_told_round = 0
         self.signs_above_round = signs_above_round
         self.lockout = _carried(lockout, schedule.epoch, same_producers=False)
 
     @property
-    def speech(self) -> str:
+    def signing_state(self) -> str:
         if self.lockout is not None and self._has_others:
-            return SILENT
-        return ASKING if self._is_asking else SPEAKING
+            return LOCKED_OUT
+        return ASKING if self._is_asking else SIGNING
 
     @property
     def is_blocking(self) -> bool:
@@ -75,16 +75,16 @@ class SigningGuard:
             return None
         lockout = self.lockout
         if lockout is None:
-            needed = f"{self._needed_to_speak} other producers have said what they last heard of this one"
+            needed = f"{self._needed_to_sign} other producers have said what they last heard of this one"
             return LockoutStatus(ASKING, f"{needed} ({len(self._willing)} so far)")
         if lockout.above_round is not None:
             until = f"a block above round {lockout.above_round} of epoch {lockout.epoch} is final without it"
         else:
             needed = f"{self._needed_for_round} other producers that may sign have told their last round"
             until = f"{needed} ({len(self._signed_rounds)} so far) and a block above it is final"
-        if 1 + len(self._silent) > self._tolerated:
+        if 1 + len(self._locked_out) > self._tolerated:
             until += (
-                f" (which cannot be while {1 + len(self._silent)} producers are silent and the chain tolerates"
+                f" (which cannot be while {1 + len(self._locked_out)} producers are locked out and the chain tolerates"
                 f" {self._tolerated}: all organisations must sign a restart)"
             )
         return LockoutStatus(lockout.reason, until)
@@ -115,16 +115,16 @@ class SigningGuard:
     def take(self, sender: int, answer: LastSignedResponse, last_voted_round: int) -> list[Effect]:
         before = (self._is_asking, self.lockout)
         self._willing.discard(sender)
-        self._silent.discard(sender)
+        self._locked_out.discard(sender)
         self._signed_rounds.pop(sender, None)
-        if answer.speech == SILENT:
-            self._silent.add(sender)
+        if answer.signing_state == LOCKED_OUT:
+            self._locked_out.add(sender)
         else:
             self._willing.add(sender)
             self._highest_told_round = max(self._highest_told_round, answer.signed_round)
-        if answer.speech == SPEAKING:
+        if answer.signing_state == SIGNING:
             self._signed_rounds[sender] = answer.signed_round
-        if self._is_asking and len(self._willing) >= self._needed_to_speak:
+        if self._is_asking and len(self._willing) >= self._needed_to_sign:
             self._is_asking = False
             self.signs_above_round = self._first_safe_round() - 1
         lockout = self.lockout
@@ -143,7 +143,7 @@ class SigningGuard:
         is_beginning = self._epoch == 0 and self._highest_told_round == 0
         return _FIRST_ROUND if is_beginning else self._highest_told_round + 2
 
-    # Silence
+    # Lockout
 
     def lock_out(self, forgotten_round: int) -> list[Effect]:
         lockout = self.lockout

@@ -8,7 +8,7 @@ import msgspec
 
 from consensus.chain.block import Block, QuorumCertificate, TimeoutCertificate
 from consensus.chain.messages import (
-    SPEAKING,
+    SIGNING,
     CertificateNotice,
     LastSignedRequest,
     LastSignedResponse,
@@ -67,7 +67,7 @@ class WrongEpochs(Behaviour):
             CertificateNotice(qc=old, entered_by=None),
             CertificateNotice(qc=msgspec.structs.replace(old, epoch=self._own.epoch), entered_by=None),
             LastSignedRequest(epoch=epoch, asked_at_ms=self._ticks),
-            LastSignedResponse(epoch, self._ticks, SPEAKING, old.round, None, old, None),
+            LastSignedResponse(epoch, self._ticks, SIGNING, old.round, None, old, None),
             self._vote(epoch, self._own.round, self.made_up_id()),
             self._timeout(epoch, self._own.round, old, None),
         ):

@@ -105,7 +105,7 @@ class Garbage(Behaviour):
         return LastSignedResponse(
             epoch=self._own.epoch,
             asked_at_ms=self._chance.randint(-1, 1 << 44),
-            speech=self._chance.choice(("speaking", "silent", "")),
+            signing_state=self._chance.choice(("signing", "locked-out", "")),
             signed_round=self._own.round + self._chance.randint(-1, _FAR_ROUNDS_COUNT),
             word=None,
             qc=self._strange_notice().qc,

@@ -55,8 +55,8 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
             stuck = execution["stuck"]
             detail = f"It has tried block {stuck['height']} {stuck['attempts']} times: {execution['last_failure']}"
             found.append(Finding("BLOCK_NOT_EXECUTED", answer.name, detail))
-        if status.get("silent"):
-            found.append(Finding("PRODUCER_SILENT", answer.name, "It waits until it is safe to sign again."))
+        if status.get("lockout"):
+            found.append(Finding("PRODUCER_LOCKED_OUT", answer.name, "It waits until it is safe to sign again."))
         if status.get("suspended_height") is not None:
             detail = f"It has been suspended since height {status['suspended_height']}: blockrobot producer list"
             found.append(Finding("PRODUCER_SUSPENDED", answer.name, f"{detail} shows why."))

@@ -110,10 +110,10 @@ KINDS: dict[str, FindingKind] = _table(
         "Wait while it catches up; if it does not, look at its links and its log.",
     ),
     FindingKind(
-        "PRODUCER_SILENT",
+        "PRODUCER_LOCKED_OUT",
         "warning",
         "The producer signs nothing for now: its data directory or journal came from a backup.",
-        "Wait: it speaks again when the chain has gone on without it long enough.",
+        "Wait: it signs again when the chain has gone on without it long enough.",
     ),
     FindingKind(
         "PRODUCER_SUSPENDED",

@@ -265,7 +265,7 @@ class Engine:
             case EvidenceFound(evidence=evidence):
                 self._show_evidence(evidence)
             case LockoutChanged(reason=reason, until=until):
-                log.warning("silent" if reason else "speaks", reason=reason, until=until)
+                log.warning("producer_locked_out" if reason else "producer_signs_again", reason=reason, until=until)
             case Halt(reason=reason):
                 log.critical("halted", reason=reason)
 

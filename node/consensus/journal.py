@@ -363,7 +363,7 @@ class Journal:
 def open_journal(path: Path, *, restored: bool = False, disk: Disk | None = None) -> Journal:
     """Open a data directory's journal; `restored`: any part is from a backup.
 
-    Then a durable mark comes first: the producer is silent until the chain advances (R34, R35). Only so is a missing or
+    Then a durable mark comes first: the producer is locked out until the chain advances (R34, R35). Only so is a missing or
     damaged journal recreated.
 
     Raises JOURNAL_MISSING, JOURNAL_DAMAGED (neither if `restored`), JOURNAL_UNWRITABLE, DATA_DIRECTORY_IN_USE.

@@ -127,7 +127,7 @@ async def signs_with_its_new_key(story: Story, name: str) -> None:
     await asyncio.to_thread(story.cluster.pause, "node-4")
     await story.until_told()
     story.cluster.resume("node-4")
-    assert (await story.status(name))["silent"] is None
+    assert (await story.status(name))["lockout"] is None
 
 
 @pytest.mark.long

@@ -34,22 +34,22 @@ async def _work(network: NetworkUnderTest, name: str, count: int) -> None:
         await network.finalize(name, network.transaction())
 
 
-async def _silence(network: NetworkUnderTest, name: str) -> dict[str, Any] | None:
-    """What the node says of its silence, once it answers."""
+async def _lockout(network: NetworkUnderTest, name: str) -> dict[str, Any] | None:
+    """What the node says of its lockout, once it answers."""
     deadline = time.monotonic() + RETURN_TIMEOUT_S
-    while "silent" not in (status := await network.status(name)):
+    while "lockout" not in (status := await network.status(name)):
         assert time.monotonic() < deadline, f"{name} did not answer"
         await asyncio.sleep(0.05)
-    silent: dict[str, Any] | None = status["silent"]
-    return silent
+    lockout: dict[str, Any] | None = status["lockout"]
+    return lockout
 
 
 async def _until_it_speaks(network: NetworkUnderTest, name: str, others: str) -> int:
     """Work at another node until this one signs again; return how many transactions that took."""
     deadline = time.monotonic() + RETURN_TIMEOUT_S
     count = 0
-    while await _silence(network, name) is not None:
-        assert time.monotonic() < deadline, f"{name} is silent for ever"
+    while await _lockout(network, name) is not None:
+        assert time.monotonic() < deadline, f"{name} is locked out for ever"
         await _work(network, others, 1)
         count += 1
     return count
@@ -65,7 +65,7 @@ async def _require_its_votes(network: NetworkUnderTest, name: str, dead: str) ->
 async def test_an_old_machine_comes_back_under_load_and_never_speaks_against_itself(
     story: Story, is_flagged: bool
 ) -> None:
-    """The whole directory is put back. With the flag it is certain to be silent; without it, the others tell it."""
+    """The whole directory is put back. With the flag it is certain to be locked out; without it, the others tell it."""
     name, config = "node-4", story.cluster.config("node-4")
     await story.work("node-1", "node-2", "node-3")
     await story.until_told(10)
@@ -78,7 +78,7 @@ async def test_an_old_machine_comes_back_under_load_and_never_speaks_against_its
     shutil.rmtree(config.data_dir)
     backup.rename(config.data_dir)
     story.cluster.start(name, restored=is_flagged)
-    await story.wait_until(name, lambda said: bool(said.get("ready")) and said["silent"] is None, RETURN_TIMEOUT_S)
+    await story.wait_until(name, lambda said: bool(said.get("ready")) and said["lockout"] is None, RETURN_TIMEOUT_S)
     story.report_gap("old_machine", killed_s)
     assert ('"restored"' if is_flagged else '"outdated"') in config.log_path.read_text(encoding="utf-8")
     dead_s = await story.do(Kill("node-2"))
@@ -101,9 +101,9 @@ async def test_an_old_journal_is_noticed_by_what_the_others_remember(network: Ne
     network.cluster.kill(name)
     journal.write_bytes(old)
     network.cluster.start(name)
-    silent = await _silence(network, name)
-    assert silent is not None
-    assert silent["reason"] in ("asking", "outdated")
+    lockout = await _lockout(network, name)
+    assert lockout is not None
+    assert lockout["reason"] in ("asking", "outdated")
     await _until_it_speaks(network, name, "node-1")
     assert '"outdated"' in network.cluster.config(name).log_path.read_text()
     await _require_its_votes(network, name, "node-2")

@@ -145,7 +145,7 @@ async def test_a_producer_that_was_taken_out_speaks_of_every_epoch_and_moves_nob
     gap_s = await load.end()
     for name in honest:
         status = await network.status(name)
-        assert (status["epoch"], status["silent"]) == (2, None), name
+        assert (status["epoch"], status["lockout"]) == (2, None), name
     async with NetworkClient(network.genesis) as client:
         state = await client.state_values([EPOCH.flat], network.registrar)
     assert removed.producer_key not in state.values[EPOCH.flat]["producers"]

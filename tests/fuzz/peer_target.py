@@ -143,7 +143,7 @@ def core_seeds() -> list[bytes]:
     boundary = one.boundary(1)
     closing = one.closing(2, boundary)
     vote, notice = one.vote(LIAR_INDEX, blocks[0]), CertificateNotice(qc=one.qc(blocks[2]), entered_by=tc)
-    answer = LastSignedResponse(0, one.now_ms, "speaking", 0, None, one.root_qc, None)
+    answer = LastSignedResponse(0, one.now_ms, "signing", 0, None, one.root_qc, None)
     streams = [
         [frame(FrameKind.VOTE, vote)],
         [frame(FrameKind.PROPOSAL, Proposal(block=block)) for block in blocks],

@@ -161,7 +161,7 @@ def _words_answer(target: Target) -> bytes:
     answer = LastSignedResponse(
         epoch=target.epoch,
         asked_at_ms=time.time_ns() // 1_000_000,
-        speech="speaking",
+        signing_state="signing",
         signed_round=_near(target),
         word=None,
         qc=_qc(target, _near(target)),

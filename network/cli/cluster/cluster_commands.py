@@ -211,7 +211,7 @@ def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
     if not row.running:
         return "stopped"
     if row.status is None:
-        return "silent"
+        return "no answer"
     if not row.status.get("ready"):
         return "waiting"
     if row.status.get("finality", {}).get("late"):
@@ -284,8 +284,8 @@ def _lies(row: NodeStatusReport, accused_by: Sequence[str]) -> list[str]:
 
 def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:
     told = []
-    if status.get("silent"):
-        told.append(f"{name} signs nothing ({status['silent']['reason']}) until {status['silent']['until']}.")
+    if status.get("lockout"):
+        told.append(f"{name} signs nothing ({status['lockout']['reason']}) until {status['lockout']['until']}.")
     finality = status.get("finality", {})
     if finality.get("late"):
         work = f", and transactions wait ({status.get('mempool')})" if status.get("mempool") else ""

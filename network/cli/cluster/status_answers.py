@@ -50,7 +50,7 @@ class ExecutionState(Answer, frozen=True, kw_only=True):
     stuck: Annotated[StuckBlock | None, doc("The block that only this node cannot execute; null if there is none")]
 
 
-class SilentProducer(Answer, frozen=True, kw_only=True):
+class ProducerLockout(Answer, frozen=True, kw_only=True):
     """Why a producer signs nothing."""
 
     reason: Annotated[str, doc("Why")]
@@ -162,7 +162,7 @@ class NodeStatus(Answer, frozen=True, kw_only=True):
     ] = UNSET
     fault: Annotated[str | UnsetType, doc("Why it has stopped taking part; empty if it has not")] = UNSET
     execution: Annotated[ExecutionState | UnsetType, doc("What it could not execute")] = UNSET
-    silent: Annotated[SilentProducer | UnsetType | None, doc("Why it signs nothing; null if it may sign")] = UNSET
+    lockout: Annotated[ProducerLockout | UnsetType | None, doc("Why it signs nothing; null if it may sign")] = UNSET
     finality: Annotated[FinalityState | UnsetType, doc("Whether blocks become final in time")] = UNSET
     suspended_height: Annotated[
         Height | UnsetType | None, doc("Where its producer was suspended; null if it is not")
@@ -201,7 +201,7 @@ class WatchedNode(Answer, frozen=True, kw_only=True):
 
     name: Annotated[str, doc("The node")]
     state: Annotated[
-        str, doc("`stopped`, `paused`, `no answer`, `silent`, `waiting`, `suspended`, `signing` or a fault")
+        str, doc("`stopped`, `paused`, `no answer`, `locked out: ...`, `waiting`, `suspended`, `signing` or a fault")
     ]
     height: Annotated[Height | None, doc("Its newest certified block; null without an answer")]
     finalized_height: Annotated[Height | None, doc("Its newest final block; null without an answer")]

@@ -105,7 +105,7 @@ def _print_status(configs: list[NodeConfig], answers: list[CustodyStatus | Block
         table.add_column(column, justify="right")
     for config, answer in zip(configs, answers, strict=True):
         if isinstance(answer, BlockRobotError):
-            table.add_row(config.name, "silent" if answer.code == "NODE_UNREACHABLE" else answer.code, *"--------")
+            table.add_row(config.name, "no answer" if answer.code == "NODE_UNREACHABLE" else answer.code, *"--------")
             continue
         counts = [answer.clips_held, answer.clips_staged, answer.clips_missing, answer.clips_erased]
         own = answer.waiting_for.get(answer.member)

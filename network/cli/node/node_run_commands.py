@@ -27,7 +27,7 @@ from node.service import Node
 @click.option(
     "--restored",
     is_flag=True,
-    help="The data directory, or its voting journal, comes from a backup or is lost: be silent until it is safe.",
+    help="The data directory, or its voting journal, comes from a backup or is lost: sign nothing until it is safe.",
 )
 @click.option("--detach", is_flag=True, help="Leave it running behind this terminal; `blockrobot down` stops it.")
 @command_output

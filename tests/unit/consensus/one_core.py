@@ -17,7 +17,7 @@ from consensus.chain.block import (
 )
 from consensus.chain.genesis import ChainSettings
 from consensus.chain.messages import (
-    SPEAKING,
+    SIGNING,
     CertificateNotice,
     LastSignedResponse,
     Proposal,
@@ -275,7 +275,7 @@ class OneCore(Peers):
         peer: int,
         *,
         word: SignedMessage | None = None,
-        speech: str = SPEAKING,
+        signing_state: str = SIGNING,
         signed_round: int = 0,
         qc: QuorumCertificate | None = None,
         entered_by: TimeoutCertificate | None = None,
@@ -284,7 +284,7 @@ class OneCore(Peers):
         answer = LastSignedResponse(
             epoch=self.epoch,
             asked_at_ms=self.now_ms,
-            speech=speech,
+            signing_state=signing_state,
             signed_round=signed_round,
             word=word,
             qc=qc or self.root_qc,

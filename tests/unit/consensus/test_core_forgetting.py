@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from consensus.chain.block import genesis_certificate
-from consensus.chain.messages import ASKING, SILENT, Proposal, Timeout, Vote
+from consensus.chain.messages import ASKING, LOCKED_OUT, Proposal, Timeout, Vote
 from consensus.chain.schedule import Schedule
 from consensus.protocol.core import Core
 from consensus.protocol.effects import BuildBlock
@@ -11,12 +11,12 @@ from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import CHECK, TRANSACTION, OneCore, Peers, of_type, said
 
 
-def answered(node, *rounds, qc=None, speeches=()):
+def answered(node, *rounds, qc=None, signing_states=()):
     """Let others answer that they last signed in these rounds; return all effects."""
     effects = []
     for peer, number in enumerate(rounds):
-        speech = speeches[peer] if speeches else "speaking"
-        effects += node.answer_from(peer, signed_round=number, qc=qc, speech=speech)
+        signing_state = signing_states[peer] if signing_states else "signing"
+        effects += node.answer_from(peer, signed_round=number, qc=qc, signing_state=signing_state)
     return effects
 
 
@@ -77,7 +77,7 @@ def test_after_a_power_cut_all_give_the_same_round_up_without_waiting_and_the_ne
     node = OneCore(3, answered=False)
     one = node.block(1, transactions=(TRANSACTION,))
     node.receive(one)
-    effects = answered(node, 1, 1, qc=node.qc(one), speeches=(ASKING, ASKING))
+    effects = answered(node, 1, 1, qc=node.qc(one), signing_states=(ASKING, ASKING))
     assert [word.round for word in said(effects, Timeout)] == [2]
     for peer in (0, 1):
         effects += node.timeout_from(peer, 2, node.qc(one))
@@ -88,7 +88,7 @@ def test_after_a_power_cut_all_give_the_same_round_up_without_waiting_and_the_ne
 def test_neither_silent_producers_nor_later_answers_move_the_mark():
     node = OneCore(3, answered=False)
     _, qc = certified(node, 1, 2)
-    node.answer_from(2, signed_round=2, qc=qc, speech=SILENT)
+    node.answer_from(2, signed_round=2, qc=qc, signing_state=LOCKED_OUT)
     effects = answered(node, 1, 1)
     assert [word.round for word in said(effects, Timeout)] == []
     assert node.core.round == 3

@@ -13,8 +13,8 @@ from consensus.chain.journal_records import (
 )
 from consensus.chain.messages import (
     ASKING,
-    SILENT,
-    SPEAKING,
+    LOCKED_OUT,
+    SIGNING,
     LastSignedRequest,
     LastSignedResponse,
     Proposal,
@@ -96,16 +96,16 @@ def test_a_lone_producer_and_a_follower_ask_nobody(node):
 
 def test_an_answer_counts_only_from_a_producer_to_what_was_asked_in_this_life_and_with_proven_rounds():
     node = OneCore(answered=False)
-    good = LastSignedResponse(0, NOW_MS, SPEAKING, 0, None, GENESIS_QC, None)
+    good = LastSignedResponse(0, NOW_MS, SIGNING, 0, None, GENESIS_QC, None)
     for answer, sender in [
         (good, None),
         (good, 9),
         (good, 3),
-        (LastSignedResponse(0, NOW_MS - 1, SPEAKING, 0, None, GENESIS_QC, None), 0),
-        (LastSignedResponse(1, NOW_MS, SPEAKING, 0, None, GENESIS_QC, None), 0),
-        (LastSignedResponse(0, NOW_MS, SPEAKING, 2, None, GENESIS_QC, None), 0),
-        (LastSignedResponse(0, NOW_MS, SPEAKING, -1, None, GENESIS_QC, None), 0),
-        (LastSignedResponse(0, NOW_MS, SPEAKING, 0, None, PEERS.qc(ONE, (0, 1)), None), 0),
+        (LastSignedResponse(0, NOW_MS - 1, SIGNING, 0, None, GENESIS_QC, None), 0),
+        (LastSignedResponse(1, NOW_MS, SIGNING, 0, None, GENESIS_QC, None), 0),
+        (LastSignedResponse(0, NOW_MS, SIGNING, 2, None, GENESIS_QC, None), 0),
+        (LastSignedResponse(0, NOW_MS, SIGNING, -1, None, GENESIS_QC, None), 0),
+        (LastSignedResponse(0, NOW_MS, SIGNING, 0, None, PEERS.qc(ONE, (0, 1)), None), 0),
     ]:
         node.handle(LastSignedReceived(answer=answer, sender=sender, now_ms=NOW_MS))
     assert node.core._voter.signing_guard._willing == set()
@@ -116,10 +116,10 @@ def test_an_answer_counts_only_from_a_producer_to_what_was_asked_in_this_life_an
 def test_answers_of_silent_producers_do_not_count_but_bring_certificates():
     node = OneCore(answered=False)
     for peer in (0, 1):
-        node.answer_from(peer, speech=SILENT)
+        node.answer_from(peer, signing_state=LOCKED_OUT)
     assert node.core.lockout is not None
     node.answer_from(2)
-    node.answer_from(1, speech=ASKING)
+    node.answer_from(1, signing_state=ASKING)
     assert node.core.lockout is None
     node = OneCore(answered=False)
     node.answer_from(0, qc=PEERS.qc(ONE), entered_by=node.tc(4, 1), signed_round=5)
@@ -139,7 +139,7 @@ def test_a_producer_tells_another_one_the_newest_word_that_it_heard_of_it():
         (answer,) = told(
             node.handle(LastSignedRequested(request=request, sender=asker, now_ms=NOW_MS)), asker, LastSignedResponse
         )
-        assert (answer.asked_at_ms, answer.speech, answer.qc) == (5, SPEAKING, node.core.high_qc)
+        assert (answer.asked_at_ms, answer.signing_state, answer.qc) == (5, SIGNING, node.core.high_qc)
         assert (None if answer.word is None else (answer.word.kind, answer.word.round)) == word
 
 
@@ -167,7 +167,7 @@ def test_nobody_is_told_about_anybody_else_nor_in_another_epoch():
     assert of_type(before + unknown, SendTo) == []
 
 
-# Silence
+# Lockout
 
 
 def test_an_old_journal_forgets_a_word_that_the_others_hold():
@@ -291,8 +291,8 @@ def test_the_rounds_of_producers_that_are_silent_or_ask_themselves_say_nothing_a
     node = OneCore(6, count=7, journal=[RESTORED], answered=False)
     for peer in range(4):
         node.answer_from(peer)
-    for speech in (ASKING, SILENT):
-        node.answer_from(4, speech=speech)
+    for signing_state in (ASKING, LOCKED_OUT):
+        node.answer_from(4, signing_state=signing_state)
         assert read_journal(node.journal, 0).lockout.above_round is None
     node.answer_from(4)
     assert read_journal(node.journal, 0).lockout.above_round == 1
@@ -322,7 +322,7 @@ def test_the_mark_stands_before_every_word_of_the_new_life():
 def test_with_more_silent_producers_than_the_chain_tolerates_the_report_says_that_it_stands_still():
     node = OneCore(journal=[RESTORED], answered=False)
     assert "restart" not in node.core.lockout.until
-    node.answer_from(0, speech=SILENT)
+    node.answer_from(0, signing_state=LOCKED_OUT)
     assert "all organisations must sign a restart" in node.core.lockout.until
 
 
@@ -435,7 +435,7 @@ def test_in_an_epoch_that_its_journal_has_left_a_producer_signs_nothing():
     assert LockoutChanged(*node.core.lockout) in node.started
     request = LastSignedRequest(epoch=0, asked_at_ms=5)
     (answer,) = told(node.handle(LastSignedRequested(request=request, sender=1, now_ms=NOW_MS)), 1, LastSignedResponse)
-    assert answer.speech == SILENT
+    assert answer.signing_state == LOCKED_OUT
 
 
 def test_a_silence_begun_while_the_ledger_is_behind_outlasts_what_the_later_records_say_of_it():

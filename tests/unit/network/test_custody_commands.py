@@ -146,7 +146,7 @@ def test_an_erasure_that_a_silent_custodian_owes_is_told_by_the_other(folder: Pa
     says["node-2"] = BlockRobotError("NODE_UNREACHABLE", "node-2 does not answer.")
     result = _run(folder, "status")
     assert result.exit_code == 1
-    assert "silent" in result.stdout
+    assert "no answer" in result.stdout
     assert "node-2 has not confirmed the erasure" in result.stdout
 
 

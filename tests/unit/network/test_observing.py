@@ -22,7 +22,7 @@ def look(name: str = "node-1", *, faults: tuple[str, ...] = (), **status: Any) -
         "peers": ["node-2", "node-3"],
         "mempool": 0,
         "fault": "",
-        "silent": None,
+        "lockout": None,
     }
     return NodeObservation(name, running=True, paused=False, status=said | status, faults=faults)
 
@@ -44,7 +44,7 @@ def test_who_is_accused_by_others_is_told_and_its_own_word_does_not_count() -> N
         (look(suspended_height=7), "suspended"),
         (look(suspended_height=None), "signing"),
         (look(fault="The disk is full."), "fault: The disk is full."),
-        (look(silent={"reason": "asking", "until": "later"}), "silent: asking"),
+        (look(lockout={"reason": "asking", "until": "later"}), "locked out: asking"),
         (NodeObservation("node-1", running=True, paused=False, status=None), "no answer"),
         (NodeObservation("node-1", running=True, paused=True, status=None), "paused"),
         (NodeObservation("node-1", running=False, paused=False, status=None), "stopped"),

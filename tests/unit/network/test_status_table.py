@@ -27,7 +27,7 @@ def said(capsys: pytest.CaptureFixture[str], *, as_json: bool = False, **status:
         "peers": ["node-2"],
         "mempool": 0,
         "custody_checkpoint": None,
-        "silent": None,
+        "lockout": None,
         "finality": {"age_s": 3.4, "waiting_s": 0.0, "late": False},
         "suspended_height": None,
     }

@@ -90,7 +90,7 @@ def test_a_recovery_that_failed_half_way_is_tried_again(disk):
 # The operator's flag
 
 
-def silence_of(journal: Journal) -> str | None:
+def lockout_of(journal: Journal) -> str | None:
     mark = read_journal(records_of(journal), 0).lockout
     return None if mark is None else mark.reason
 
@@ -111,13 +111,13 @@ def test_without_the_flag_a_missing_or_damaged_journal_is_refused_and_the_flag_i
 
 def test_the_flag_marks_the_journal_and_keeps_what_it_says(disk):
     journal_with(disk, WORD).close()
-    assert silence_of(open_journal(PATH, disk=disk)) is None
+    assert lockout_of(open_journal(PATH, disk=disk)) is None
     disk.crash()
     marked = open_journal(PATH, disk=disk, restored=True)
-    assert silence_of(marked) == LOCKOUT_RESTORED
+    assert lockout_of(marked) == LOCKOUT_RESTORED
     assert read_journal(records_of(marked), 0).last_voted_round == 7
     disk.crash()
-    assert silence_of(open_journal(PATH, disk=disk)) == LOCKOUT_RESTORED
+    assert lockout_of(open_journal(PATH, disk=disk)) == LOCKOUT_RESTORED
 
 
 def test_a_journal_made_anew_holds_the_mark_from_its_first_byte_on(disk):
@@ -129,14 +129,14 @@ def test_a_journal_made_anew_holds_the_mark_from_its_first_byte_on(disk):
         assert code_of(open_journal, PATH, disk=disk) == "JOURNAL_MISSING"
     open_journal(PATH, disk=disk, restored=True)
     disk.crash()
-    assert silence_of(open_journal(PATH, disk=disk)) == LOCKOUT_RESTORED
+    assert lockout_of(open_journal(PATH, disk=disk)) == LOCKOUT_RESTORED
 
 
 def test_a_damaged_journal_is_kept_aside_when_it_is_made_anew(disk):
     journal_with(disk, WORD).close()
     disk.names[PATH].content = disk.names[PATH].durable = b"damage" * 20
     journal = open_journal(PATH, disk=disk, restored=True)
-    assert silence_of(journal) == LOCKOUT_RESTORED
+    assert lockout_of(journal) == LOCKOUT_RESTORED
     assert disk.names[PATH.with_name(PATH.name + DAMAGED_SUFFIX)].content == b"damage" * 20
 
 

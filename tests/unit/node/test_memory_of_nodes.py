@@ -1,4 +1,4 @@
-"""Whole nodes that forget, lie or cannot write: silent until it is safe, suspended on the chain, back by themselves."""
+"""Nodes that forget, lie or cannot write: locked out until it is safe, suspended on the chain, back by themselves."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ async def _until(condition: Any, timeout_s: float = 120.0) -> None:
             await asyncio.sleep(0.01)
 
 
-def _silent(crowd: SmallNodes, name: str) -> dict[str, str] | None:
-    found: dict[str, str] | None = crowd.nodes[name].describe()["silent"]
+def _lockout(crowd: SmallNodes, name: str) -> dict[str, str] | None:
+    found: dict[str, str] | None = crowd.nodes[name].describe()["lockout"]
     return found
 
 
 @in_virtual_time
 async def test_nodes_that_start_together_sign_after_one_exchange() -> None:
     crowd = await SmallNodes(make_genesis(NAMES)).start()
-    assert all((_silent(crowd, name) or {}).get("reason") == "asking" for name in NAMES)
+    assert all((_lockout(crowd, name) or {}).get("reason") == "asking" for name in NAMES)
     await asyncio.sleep(0.05)
-    assert all(_silent(crowd, name) is None for name in NAMES)
+    assert all(_lockout(crowd, name) is None for name in NAMES)
     await _work(crowd)
     await crowd.stop()
 
@@ -51,12 +51,12 @@ async def test_a_restored_node_follows_and_is_silent_until_the_chain_went_on_wit
     crowd.journals["d"].records = [(0, encode_restored_record())]
     await crowd.start("d")
     await asyncio.sleep(0.1)
-    found = _silent(crowd, "d")
+    found = _lockout(crowd, "d")
     assert found is not None
     assert found["reason"] == "restored"
     assert "is final without it" in found["until"]
     await _work(crowd, count=6)
-    await _until(lambda: _silent(crowd, "d") is None)
+    await _until(lambda: _lockout(crowd, "d") is None)
     await crowd.stop("c")
     await _work(crowd, "d", count=2)
     await crowd.stop()
@@ -72,11 +72,11 @@ async def test_an_old_journal_is_noticed_without_the_flag() -> None:
     crowd.journals["b"].records = old
     await crowd.start("b")
     await asyncio.sleep(0.1)
-    found = _silent(crowd, "b")
+    found = _lockout(crowd, "b")
     assert found is not None
     assert found["reason"] == "outdated"
     await _work(crowd, count=6)
-    await _until(lambda: _silent(crowd, "b") is None)
+    await _until(lambda: _lockout(crowd, "b") is None)
     await crowd.stop()
 
 

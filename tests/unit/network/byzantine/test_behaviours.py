@@ -187,7 +187,7 @@ def test_no_forged_certificate_passes_the_check_of_an_honest_node() -> None:
 def test_a_node_that_came_back_is_lied_to_about_what_it_said(name: str) -> None:
     own = Own(high_qc=qc_of(b"c" * 32, 4))
     behaviour, kept = liar(name, own)
-    truth = LastSignedResponse(0, 7, "speaking", 4, vote(b"a" * 32), own.high_qc, None)
+    truth = LastSignedResponse(0, 7, "signing", 4, vote(b"a" * 32), own.high_qc, None)
     behaviour.send_to(0, truth)
     (answer,) = kept.seen_by(0)
     assert isinstance(answer, LastSignedResponse)

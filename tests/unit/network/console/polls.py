@@ -23,7 +23,7 @@ def poll(name: str = "node-1", **changes: Any) -> NodePoll:
         "peers": [other for other in NAMES if other != name],
         "mempool": 0,
         "suspended_height": None,
-        "silent": None,
+        "lockout": None,
         "fault": "",
         "rounds": [],
     }

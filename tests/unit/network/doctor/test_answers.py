@@ -88,9 +88,9 @@ def test_what_nodes_say_of_themselves_and_of_peers_is_passed_on() -> None:
     refusal = {"peer": "c", "code": "PEER_CERTIFICATE_EXPIRED", "detail": "It expired."}
     answers = [
         answer("a", fault="The journal cannot be written.", refused_peers=[refusal]),
-        answer("b", silent={"since": 1}, refused_peers=[refusal | {"peer": "d", "code": "PEER_REMOVED"}]),
+        answer("b", lockout={"since": 1}, refused_peers=[refusal | {"peer": "d", "code": "PEER_REMOVED"}]),
     ]
-    assert codes(check_words(answers)) == [("NODE_FAULT", "a"), ("PEER_REFUSED", "c"), ("PRODUCER_SILENT", "b")]
+    assert codes(check_words(answers)) == [("NODE_FAULT", "a"), ("PEER_REFUSED", "c"), ("PRODUCER_LOCKED_OUT", "b")]
 
 
 def test_a_suspended_producer_is_named_with_the_command_that_brings_it_back() -> None:
