@@ -82,7 +82,7 @@ class RoundBook:
                 known.leader = known.leader or entry.get("leader")
                 for word, group in _WORDS.items():
                     names: set[str] = getattr(known, group)
-                    if word in entry.get("said", {}) and poll.name not in names:
+                    if word in entry.get("messages", {}) and poll.name not in names:
                         names.add(poll.name)
                         changed[place] = known
         self._drop()

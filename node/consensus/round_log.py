@@ -35,7 +35,7 @@ class RoundLog:
     def describe(self) -> list[dict[str, Any]]:
         """Return JSON-ready rounds: epoch, round, leader, message times (ms since 1970)."""
         return [
-            {"epoch": epoch, "round": number, "leader": leader, "said": words}
+            {"epoch": epoch, "round": number, "leader": leader, "messages": words}
             for (epoch, number), (leader, words) in self._rounds.items()
         ]
 

@@ -114,7 +114,7 @@ async def until_true(is_so: Callable[[], Awaitable[bool]]) -> None:
 
 def newest_vote(status: dict[str, Any]) -> tuple[int, int]:
     """The newest round that a node voted in; one that has just started has voted in none."""
-    voted = ((said["epoch"], said["round"]) for said in status["rounds"] if "voted" in said["said"])
+    voted = ((said["epoch"], said["round"]) for said in status["rounds"] if "voted" in said["messages"])
     return max(voted, default=(-1, -1))
 
 
@@ -279,7 +279,7 @@ async def test_a_node_that_was_let_lie_lies_until_it_is_healed(
 
 def own_rounds(status: dict[str, Any], name: str) -> list[dict[str, int]]:
     """What a node said in the rounds that it led."""
-    return [said["said"] for said in status["rounds"] if said["leader"] == name]
+    return [said["messages"] for said in status["rounds"] if said["leader"] == name]
 
 
 async def test_a_links_profile_delays_and_loses_both_ways_until_it_is_made_sound(

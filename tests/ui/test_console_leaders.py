@@ -20,7 +20,7 @@ NEWS_COUNT = 2
 WORDS = {"voted": "voted", "gave up": "gave-up"}
 """What a cell says, and what a node calls it."""
 Said = dict[str, dict[tuple[int, int], dict[str, Any]]]
-"""By the node's name and (epoch, round): `leader` and `said`, the node's own words."""
+"""By the node's name and (epoch, round): `leader` and `messages`, by the node itself."""
 
 
 async def ask_nodes(console: ConsoleUnderTest) -> Said:
@@ -51,8 +51,8 @@ def differences(cells: Cells, place: tuple[int, int], before: Said, after: Said)
         if ("led" in words) != (said[place]["leader"] == name) or ("led" in marks) != ("led" in words):
             wrong.append(f"{place}: {name} led: {words}, {marks}")
         shown = {own for word, own in WORDS.items() if word in words}
-        if not set(before[name][place]["said"]) & {*WORDS.values()} <= shown <= set(said[place]["said"]):
-            wrong.append(f"{place}: {name} said {said[place]['said']}: {words}")
+        if not set(before[name][place]["messages"]) & {*WORDS.values()} <= shown <= set(said[place]["messages"]):
+            wrong.append(f"{place}: {name} said {said[place]['messages']}: {words}")
         if marks[0] != ("gave-up" if "gave-up" in shown else "voted" if shown else "silent"):
             wrong.append(f"{place}: {name} is marked {marks}: {words}")
     return wrong

@@ -125,12 +125,12 @@ class ContractSandbox(Answer, frozen=True, kw_only=True):
 
 
 class ConsensusRound(Answer, frozen=True, kw_only=True):
-    """What a node said in a round of consensus."""
+    """What a node sent in a round of consensus."""
 
     epoch: Annotated[Count, doc("The epoch")]
     round: Annotated[Count, doc("The round")]
     leader: Annotated[str | None, doc("Who led it; null if its name is not known")]
-    said: Annotated[dict[str, TimeMs], doc("The kinds of message that it sent, and when, by its own clock")]
+    messages: Annotated[dict[str, TimeMs], doc("The kinds of message that it sent, and when, by its own clock")]
 
 
 class NodeStatus(Answer, frozen=True, kw_only=True):

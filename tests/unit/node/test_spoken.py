@@ -71,8 +71,8 @@ def test_words_are_noted_by_round_and_go_out_unchanged() -> None:
         outbox.broadcast(word)
     assert peers.heard == words
     assert spoken.describe() == [
-        {"epoch": 0, "round": 5, "leader": "node-2", "said": {PROPOSED: 1_000, VOTED: 1_000}},
-        {"epoch": 0, "round": 6, "leader": "node-3", "said": {GAVE_UP: 1_000}},
+        {"epoch": 0, "round": 5, "leader": "node-2", "messages": {PROPOSED: 1_000, VOTED: 1_000}},
+        {"epoch": 0, "round": 6, "leader": "node-3", "messages": {GAVE_UP: 1_000}},
     ]
 
 
@@ -83,7 +83,7 @@ def test_a_word_that_is_said_again_keeps_its_first_time() -> None:
     outbox.broadcast(_timeout(6))
     now_ms[0] = 2_000
     outbox.broadcast(_timeout(6))
-    assert spoken.describe()[0]["said"] == {GAVE_UP: 1_000}
+    assert spoken.describe()[0]["messages"] == {GAVE_UP: 1_000}
 
 
 def test_another_leaders_block_that_is_passed_on_is_no_proposal_of_this_node() -> None:
@@ -92,7 +92,7 @@ def test_another_leaders_block_that_is_passed_on_is_no_proposal_of_this_node() -
     outbox.send_to(2, _proposal(5))
     assert spoken.describe() == []
     outbox.send_to(2, _vote(5, epoch=3))
-    assert spoken.describe() == [{"epoch": 3, "round": 5, "leader": None, "said": {VOTED: 0}}]
+    assert spoken.describe() == [{"epoch": 3, "round": 5, "leader": None, "messages": {VOTED: 0}}]
     assert len(peers.heard) == 2
 
 

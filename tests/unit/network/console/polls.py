@@ -46,4 +46,4 @@ def stopped() -> dict[str, Any]:
 
 def said(number: int, *words: str, leader: str = "node-1", epoch: int = 0) -> dict[str, Any]:
     """A round in a node's own words."""
-    return {"epoch": epoch, "round": number, "leader": leader, "said": dict.fromkeys(words, 1)}
+    return {"epoch": epoch, "round": number, "leader": leader, "messages": dict.fromkeys(words, 1)}

@@ -116,7 +116,7 @@ async def test_what_was_recorded_of_a_node_that_has_gone_since_is_shown_with_it_
 ) -> None:
     now_ms = iter(range(1_000, 100_000, 1_000))
     monkeypatch.setattr(console, "_now_ms", lambda: next(now_ms))
-    said = {"status": {"rounds": [{"epoch": 0, "round": 7, "leader": "node-4", "said": {"voted": 1}}]}}
+    said = {"status": {"rounds": [{"epoch": 0, "round": 7, "leader": "node-4", "messages": {"voted": 1}}]}}
     console._update(polls(node_4=said))
     shutil.rmtree(console.cluster.folder / "nodes" / "node-4")
     assert console._begin_anew()
