@@ -133,11 +133,11 @@ class BlockApplier:
             expires_at_ms=data["expires_at_ms"],
             height=self._block.height,
         )
-        standing = self._visit_restrictions.get(facts.owner)
-        if standing is not None and standing.whole:
-            standing, facts = hold(standing, facts)
-            self._visit_restrictions[facts.owner] = standing
-            await self._store.apply(BlockEffects(visit_restrictions=(standing,)))
+        restrictions = self._visit_restrictions.get(facts.owner)
+        if restrictions is not None and restrictions.whole:
+            restrictions, facts = hold(restrictions, facts)
+            self._visit_restrictions[facts.owner] = restrictions
+            await self._store.apply(BlockEffects(visit_restrictions=(restrictions,)))
         if clip is None:
             self._missing.append(facts)
         elif clip.status == "staged":

@@ -130,7 +130,7 @@ class ChainFacts:
         return {owner: restrictions_from_row(owner, row) for (owner,), row in RESTRICTION.rows(self._state)}
 
     def visit_restrictions(self) -> Iterator[VisitRestrictions]:
-        """Yield the standing of every visit with any statement, even withdrawn ones.
+        """Yield the restrictions of every visit with any statement, even withdrawn ones.
 
         Requests are void up to its last audited statement's height, else this state's.
         """
@@ -140,14 +140,14 @@ class ChainFacts:
         for owner in sorted(denied | objected | set(self._restrictions) | set(narrowed)):
             stated = self._restrictions.get(owner, VisitRestrictions(owner))
             height = narrowed.get(owner, self.point.height)
-            standing = structs.replace(stated, narrowed_height=height, quarantined=owner in denied)
-            yield with_natural_expiries(standing, self._natural(stated))
+            restrictions = structs.replace(stated, narrowed_height=height, quarantined=owner in denied)
+            yield with_natural_expiries(restrictions, self._natural(stated))
 
-    def _natural(self, standing: VisitRestrictions) -> dict[bytes, int]:
+    def _natural(self, restrictions: VisitRestrictions) -> dict[bytes, int]:
         natural = {}
-        for (_, record_id), _ in OF_VISIT.rows(self._state, standing.owner) if standing.until_ms else ():
+        for (_, record_id), _ in OF_VISIT.rows(self._state, restrictions.owner) if restrictions.until_ms else ():
             row = RECORD.at(self._state, record_id)
-            if row is not None and prolong(standing, record_id, row.expires_at_ms) != row.expires_at_ms:
+            if row is not None and prolong(restrictions, record_id, row.expires_at_ms) != row.expires_at_ms:
                 natural[record_id] = row.expires_at_ms
         return natural
 

@@ -218,8 +218,8 @@ class Custodian(ShareService, ClipFetcher):
         clip = (await self._store.clips([facts.record_id])).get(facts.record_id)
         if clip is None or clip.status != "confirmed":
             return
-        standing = await find_restrictions(self._store, facts.owner)
-        asked = [grant for grant in await self._store.grants_of_owner(facts.owner) if not is_void(grant, standing)]
+        restrictions = await find_restrictions(self._store, facts.owner)
+        asked = [grant for grant in await self._store.grants_of_owner(facts.owner) if not is_void(grant, restrictions)]
         covering = [grant for grant in asked if grant_covers(grant, clip)]
         grants = [grant for grant in covering if await may_release(self._store, grant, clip.record_id)]
         owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in grants])
@@ -444,8 +444,8 @@ class Custodian(ShareService, ClipFetcher):
     async def require_exportable(self, record_id: bytes) -> None:
         """Raise as `export` if a clip may not go to another custodian."""
         clip = await self._confirmed_clip(record_id)
-        standing = await find_restrictions(self._store, clip.owner)
-        if standing is not None and standing.quarantined:
+        restrictions = await find_restrictions(self._store, clip.owner)
+        if restrictions is not None and restrictions.quarantined:
             raise BlockRobotError("CLIP_QUARANTINED")
 
     async def look_at(self, record_id: bytes) -> ClipDownload:

@@ -27,12 +27,12 @@ NARROWING_EVENTS = frozenset(
 RESTRICTION_EVENTS = NARROWING_EVENTS | {"rights.lifted"}
 
 
-def prolong(standing: VisitRestrictions | None, record_id: bytes, expires_at_ms: int) -> int:
+def prolong(restrictions: VisitRestrictions | None, record_id: bytes, expires_at_ms: int) -> int:
     """Return a record's expiry (ms), given its expiry without statements."""
-    if standing is None or not standing.until_ms:
+    if restrictions is None or not restrictions.until_ms:
         return expires_at_ms
-    covered = record_id in standing.records or (standing.whole and standing.whole_since_ms < expires_at_ms)
-    return max(expires_at_ms, standing.until_ms) if covered else expires_at_ms
+    covered = record_id in restrictions.records or (restrictions.whole and restrictions.whole_since_ms < expires_at_ms)
+    return max(expires_at_ms, restrictions.until_ms) if covered else expires_at_ms
 
 
 def restrictions_from_row(owner: bytes, row: RestrictionRow | None) -> VisitRestrictions:
@@ -47,20 +47,20 @@ def restrictions_from_row(owner: bytes, row: RestrictionRow | None) -> VisitRest
     )
 
 
-def is_void(grant: Grant, standing: VisitRestrictions | None) -> bool:
-    return standing is not None and (standing.quarantined or grant.height <= standing.narrowed_height)
+def is_void(grant: Grant, restrictions: VisitRestrictions | None) -> bool:
+    return restrictions is not None and (restrictions.quarantined or grant.height <= restrictions.narrowed_height)
 
 
-def require_release(grant: Grant, standing: VisitRestrictions | None) -> None:
+def require_release(grant: Grant, restrictions: VisitRestrictions | None) -> None:
     """Raise CLIP_QUARANTINED or ACCESS_ENDED if a request releases nothing."""
-    if standing is not None and standing.quarantined:
+    if restrictions is not None and restrictions.quarantined:
         raise BlockRobotError("CLIP_QUARANTINED")
-    if is_void(grant, standing):
+    if is_void(grant, restrictions):
         raise BlockRobotError("ACCESS_ENDED")
 
 
-def with_natural_expiries(standing: VisitRestrictions, natural: Mapping[bytes, int]) -> VisitRestrictions:
-    return structs.replace(standing, natural=tuple(sorted(natural.items())))
+def with_natural_expiries(restrictions: VisitRestrictions, natural: Mapping[bytes, int]) -> VisitRestrictions:
+    return structs.replace(restrictions, natural=tuple(sorted(natural.items())))
 
 
 async def find_restrictions(store: CustodyStore, owner: bytes) -> VisitRestrictions | None:
@@ -68,7 +68,7 @@ async def find_restrictions(store: CustodyStore, owner: bytes) -> VisitRestricti
 
 
 def follow_event(before: VisitRestrictions, event: FinalizedEvent, height: int) -> VisitRestrictions:
-    """Return the standing after a visit's event; `apply_restrictions` handles prolonged clips."""
+    """Return the restrictions after a visit's event; `apply_restrictions` handles prolonged clips."""
     after = before
     if event.kind in {"rights.restricted", "rights.lifted"}:
         data = event.data
@@ -91,36 +91,36 @@ def follow_event(before: VisitRestrictions, event: FinalizedEvent, height: int) 
     return after
 
 
-async def apply_restrictions(store: CustodyStore, standing: VisitRestrictions) -> VisitRestrictions:
-    """Write a visit's standing and its clips' expiries. Idempotent.
+async def apply_restrictions(store: CustodyStore, restrictions: VisitRestrictions) -> VisitRestrictions:
+    """Write a visit's restrictions and its clips' expiries. Idempotent.
 
     Natural expiries are written before prolonging and dropped after restoring, against crashes.
     """
-    natural = dict(standing.natural)
-    known = {clip.record_id: clip.expires_at_ms for clip in await store.clips_of_owner(standing.owner)}
-    missing = {facts.record_id: facts for facts in await store.missing_of_owner(standing.owner)}
+    natural = dict(restrictions.natural)
+    known = {clip.record_id: clip.expires_at_ms for clip in await store.clips_of_owner(restrictions.owner)}
+    missing = {facts.record_id: facts for facts in await store.missing_of_owner(restrictions.owner)}
     known |= {record_id: facts.expires_at_ms for record_id, facts in missing.items()}
     held: dict[bytes, int] = {}
     changed: list[tuple[bytes, int]] = []
     for record_id, now_ms in known.items():
         own_ms = natural.get(record_id, now_ms)
-        until_ms = prolong(standing, record_id, own_ms)
+        until_ms = prolong(restrictions, record_id, own_ms)
         if until_ms != own_ms:
             held[record_id] = own_ms
         if until_ms != now_ms:
             changed.append((record_id, until_ms))
-    await store.apply(BlockEffects(visit_restrictions=(with_natural_expiries(standing, {**natural, **held}),)))
+    await store.apply(BlockEffects(visit_restrictions=(with_natural_expiries(restrictions, {**natural, **held}),)))
     late = tuple(replace(missing[key], expires_at_ms=until_ms) for key, until_ms in changed if key in missing)
     expiries = tuple((key, until_ms) for key, until_ms in changed if key not in missing)
     await store.apply(BlockEffects(missing=late, expiries=expiries))
-    settled = with_natural_expiries(standing, held)
+    settled = with_natural_expiries(restrictions, held)
     await store.apply(BlockEffects(visit_restrictions=(settled,)))
     return settled
 
 
-def hold(standing: VisitRestrictions, facts: RecordFacts) -> tuple[VisitRestrictions, RecordFacts]:
-    until_ms = prolong(standing, facts.record_id, facts.expires_at_ms)
+def hold(restrictions: VisitRestrictions, facts: RecordFacts) -> tuple[VisitRestrictions, RecordFacts]:
+    until_ms = prolong(restrictions, facts.record_id, facts.expires_at_ms)
     if until_ms == facts.expires_at_ms:
-        return standing, facts
-    natural = {**dict(standing.natural), facts.record_id: facts.expires_at_ms}
-    return with_natural_expiries(standing, natural), replace(facts, expires_at_ms=until_ms)
+        return restrictions, facts
+    natural = {**dict(restrictions.natural), facts.record_id: facts.expires_at_ms}
+    return with_natural_expiries(restrictions, natural), replace(facts, expires_at_ms=until_ms)

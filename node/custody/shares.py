@@ -91,8 +91,8 @@ class Shares:
             raise BlockRobotError("CLIP_ERASED")
         if clip.owner != owner:
             raise BlockRobotError("NOT_PERMITTED", "The record belongs to another owner key.")
-        standing = await find_restrictions(self._store, owner)
-        if standing is not None and standing.quarantined:
+        restrictions = await find_restrictions(self._store, owner)
+        if restrictions is not None and restrictions.quarantined:
             raise BlockRobotError("CLIP_QUARANTINED")
 
     async def _place(self, upload: GrantUpload, owner: bytes, now_ms: int) -> PartRow:

@@ -316,7 +316,7 @@ def test_a_single_server_is_not_asked_for_transactions(hello: Document, has: boo
 
 async def test_every_write_waits_for_the_journals_of_the_majority(mongo_database: str) -> None:
     async with MongoStore(mongo_database) as store:
-        for name in ("clips", "frames", "missing", "grants", "outbox", "backgrounds", "checkpoint", "standings"):
+        for name in ("clips", "frames", "missing", "grants", "outbox", "backgrounds", "checkpoint", "restrictions"):
             collection = store._collection(name)
             assert collection.write_concern.document == {"w": "majority", "j": True, "wtimeout": MAJORITY_MAX_MS}
             assert collection.read_concern.level == "majority"

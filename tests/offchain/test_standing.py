@@ -190,9 +190,9 @@ async def test_what_is_kept_for_a_claim_outlives_its_expiry_until_it_is_lifted(o
     ]
     await opened.follow(lifted())
     await refused("CLIP_ERASED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
-    standing = await find_restrictions(opened.store, ALICE)
-    assert standing is not None
-    assert standing.natural == ()
+    restrictions = await find_restrictions(opened.store, ALICE)
+    assert restrictions is not None
+    assert restrictions.natural == ()
 
 
 async def test_a_lift_before_the_expiry_gives_the_clip_its_own_time_again(opened: House) -> None:

@@ -399,7 +399,7 @@ async def test_a_store_says_how_much_it_holds_and_of_what_there_are_frames(store
     await store.erase_frames(record_id(1), [0])
     counts = await store.counts()
     assert (counts.staged, counts.confirmed, counts.erased) == (1, 1, 1)
-    assert (counts.frames, counts.missing, counts.owed, counts.owed_erasures) == (3, 1, 2, 1)
+    assert (counts.frames, counts.missing, counts.outbox_ready, counts.outbox_erasing) == (3, 1, 2, 1)
     assert counts.size_bytes is None or counts.size_bytes > 0
     assert [found async for found in store.records_with_frames()] == [record_id(1), record_id(3)]
     left = await store.leftovers()

@@ -87,7 +87,7 @@ async def _erased(network: NetworkUnderTest) -> None:
     async with asyncio.timeout(60):
         while True:
             status = await ask_status(network.cluster.config(TARGET))
-            if status.clips_erased and not status.owed and not status.waiting_for:
+            if status.clips_erased and not status.outbox_ready and not status.waiting_for:
                 return
             await asyncio.sleep(0.1)
 

@@ -80,7 +80,7 @@ async def test_a_flood_of_clips_ends_at_the_quota_and_custodians_erase_on(
     await honest.must(honest.owner, "erasure", "request", [clip.upload.record_id], [])
     for _ in range(200):
         status = await ask_status(network.cluster.configs[intruder.node])
-        if status.clips_erased and not status.owed and not status.waiting_for:
+        if status.clips_erased and not status.outbox_ready and not status.waiting_for:
             break
         await asyncio.sleep(0.05)
     else:

@@ -101,7 +101,7 @@ def _print_status(configs: list[NodeConfig], answers: list[CustodyStatus | Block
     table = Table(title="Custodians", title_justify="left", pad_edge=False, collapse_padding=True)
     for column in ("node", "position"):
         table.add_column(column, no_wrap=True)
-    for column in ("held", "staged", "missing", "erased", "owed", "overdue", "keys", "store"):
+    for column in ("held", "staged", "missing", "erased", "outbox", "overdue", "keys", "store"):
         table.add_column(column, justify="right")
     for config, answer in zip(configs, answers, strict=True):
         if isinstance(answer, BlockRobotError):
@@ -110,7 +110,7 @@ def _print_status(configs: list[NodeConfig], answers: list[CustodyStatus | Block
         counts = [answer.clips_held, answer.clips_staged, answer.clips_missing, answer.clips_erased]
         own = answer.waiting_for.get(answer.member)
         size = "-" if answer.store_bytes is None else f"{answer.store_bytes / 1e6:.1f} MB"
-        cells = [*counts, answer.owed, 0 if own is None else len(own.overdue), answer.slots_used, size]
+        cells = [*counts, answer.outbox_ready, 0 if own is None else len(own.overdue), answer.slots_used, size]
         table.add_row(config.name, describe_position(answer), *(str(cell) for cell in cells))
     console.print(table)
     _print_uploads(configs, answers)

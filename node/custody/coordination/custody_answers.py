@@ -67,8 +67,8 @@ class CustodyStatus(UploadReport, frozen=True):
     frames: int
     shares: int
     key_parts: int
-    owed: int
-    erasures_under_way: int
+    outbox_ready: int
+    outbox_erasing: int
     slots_used: int
     slots_total: int
     store_bytes: int | None

@@ -54,7 +54,7 @@ class Reconciliation:
     async def apply(self) -> None:
         async for batch in read_in_parts(self._facts.active_records()):
             await self._take_records(batch)
-        await self._take_standings()
+        await self._take_restrictions()
         await self._take_shares()
         held = await self._store.background_digests()
         withdrawn = [digest for digest in held if not self._facts.is_empty_frame_approved(digest)]
@@ -91,13 +91,13 @@ class Reconciliation:
                 missing.append(facts)
         await self._store.apply(BlockEffects(confirmed=tuple(confirmed), missing=tuple(missing)))
 
-    async def _take_standings(self) -> None:
-        standing = {row.owner: row for row in await read_in_thread(lambda: list(self._facts.visit_restrictions()))}
+    async def _take_restrictions(self) -> None:
+        restrictions = {row.owner: row for row in await read_in_thread(lambda: list(self._facts.visit_restrictions()))}
         for owner, before in (await self._store.visit_restrictions()).items():
-            now = standing.get(owner, VisitRestrictions(owner))
+            now = restrictions.get(owner, VisitRestrictions(owner))
             now = structs.replace(now, narrowed_height=max(before.narrowed_height, now.narrowed_height))
-            standing[owner] = with_natural_expiries(now, {**dict(before.natural), **dict(now.natural)})
-        for row in standing.values():
+            restrictions[owner] = with_natural_expiries(now, {**dict(before.natural), **dict(now.natural)})
+        for row in restrictions.values():
             await apply_restrictions(self._store, row)
 
     async def _take_shares(self) -> None:

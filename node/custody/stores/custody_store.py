@@ -173,15 +173,15 @@ class BlockEffects:
 
 @dataclass(frozen=True, slots=True)
 class StoreCounts:
-    """Store counts; `owed_erasures`: planned, unfinished; `size_bytes`: None if unknown."""
+    """Store counts; `outbox_erasing`: planned, unfinished; `size_bytes`: None if unknown."""
 
     staged: int
     confirmed: int
     erased: int
     frames: int
     missing: int
-    owed: int
-    owed_erasures: int
+    outbox_ready: int
+    outbox_erasing: int
     size_bytes: int | None
     shares: int = 0
     parts: int = 0
@@ -291,7 +291,7 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
     async def grants_of_owner(self, owner: bytes) -> list[Grant]: ...
 
     async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
-        """Return standings of these owners' visits, or all; only existing ones."""
+        """Return restrictions of these owners' visits, or all; only existing ones."""
         ...
 
     async def put_background(self, digest: bytes, content: bytes) -> None: ...

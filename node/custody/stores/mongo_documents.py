@@ -109,12 +109,12 @@ def expiry(record_id: bytes, expires_at_ms: int) -> UpdateOne:
     return UpdateOne({"_id": record_id, "status": "confirmed"}, {"$set": {"expires_at_ms": expires_at_ms}})
 
 
-def restrictions_document(standing: VisitRestrictions) -> Document:
-    return {"_id": standing.owner, "standing": encode(standing)}
+def restrictions_document(restrictions: VisitRestrictions) -> Document:
+    return {"_id": restrictions.owner, "restrictions": encode(restrictions)}
 
 
 def restrictions_row(found: Document) -> VisitRestrictions:
-    return decode(bytes(found["standing"]), VisitRestrictions)
+    return decode(bytes(found["restrictions"]), VisitRestrictions)
 
 
 def frame_document(row: FrameRow) -> Document:

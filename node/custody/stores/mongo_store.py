@@ -44,7 +44,7 @@ from node.custody.stores.mongo_uploads import BY_ROBOT, MongoUploads
 
 Order = Sequence[tuple[str, int]]
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 SERVER_SELECTION_MAX_MS = 3_000
 MAJORITY_MAX_MS = 20_000
 SOCKET_MAX_MS = 30_000
@@ -74,7 +74,7 @@ _INDEXES: Mapping[str, Sequence[Order]] = {
     "frames": (_rising("record_id", "index"), _rising("slot")),
     "grants": (_rising("owner", "_id"),),
     "missing": (_NEWEST_FIRST, _rising("expires_at_ms"), _rising("owner", "_id")),
-    "standings": (),
+    "restrictions": (),
     "outbox": (_BY_CONTRACT, _rising("kind", "subject", "part")),
     **SHARES_INDEXES,
 }
@@ -270,7 +270,9 @@ class MongoStore(MongoShares, MongoUploads):
             ],
         )
         visit_restrictions = [documents.restrictions_document(row) for row in effects.visit_restrictions]
-        await self._bulk("standings", [ReplaceOne({"_id": row["_id"]}, row, upsert=True) for row in visit_restrictions])
+        await self._bulk(
+            "restrictions", [ReplaceOne({"_id": row["_id"]}, row, upsert=True) for row in visit_restrictions]
+        )
         await self._bulk("clips", [documents.expiry(*change) for change in effects.expiries])
         await self._bulk("clips", [documents.confirmation(facts) for facts in effects.confirmed])
         await self._bulk("missing", [DeleteOne({"_id": facts.record_id}) for facts in effects.confirmed])
@@ -368,8 +370,8 @@ class MongoStore(MongoShares, MongoUploads):
     async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         if owners is not None and not owners:
             return {}
-        found = await self._many("standings", {} if owners is None else {"_id": {"$in": list(owners)}})
-        return {standing.owner: standing for standing in rows(documents.restrictions_row, found)}
+        found = await self._many("restrictions", {} if owners is None else {"_id": {"$in": list(owners)}})
+        return {row.owner: row for row in rows(documents.restrictions_row, found)}
 
     async def add_outbox(self, row: OutboxRow) -> None:
         await self.apply(BlockEffects(outbox=(row,)))
@@ -424,8 +426,8 @@ class MongoStore(MongoShares, MongoUploads):
             erased=await self._count("clips", {"status": "erased"}),
             frames=await self._count("frames", {}),
             missing=await self._count("missing", {}),
-            owed=await self._count("outbox", {"status": "ready"}),
-            owed_erasures=await self._count("outbox", {"status": "erasing"}),
+            outbox_ready=await self._count("outbox", {"status": "ready"}),
+            outbox_erasing=await self._count("outbox", {"status": "erasing"}),
             size_bytes=await self._size_bytes(),
             shares=await self._count("shares", {}),
             parts=await self._count("parts", {}),

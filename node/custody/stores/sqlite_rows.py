@@ -41,7 +41,7 @@ def write_effects(database: sqlite3.Connection, effects: BlockEffects) -> None:
     """Write a block's changes in the order that `BlockEffects` defines."""
     insert_outbox(database, effects.outbox)
     database.executemany(
-        "INSERT OR REPLACE INTO standings VALUES (?, ?)",
+        "INSERT OR REPLACE INTO restrictions VALUES (?, ?)",
         [(row.owner, encode(row)) for row in effects.visit_restrictions],
     )
     database.executemany(

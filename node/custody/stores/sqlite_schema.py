@@ -5,7 +5,7 @@ from __future__ import annotations
 from node.custody.stores.sqlite_shares import SHARES_SCHEMA
 from node.custody.stores.sqlite_uploads import UPLOADS_SCHEMA
 
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 
 SCHEMA = f"""
 CREATE TABLE clips (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, valid_until_ms INTEGER NOT NULL,
@@ -27,7 +27,7 @@ CREATE INDEX missing_by_owner ON missing (owner, record_id);
 CREATE TABLE grants (access_id BLOB PRIMARY KEY, owner BLOB NOT NULL, records BLOB NOT NULL,
     height INTEGER NOT NULL, share BLOB NOT NULL DEFAULT x'') WITHOUT ROWID;
 CREATE INDEX grants_by_owner ON grants (owner, access_id);
-CREATE TABLE standings (owner BLOB PRIMARY KEY, standing BLOB NOT NULL) WITHOUT ROWID;
+CREATE TABLE restrictions (owner BLOB PRIMARY KEY, content BLOB NOT NULL) WITHOUT ROWID;
 CREATE TABLE outbox (kind TEXT NOT NULL, subject BLOB NOT NULL, part INTEGER NOT NULL, contract TEXT NOT NULL,
     entry TEXT NOT NULL, arguments BLOB NOT NULL, height INTEGER NOT NULL, status TEXT NOT NULL,
     plan BLOB NOT NULL, PRIMARY KEY (kind, subject, part)) WITHOUT ROWID;

@@ -306,12 +306,12 @@ class SqliteStore(SqliteShares, SqliteUploads):
 
     async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         def read() -> dict[bytes, VisitRestrictions]:
-            database, query = self._opened(), "SELECT owner, standing FROM standings"
+            database, query = self._opened(), "SELECT owner, content FROM restrictions"
             if owners is None:
                 found = database.execute(query).fetchall()
             else:
                 found = [row for owner in owners for row in database.execute(f"{query} WHERE owner = ?", (owner,))]
-            return {owner: decode(standing, VisitRestrictions) for owner, standing in found}
+            return {owner: decode(content, VisitRestrictions) for owner, content in found}
 
         return await self._in_worker(read)
 
@@ -376,7 +376,7 @@ class SqliteStore(SqliteShares, SqliteUploads):
         def read() -> StoreCounts:
             database = self._opened()
             clips = dict(database.execute("SELECT status, count(*) FROM clips GROUP BY status"))
-            owed = dict(database.execute("SELECT status, count(*) FROM outbox GROUP BY status"))
+            outbox = dict(database.execute("SELECT status, count(*) FROM outbox GROUP BY status"))
             frames = database.execute("SELECT count(*) FROM frames").fetchone()[0]
             missing = database.execute("SELECT count(*) FROM missing").fetchone()[0]
             shared = database.execute("SELECT (SELECT count(*) FROM shares), (SELECT count(*) FROM parts)").fetchone()
@@ -387,8 +387,8 @@ class SqliteStore(SqliteShares, SqliteUploads):
                 erased=clips.get("erased", 0),
                 frames=frames,
                 missing=missing,
-                owed=owed.get("ready", 0),
-                owed_erasures=owed.get("erasing", 0),
+                outbox_ready=outbox.get("ready", 0),
+                outbox_erasing=outbox.get("erasing", 0),
                 size_bytes=size_bytes,
                 shares=shared[0],
                 parts=shared[1],
