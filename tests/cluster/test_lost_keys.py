@@ -79,7 +79,7 @@ async def test_two_officers_erase_what_a_lost_key_cannot_and_who_was_hit_is_told
 
         await wait_until_erased(ann, entries)
         (report,) = await ann.records()
-        (told,) = report.standing.officers
+        (told,) = report.rights.officers
         assert (told.reason, told.records, told.proposal_id.hex()) == ("key-lost", len(entries), proposal_id)
         assert len(report.erased_ids) == len(entries)
         done = await ErasureClient(ann).report(report.visit, ordered.erasure_ids[0])

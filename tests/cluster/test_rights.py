@@ -169,7 +169,7 @@ async def _restrict_and_correct(
     assert (await viewing.view(entry, own)).verdict == "verified"
     said, correction = await rights.correct(whole, "attribution", "That is my sister.")
     (shown,) = await ann.records()
-    assert (shown.standing.corrections_count, shown.standing.restricts(entry.record_id)) == (1, True)
+    assert (shown.rights.corrections_count, shown.rights.restricts(entry.record_id)) == (1, True)
     place = b"rights\x00correction/" + report.visit.owner + bytes(4)
     row = (await ann.values([place], ann.owner_key(report.visit)))[place]
     assert (row["commitment"], row["txid"]) == (commit_correction(correction), said.txid)
@@ -193,7 +193,7 @@ async def _deny_and_erase(ann: Wallet, officer: Wallet, rights: Rights) -> None:
             break
         await asyncio.sleep(0.25)
     assert {state["status"] for state in states.values()} == {"erased"}
-    assert (await ann.records())[1].standing.breach_id == breach.breach_id, "what is left stays in quarantine"
+    assert (await ann.records())[1].rights.breach_id == breach.breach_id, "what is left stays in quarantine"
 
 
 async def _deny_and_decide(

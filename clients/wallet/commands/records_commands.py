@@ -21,7 +21,7 @@ from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.presentation.former_text import former_visits, unreadable_words
 from clients.wallet.presentation.record_answers import RecordRow, RecordsAnswer, VisitRow
 from clients.wallet.presentation.translations import code_text, text, withheld_text
-from clients.wallet.presentation.visit_status_text import print_standing, standing_answer
+from clients.wallet.presentation.visit_status_text import print_rights, rights_row
 from clients.wallet.store.keystore import WalletContent
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.rights.notices import NoticeRow
@@ -32,7 +32,7 @@ NARROW_COLUMNS = 60
 _THINGS = {"emotion": "records.estimates", "audio": "records.sounds"}
 
 
-def _record_row(entry: RecordEntry, standing: VisitRights) -> RecordRow:
+def _record_row(entry: RecordEntry, rights: VisitRights) -> RecordRow:
     meta = entry.metadata
     return RecordRow(
         record_id=entry.record_id.hex(),
@@ -46,7 +46,7 @@ def _record_row(entry: RecordEntry, standing: VisitRights) -> RecordRow:
         index_in_visit=meta.index_in_visit,
         expires_at_ms=entry.state.expires_at_ms,
         withheld=dict(meta.withheld),
-        restricted=standing.restricts(entry.record_id),
+        restricted=rights.restricts(entry.record_id),
     )
 
 
@@ -55,7 +55,7 @@ def _visit_row(shown: Shown, names: RobotNames) -> VisitRow:
     named = names.get(report.visit.robot)
     return extend(
         VisitRow,
-        standing_answer(report.standing),
+        rights_row(report.rights),
         visit=report.visit.owner.hex(),
         robot=report.visit.robot.hex(),
         robot_name="" if named is None else named.name,
@@ -65,7 +65,7 @@ def _visit_row(shown: Shown, names: RobotNames) -> VisitRow:
         erased_records=[record_id.hex() for record_id in report.erased_ids],
         unreadable_records=[record_id.hex() for record_id in report.unreadable_ids],
         needs_former_words=report.needs_former_words,
-        records=[_record_row(entry, report.standing) for entry in shown.records],
+        records=[_record_row(entry, report.rights) for entry in shown.records],
     )
 
 
@@ -94,7 +94,7 @@ def _print_visit(shown: Shown, names: RobotNames) -> None:
             count=sum(entry.pictures_left_count for entry in report.records),
         )
     )
-    print_standing(report.standing)
+    print_rights(report.rights)
     for entry in shown.records:
         console.print(_line(entry))
     if report.erased_ids:

@@ -27,7 +27,7 @@ from clients.wallet.presentation.rights_answers import (
     ObjectAnswer,
     RestrictAnswer,
     RestrictedVisit,
-    VisitWord,
+    VisitStatement,
     WrongPersonAnswer,
 )
 from clients.wallet.presentation.translations import WrongUsage, purposes_text, text
@@ -62,8 +62,8 @@ async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str
     return choose(await opened.records(), record_ids, visits)
 
 
-def _visit_word(statement: RightsStatement) -> VisitWord:
-    return VisitWord(
+def _visit_statement(statement: RightsStatement) -> VisitStatement:
+    return VisitStatement(
         visit=statement.visit.owner.hex(),
         records=[record_id.hex() for record_id in statement.record_ids],
         txid=statement.txid.hex(),
@@ -115,7 +115,7 @@ def restrict(
     words = _all_of(run_with_wallet(ctx, action))
     if as_json:
         rows = [
-            extend(RestrictedVisit, _visit_word(statement), kept_until_ms=statement.data["until_ms"] or None)
+            extend(RestrictedVisit, _visit_statement(statement), kept_until_ms=statement.data["until_ms"] or None)
             for statement in words
         ]
         print_answer(RestrictAnswer(ground=ground, restricted=rows))
@@ -146,7 +146,7 @@ def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...
 
     words = _all_of(run_with_wallet(ctx, action))
     if as_json:
-        print_answer(LiftAnswer(lifted=[_visit_word(statement) for statement in words]))
+        print_answer(LiftAnswer(lifted=[_visit_statement(statement) for statement in words]))
     for statement in () if as_json else words:
         console.print(text("rights.lifted", what=_name(statement)))
 
@@ -187,7 +187,7 @@ def object_to(
 
     height, words, person = run_with_wallet(ctx, action)
     if as_json:
-        visits = [_visit_word(statement) for statement in words]
+        visits = [_visit_statement(statement) for statement in words]
         answer = extend(ObjectAnswer, spoken_for(person), purposes=list(purposes), from_height=height, visits=visits)
         print_answer(answer)
         return
@@ -245,7 +245,7 @@ def correct(
     if as_json:
         place = None if out is None else str(out)
         print_answer(
-            extend(CorrectAnswer, _visit_word(statement), kind=kind, number=statement.data["number"], out=place)
+            extend(CorrectAnswer, _visit_statement(statement), kind=kind, number=statement.data["number"], out=place)
         )
         return
     console.print(text("rights.corrected", number=statement.data["number"] + 1, what=_name(statement)))
@@ -277,7 +277,11 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
     if as_json:
         organisation = statement.data["org"]
         answer = extend(
-            WrongPersonAnswer, _visit_word(statement), breach_id=breach_id, organisation=organisation, due_ms=due_ms
+            WrongPersonAnswer,
+            _visit_statement(statement),
+            breach_id=breach_id,
+            organisation=organisation,
+            due_ms=due_ms,
         )
         print_answer(answer)
         return

@@ -156,7 +156,7 @@ def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_pa
 async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
     """None named: all except denied visits'. Raises NOT_FOUND."""
     reports = await opened.records()
-    reports = [report for report in reports if record_ids or not report.standing.breach_id]
+    reports = [report for report in reports if record_ids or not report.rights.breach_id]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
     if not record_ids:
         return list(entries.values())

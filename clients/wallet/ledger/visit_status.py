@@ -47,7 +47,7 @@ class VisitRights:
         return self.restriction is not None and self.restriction.covers(record_id)
 
 
-def read_standing(values: Values, owner: bytes, audit: Sequence[AuditEntry]) -> VisitRights:
+def read_rights(values: Values, owner: bytes, audit: Sequence[AuditEntry]) -> VisitRights:
     """By first owner key, from proved values and audit."""
     return VisitRights(
         RESTRICTION.among(values, owner),

@@ -14,7 +14,7 @@ from clients.sdk.chain.proved_rows import Read, in_session, proved_row
 from clients.sdk.network_client import NetworkClient
 from clients.wallet.ledger.visit_audit import RECORDED_KIND, AuditEntry, audit_visit
 from clients.wallet.ledger.visit_scan import follow_announcements, owner_key
-from clients.wallet.ledger.visit_status import VisitRights, read_standing
+from clients.wallet.ledger.visit_status import VisitRights, read_rights
 from clients.wallet.store.kept_proofs import keep_receipt
 from clients.wallet.store.keystore import Keystore, KnownVisit
 from clients.wallet.store.member_keys import WalletKeys, derive_keys
@@ -70,7 +70,7 @@ class VisitReport:
     closed: bool
     missing_count: int
     unreadable_ids: tuple[bytes, ...] = ()
-    standing: VisitRights = field(default_factory=VisitRights)
+    rights: VisitRights = field(default_factory=VisitRights)
     trail_count: int = 0
 
     @property
@@ -324,7 +324,7 @@ class Wallet:
             closed=closed,
             missing_count=max(0, max(expected - len(entries), len(gaps)) - len(erased) - len(unreadable)),
             unreadable_ids=tuple(unreadable),
-            standing=read_standing(found, visit.owner, audit),
+            rights=read_rights(found, visit.owner, audit),
             trail_count=len(audit),
         )
 

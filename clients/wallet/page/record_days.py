@@ -13,8 +13,8 @@ from clients.wallet.ledger.record_filter import Filter
 from clients.wallet.ledger.robot_names import RobotNames, robot_label
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.wallet_snapshot import Snapshot, VisitPart
-from clients.wallet.presentation.record_answers import VisitStanding
-from clients.wallet.presentation.visit_status_text import standing_answer, standing_lines
+from clients.wallet.presentation.record_answers import VisitRightsRow
+from clients.wallet.presentation.visit_status_text import rights_lines, rights_row
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
 
@@ -100,8 +100,8 @@ def show_record(part: VisitPart, entry: RecordEntry, now_ms: int, names: RobotNa
         index_in_visit=meta.index_in_visit,
         expires_at_ms=state.expires_at_ms,
         withheld=dict(meta.withheld),
-        restricted=part.report.standing.restricts(entry.record_id),
-        denied=bool(part.report.standing.breach_id),
+        restricted=part.report.rights.restricts(entry.record_id),
+        denied=bool(part.report.rights.breach_id),
         shared=sum(share.shows(entry.record_id, now_ms) for share in part.shares),
         verdict=None if verdict is None else verdict.verdict,
         verdict_at_ms=None if verdict is None else verdict.time_ms,
@@ -146,8 +146,8 @@ class VisitShown(Answer, frozen=True, kw_only=True):
     erased_records: int
     unreadable_records: int
     needs_former_words: bool
-    standing: VisitStanding
-    standing_lines: list[str]
+    rights: VisitRightsRow
+    rights_lines: list[str]
 
 
 class DaysShown(Answer, frozen=True, kw_only=True):
@@ -215,6 +215,6 @@ def show_visit(part: VisitPart, language: str | None = None) -> VisitShown:
         erased_records=len(report.erased_ids),
         unreadable_records=len(report.unreadable_ids),
         needs_former_words=report.needs_former_words,
-        standing=standing_answer(report.standing),
-        standing_lines=standing_lines(report.standing, language),
+        rights=rights_row(report.rights),
+        rights_lines=rights_lines(report.rights, language),
     )

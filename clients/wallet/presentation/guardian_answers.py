@@ -57,7 +57,7 @@ class GuardiansRecoverAnswer(Answer, frozen=True, kw_only=True):
             "absent with `--words-only`"
         ),
     ] = UNSET
-    standing: Annotated[
+    membership: Annotated[
         str | UnsetType,
         doc("What the network says of the words: `member`, `nobody` or `not_asked`; absent with `--words-only`"),
     ] = UNSET

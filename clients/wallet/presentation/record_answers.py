@@ -102,8 +102,8 @@ class ErasedByOfficers(Answer, frozen=True, kw_only=True):
     time_ms: Annotated[TimeMs, doc("When")]
 
 
-class VisitStanding(Answer, frozen=True, kw_only=True):
-    """What stands of a visit."""
+class VisitRightsRow(Answer, frozen=True, kw_only=True):
+    """Rights that were exercised for a visit, and what became of them."""
 
     restriction: Annotated[VisitRestriction | None, doc("What restricts it; null if nothing does")]
     objected_purposes: Annotated[list[str], doc("Purposes for which nothing of it is released")]
@@ -113,7 +113,7 @@ class VisitStanding(Answer, frozen=True, kw_only=True):
     erased_by_officers: Annotated[list[ErasedByOfficers], doc("What officers had erased of it")]
 
 
-class VisitRow(VisitStanding, frozen=True, kw_only=True):
+class VisitRow(VisitRightsRow, frozen=True, kw_only=True):
     """A visit and its records."""
 
     visit: Annotated[Hex, doc("The visit's name: its first owner key")]
@@ -235,7 +235,7 @@ class ReceiptsAnswer(Answer, frozen=True, kw_only=True):
     dropped: Annotated[Count, doc("Older proofs that were dropped: the file is bounded")]
 
 
-class CustodianWord(Answer, frozen=True, kw_only=True):
+class CustodianAnswer(Answer, frozen=True, kw_only=True):
     """What a custodian said of an erasure."""
 
     name: Annotated[str, doc("Its name and organisation")]
@@ -255,7 +255,7 @@ class ErasureRow(Answer, frozen=True, kw_only=True):
     records: Annotated[Count, doc("How many records")]
     frames: Annotated[list[Count], doc("Indexes of the pictures, if only some of one record")]
     status: Annotated[str, doc("`requested` or `complete`")]
-    custodians: Annotated[list[CustodianWord], doc("What each custodian said")]
+    custodians: Annotated[list[CustodianAnswer], doc("What each custodian said")]
 
 
 class ErasuresAnswer(Answer, frozen=True, kw_only=True):

@@ -8,7 +8,7 @@ from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Count, H
 from clients.wallet.presentation.mandate_answers import SpokenFor
 
 
-class VisitWord(Answer, frozen=True, kw_only=True):
+class VisitStatement(Answer, frozen=True, kw_only=True):
     """What was said of one visit."""
 
     visit: Annotated[Hex, doc("The visit's name: its first owner key")]
@@ -18,7 +18,7 @@ class VisitWord(Answer, frozen=True, kw_only=True):
     time_ms: Annotated[TimeMs, doc("That block's time")]
 
 
-class RestrictedVisit(VisitWord, frozen=True, kw_only=True):
+class RestrictedVisit(VisitStatement, frozen=True, kw_only=True):
     """A visit, or records of it, that were restricted."""
 
     kept_until_ms: Annotated[TimeMs | None, doc("Until when it is kept beyond its time; null if it is not")]
@@ -34,7 +34,7 @@ class RestrictAnswer(Answer, frozen=True, kw_only=True):
 class LiftAnswer(Answer, frozen=True, kw_only=True):
     """Restrictions that were lifted."""
 
-    lifted: Annotated[list[VisitWord], doc("Each visit of which it was said")]
+    lifted: Annotated[list[VisitStatement], doc("Each visit of which it was said")]
 
 
 class ObjectAnswer(SpokenFor, frozen=True, kw_only=True):
@@ -42,10 +42,10 @@ class ObjectAnswer(SpokenFor, frozen=True, kw_only=True):
 
     purposes: Annotated[list[str], doc("Purposes' codes")]
     from_height: Annotated[Height, doc("From which block on nothing is recorded for them")]
-    visits: Annotated[list[VisitWord], doc("Each past visit that was told")]
+    visits: Annotated[list[VisitStatement], doc("Each past visit that was told")]
 
 
-class CorrectAnswer(VisitWord, frozen=True, kw_only=True):
+class CorrectAnswer(VisitStatement, frozen=True, kw_only=True):
     """A correction that stands beside a visit."""
 
     kind: Annotated[str, doc("`attribution` or `metadata`")]
@@ -53,7 +53,7 @@ class CorrectAnswer(VisitWord, frozen=True, kw_only=True):
     out: Annotated[str | None, doc("The file to hand on; null without `--out`")]
 
 
-class WrongPersonAnswer(VisitWord, frozen=True, kw_only=True):
+class WrongPersonAnswer(VisitStatement, frozen=True, kw_only=True):
     """A visit that was denied."""
 
     breach_id: Annotated[Hex, doc("The breach that officers find")]

@@ -6,21 +6,26 @@ from functools import partial
 
 from clients.sdk.terminal.terminal import console
 from clients.wallet.ledger.visit_status import VisitRights
-from clients.wallet.presentation.record_answers import ErasedByOfficers, VisitBreachEnd, VisitRestriction, VisitStanding
+from clients.wallet.presentation.record_answers import (
+    ErasedByOfficers,
+    VisitBreachEnd,
+    VisitRestriction,
+    VisitRightsRow,
+)
 from clients.wallet.presentation.translations import code_text, purposes_text, text
 from consensus.rights.right_codes import LOST_KEY_REASONS
 from pages.time_format import format_time
 
 
-def standing_answer(standing: VisitRights) -> VisitStanding:
-    row, end = standing.restriction, standing.breach_end
-    return VisitStanding(
+def rights_row(rights: VisitRights) -> VisitRightsRow:
+    row, end = rights.restriction, rights.breach_end
+    return VisitRightsRow(
         restriction=None
         if row is None
         else VisitRestriction(ground=row.ground, whole_visit=row.whole, kept_until_ms=row.until_ms or None),
-        objected_purposes=list(standing.objections),
-        corrections=standing.corrections_count,
-        breach_id=standing.breach_id.hex() or None,
+        objected_purposes=list(rights.objections),
+        corrections=rights.corrections_count,
+        breach_id=rights.breach_id.hex() or None,
         breach_end=None
         if end is None
         else VisitBreachEnd(breach_id=end.breach_id.hex(), outcome=end.outcome, reason=end.reason, time_ms=end.time_ms),
@@ -28,43 +33,43 @@ def standing_answer(standing: VisitRights) -> VisitStanding:
             ErasedByOfficers(
                 proposal_id=one.proposal_id.hex(), reason=one.reason, records=one.records, time_ms=one.time_ms
             )
-            for one in standing.officers
+            for one in rights.officers
         ],
     )
 
 
-def print_standing(standing: VisitRights) -> None:
-    for line in standing_lines(standing):
+def print_rights(rights: VisitRights) -> None:
+    for line in rights_lines(rights):
         console.print(f"  {line}")
 
 
-def standing_lines(standing: VisitRights, language: str | None = None) -> list[str]:
+def rights_lines(rights: VisitRights, language: str | None = None) -> list[str]:
     say = partial(text, language=language)
-    lines = _breach_lines(standing, language)
-    for one in standing.officers:
+    lines = _breach_lines(rights, language)
+    for one in rights.officers:
         why = say(f"lost_key_reason.{one.reason}") if one.reason in LOST_KEY_REASONS else ""
         reason, moment = code_text("reason", one.reason, language=language), format_time(one.time_ms)
         name = one.proposal_id.hex()[:12]
-        lines.append(say("standing.officers", count=one.records, moment=moment, reason=reason, why=why, name=name))
-    row = standing.restriction
+        lines.append(say("visit_rights.officers", count=one.records, moment=moment, reason=reason, why=why, name=name))
+    row = rights.restriction
     if row is not None:
-        key, count = "standing.restricted_whole" if row.whole else "standing.restricted_some", len(row.records)
-        kept = say("standing.kept", moment=format_time(row.until_ms)) if row.until_ms else ""
+        key, count = "visit_rights.restricted_whole" if row.whole else "visit_rights.restricted_some", len(row.records)
+        kept = say("visit_rights.kept", moment=format_time(row.until_ms)) if row.until_ms else ""
         lines.append(say(key, count=count, ground=code_text("ground", row.ground, language=language), kept=kept))
-    if standing.objections:
-        lines.append(say("standing.objected", purposes=purposes_text(standing.objections, language=language)))
-    if standing.corrections_count:
-        lines.append(say("standing.corrections", count=standing.corrections_count))
+    if rights.objections:
+        lines.append(say("visit_rights.objected", purposes=purposes_text(rights.objections, language=language)))
+    if rights.corrections_count:
+        lines.append(say("visit_rights.corrections", count=rights.corrections_count))
     return lines
 
 
-def _breach_lines(standing: VisitRights, language: str | None) -> list[str]:
-    say, end = partial(text, language=language), standing.breach_end
+def _breach_lines(rights: VisitRights, language: str | None) -> list[str]:
+    say, end = partial(text, language=language), rights.breach_end
     if end is not None:
-        known = {"erased": "standing.over_erased", "released": "standing.over_released"}.get(end.outcome)
+        known = {"erased": "visit_rights.over_erased", "released": "visit_rights.over_released"}.get(end.outcome)
         what = say(known) if known else end.outcome
         reason = code_text("reason", end.reason, language=language)
-        return [say("standing.over", moment=format_time(end.time_ms), what=what, reason=reason)]
-    if standing.breach_id:
-        return [say("standing.denied", name=standing.breach_id.hex()[:12])]
+        return [say("visit_rights.over", moment=format_time(end.time_ms), what=what, reason=reason)]
+    if rights.breach_id:
+        return [say("visit_rights.denied", name=rights.breach_id.hex()[:12])]
     return []

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.record_answers import CustodianWord, ErasureRow
+from clients.wallet.presentation.record_answers import CustodianAnswer, ErasureRow
 from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, text
 from clients.wallet.records.erasure import ErasureClient, ErasureReport
 from clients.wallet.store.keystore import KnownVisit
@@ -99,7 +99,7 @@ def erasure_row(erasure: ErasureProgress) -> ErasureRow:
         frames=list(erasure.frames),
         status=erasure.report.state.status,
         custodians=[
-            CustodianWord(
+            CustodianAnswer(
                 name=word.name,
                 confirmed_at_ms=word.confirmed_at_ms,
                 destroyed_frames=word.destroyed_frames,

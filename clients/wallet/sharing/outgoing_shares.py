@@ -159,13 +159,13 @@ def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[RecordChoi
     if len(chosen) != 1:
         raise refusal("SHARE_NOT_POSSIBLE", "share_one_visit")
     (report,) = [each for each in reports if each.visit.owner == chosen[0].visit.owner]
-    standing = report.standing
+    rights = report.rights
     entries = [entry for entry in chosen[0].records or report.records if entry.state.status == "active"]
-    if standing.breach_id:
+    if rights.breach_id:
         raise BlockRobotError("CALL_REFUSED", "VISIT_QUARANTINED: You denied this visit: nobody sees it.")
-    if purpose in standing.objections:
+    if purpose in rights.objections:
         raise BlockRobotError("CALL_REFUSED", f"PURPOSE_OBJECTED: You objected to any release of it for {purpose}.")
-    if any(standing.restricts(entry.record_id) for entry in entries):
+    if any(rights.restricts(entry.record_id) for entry in entries):
         raise BlockRobotError(
             "CALL_REFUSED", "RECORD_RESTRICTED: You restricted it: only you see it, until you lift that."
         )

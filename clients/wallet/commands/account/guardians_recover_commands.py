@@ -329,7 +329,7 @@ def recover(
     """
     path, genesis_path = ctx.obj
     _require_possible(files, words_file, only=only, show=show, as_json=as_json)
-    member, standing, known = "", "", False
+    member, membership, known = "", "", False
     with contextlib.nullcontext() if only else _place(ctx, path, words_file):
         replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
         gathering, words = _gather(files, as_json=as_json)
@@ -343,13 +343,13 @@ def recover(
         if not only:
             known = restore_wallet(path, words, replaced, passphrase, guess_cost(fast_passphrase), genesis_path)
             member = derive_keys(words).identity.public_key.hex()
-            standing = _ask_network(path, passphrase, genesis_path, gathering)
+            membership = _ask_network(path, passphrase, genesis_path, gathering)
     if as_json:
         answer = GuardiansRecoverAnswer(
             wallet=UNSET if only else str(path),
             member=UNSET if only else member,
             words_checked=UNSET if only else known,
-            standing=UNSET if only else standing,
+            membership=UNSET if only else membership,
             words_file=str(words_file) if words_file else None,
             left_out=[GuardianShare(identifier=each.identifier, sheet=each.index + 1) for each in gathering.misfits()],
         )
@@ -360,14 +360,14 @@ def recover(
     if show:
         print_words(text("new.words"), words)
     if not only:
-        _print_recovered(path, standing, has_former=bool(former))
+        _print_recovered(path, membership, has_former=bool(former))
 
 
-def _print_recovered(path: Path, standing: str, *, has_former: bool) -> None:
+def _print_recovered(path: Path, membership: str, *, has_former: bool) -> None:
     console.print(text("guardians.recovered", path=escape(str(path))))
-    if standing == MEMBER:
+    if membership == MEMBER:
         console.print(text("guardians.member"))
-    elif standing == NOBODY:
+    elif membership == NOBODY:
         console.print(text("guardians.nobody"))
     else:
         console.print(text("guardians.not_asked"))

@@ -104,10 +104,10 @@ export async function showCalendar(context) {
   };
 
   const visits = () => {
-    const open = data.visits.filter((visit) => visit.standing_lines.length || visit.missing_records || visit.unreadable_records || visit.needs_former_words);
-    return open.length > 0 && h("section", { class: "card" }, h("h2", {}, t("calendar.standing")), open.map((visit) => h("div", { class: "visit-note" },
+    const open = data.visits.filter((visit) => visit.rights_lines.length || visit.missing_records || visit.unreadable_records || visit.needs_former_words);
+    return open.length > 0 && h("section", { class: "card" }, h("h2", {}, t("calendar.rights")), open.map((visit) => h("div", { class: "visit-note" },
       h("p", {}, h("a", { href: `#/visit/${visit.visit}` }, t("visit.of", { day: dayName(visit.first_ms) }))),
-      h("ul", { class: "sentences" }, visit.standing_lines.map((line) => h("li", {}, line)),
+      h("ul", { class: "sentences" }, visit.rights_lines.map((line) => h("li", {}, line)),
         visit.missing_records > 0 && h("li", { class: "bad-words" }, t("visit.missing", { count: visit.missing_records })),
         visit.unreadable_records > 0 && h("li", { class: "bad-words" }, t("visit.unreadable", { count: visit.unreadable_records })),
         visit.needs_former_words && h("li", {}, t("visit.former"))))));

@@ -207,6 +207,6 @@ function factsOf(record) {
     h("dt", {}, t("record.when")), h("dd", {}, moment(record.started_at_ms)), h("dt", {}, t("calendar.robot")), h("dd", {}, record.robot_called), h("dt", {}, t("record.what")), h("dd", {}, contentOf(record), record.kind === "notice" ? "" : ` · ${sensorName(record.sensor)}`),
     h("dt", {}, t("record.until")), h("dd", {}, moment(record.expires_at_ms)), h("dt", {}, t("record.number")), h("dd", { class: "mono" }, record.record_id), h("dt", {}, t("seal.recordedAt")), h("dd", {}, t("seal.block", { height: record.height }))),
   withheld.length > 0 && [h("h3", {}, t("record.withheld")), h("ul", { class: "sentences" }, withheld.map((one) => h("li", {}, t("record.withheldLine", { count: one.count, reason: reasonName(one.reason, one.sentence) }))))],
-  record.standing_lines.length > 0 && [h("h3", {}, t("record.standing")), h("ul", { class: "sentences" }, record.standing_lines.map((line) => h("li", {}, line)))],
+  record.rights_lines.length > 0 && [h("h3", {}, t("record.rights")), h("ul", { class: "sentences" }, record.rights_lines.map((line) => h("li", {}, line)))],
   record.shares.length > 0 && [h("h3", {}, t("record.shares")), h("ul", { class: "sentences" }, record.shares.map((one) => h("li", {}, t(`share.line.${one.status}`, { who: one.who, until: moment(one.until_ms) }))))]];
 }

@@ -15,7 +15,7 @@ from clients.wallet.page.record_days import kind_of, kinds_json, read_zone, sele
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.routes.reading_routes import page_erasure, page_share
 from clients.wallet.page.session import PageSession
-from clients.wallet.presentation.record_answers import CustodianWord
+from clients.wallet.presentation.record_answers import CustodianAnswer
 from clients.wallet.presentation.translations import refusal
 from clients.wallet.records.erasure import ErasureClient, missing_pictures, split_erased
 from clients.wallet.records.erasure_status import ErasureProgress, erasure_row, find_erasures_of
@@ -60,7 +60,7 @@ def _wanted(session: PageSession, asked: RequestFields) -> list[bytes]:
     zone, ids = asked.text("zone", ""), asked.ids("records")
     if everything or day:
         found = select(session.snapshot, Filter((day, day) if day else None, zone=read_zone(zone)))
-        return [entry.record_id for part, entry in found if not part.report.standing.breach_id]
+        return [entry.record_id for part, entry in found if not part.report.rights.breach_id]
     return ids
 
 
@@ -134,7 +134,7 @@ async def _read_asked(session: PageSession, asked: list[tuple[KnownVisit, list[b
     return found
 
 
-class PageCustodianWord(CustodianWord, frozen=True, kw_only=True):
+class PageCustodianAnswer(CustodianAnswer, frozen=True, kw_only=True):
     """What a custodian said of an erasure."""
 
     erasure_id: Hex
@@ -142,7 +142,7 @@ class PageCustodianWord(CustodianWord, frozen=True, kw_only=True):
 
 def _tell_receipts(job: Job, found: list[ErasureProgress]) -> None:
     rows = [
-        extend(PageCustodianWord, word, erasure_id=each.erasure_id)
+        extend(PageCustodianAnswer, word, erasure_id=each.erasure_id)
         for each in map(erasure_row, found)
         for word in each.custodians
     ]

@@ -32,7 +32,7 @@ from clients.wallet.page.session import UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
 from clients.wallet.presentation.audit_story import PageEvent, page_event
 from clients.wallet.presentation.former_text import member_gone_line, words_lines
-from clients.wallet.presentation.record_answers import ErasureRow, VisitStanding
+from clients.wallet.presentation.record_answers import ErasureRow, VisitRightsRow
 from clients.wallet.presentation.share_text import own_share, share_lines
 from clients.wallet.presentation.sharing_answers import OwnShare
 from clients.wallet.presentation.translations import LANGUAGES, language_in_use, section
@@ -267,8 +267,8 @@ class RecordDetails(RecordShown, frozen=True, kw_only=True):
     width: int
     height_px: int
     withheld_reasons: list[WithheldCount]
-    standing: VisitStanding
-    standing_lines: list[str]
+    rights: VisitRightsRow
+    rights_lines: list[str]
     previous: Hex | None
     next: Hex | None
     shares: list[PageShare]
@@ -295,8 +295,8 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
             withheld_reasons=[
                 WithheldCount(reason=reason, count=count, sentence=reason) for reason, count in meta.withheld
             ],
-            standing=visit.standing,
-            standing_lines=visit.standing_lines,
+            rights=visit.rights,
+            rights_lines=visit.rights_lines,
             **_neighbours(part, entry),
             shares=[page_share(share, now_ms, language_of(request)) for share in shares],
             events=_events(session, trail, language_of(request)),

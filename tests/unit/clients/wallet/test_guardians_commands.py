@@ -84,7 +84,7 @@ def test_any_two_of_three_sheets_make_the_same_wallet_again(home: Home) -> None:
         profile = f"again-{number}"
         told = home.recover(*pair, profile=profile)
         assert told["member"] == derive_keys(WORDS).identity.public_key.hex()
-        assert (told["words_checked"], told["standing"]) == (False, "not_asked")
+        assert (told["words_checked"], told["membership"]) == (False, "not_asked")
         assert home.open(profile).content.words == WORDS
 
 
@@ -430,10 +430,10 @@ def test_new_words_leave_old_sets_to_the_former_words(tmp_path: Path, monkeypatc
     (tmp_path / "passphrase").write_text(PASSPHRASE)
     files = ("--share", new[0], "--share", new[1], "--former", str(tmp_path / "old.txt"), "--fast-passphrase")
     told = run("recover", *files, profile="found")
-    assert (told["words_checked"], told["standing"]) == (True, "member")
+    assert (told["words_checked"], told["membership"]) == (True, "member")
     assert Keystore.open(tmp_path / "found.wallet", PASSPHRASE).content.former == [OLD_WORDS]
     told = run("recover", "--share", old[0], "--share", old[1], "--fast-passphrase", profile="late")
-    assert told["standing"] == "nobody", "an old set makes a wallet whose words are no member's any more"
+    assert told["membership"] == "nobody", "an old set makes a wallet whose words are no member's any more"
 
 
 def test_words_that_are_about_to_be_replaced_are_not_split(home: Home) -> None:

@@ -22,7 +22,7 @@ from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_status import BreachEnd, OfficersErasure, VisitRights
 from clients.wallet.presentation.former_text import words_lines
 from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, code_text, load, section
-from clients.wallet.presentation.visit_status_text import standing_lines
+from clients.wallet.presentation.visit_status_text import rights_lines
 from consensus.errors import BlockRobotError
 from consensus.rights import right_codes as codes
 from consensus.rights.notices import NOTICE_LINES, NoticeRow, PublishedNotice, notice_lines
@@ -49,7 +49,7 @@ def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Any:
     return call
 
 
-STANDING = VisitRights(
+RIGHTS = VisitRights(
     RestrictionRow("accuracy", False, 0, NOW_MS, [b"1", b"2"], NOW_MS),
     ("research",),
     2,
@@ -60,7 +60,7 @@ STANDING = VisitRights(
 
 
 def test_what_stands_of_a_visit_is_said_in_the_language_that_is_asked_for() -> None:
-    end, officers, restricted, objected, corrected = standing_lines(STANDING, "pt")
+    end, officers, restricted, objected, corrected = rights_lines(RIGHTS, "pt")
     assert end.endswith(
         "um encarregado mandou apagá-lo, e o que resta fica fechado a todos (o robô confundiu duas pessoas)."
     )
@@ -71,7 +71,7 @@ def test_what_stands_of_a_visit_is_said_in_the_language_that_is_asked_for() -> N
         "Opôs-se a que seja entregue para: investigação (research).",
         "Tem 2 correções suas.",
     )
-    assert standing_lines(STANDING, "en")[3:] == [
+    assert rights_lines(RIGHTS, "en")[3:] == [
         "You objected to its release for: research.",
         "It has 2 corrections of yours.",
     ]

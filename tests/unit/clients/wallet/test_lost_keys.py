@@ -140,7 +140,7 @@ async def test_two_officers_erase_and_whoever_is_hit_is_told(house: House) -> No
     again = await second.erase(await second.find(proposal_id), quiet)
     assert (again.visits, again.records) == (0, 0)
     (report,) = await house.patient.records()
-    (one,) = report.standing.officers
+    (one,) = report.rights.officers
     assert (one.reason, one.records, one.proposal_id.hex()) == ("key-lost", 1, proposal_id)
 
 

@@ -218,9 +218,9 @@ async def test_records_show_what_stands_of_a_visit(world: World) -> None:
     world.put(OBJECTION, {"research": 1, "care": 1}, visit.owner)
     world.put(CORRECTION_COUNT, 2, visit.owner)
     (report,) = await world.wallet.records()
-    standing = report.standing
-    assert (standing.objections, standing.corrections_count, standing.breach_id) == (("care", "research"), 2, b"")
-    assert (standing.restricts(first.upload.record_id), standing.restricts(second.upload.record_id)) == (True, False)
+    rights = report.rights
+    assert (rights.objections, rights.corrections_count, rights.breach_id) == (("care", "research"), 2, b"")
+    assert (rights.restricts(first.upload.record_id), rights.restricts(second.upload.record_id)) == (True, False)
 
 
 async def test_the_audit_says_each_right_in_words(world: World, tmp_path: Path) -> None:
