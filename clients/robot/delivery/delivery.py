@@ -119,7 +119,7 @@ class Delivery:
         self._destroying = asyncio.Lock()  # one at a time: threads are wanted for the picture work
         self._finishing: set[asyncio.Task[None]] = set()
         self.failure: BaseException | None = None
-        self.let_go_count = 0
+        self.dropped_count = 0
 
     def start(self, name: str) -> None:
         task = asyncio.create_task(self._deliver(name))
@@ -274,9 +274,9 @@ class Delivery:
                 self._spool.remove(name)
             elif error.context.get("contract_code") == _NOT_OURS or self._is_overdue(clip, error):
                 # No chain will ever take it, and its pictures must not outlive their owner's say: they see a gap.
-                _log.error("clip_let_go", bucket_ms=clip.bucket_ms, code=error.context.get("contract_code"))
+                _log.error("clip_dropped", bucket_ms=clip.bucket_ms, code=error.context.get("contract_code"))
                 self._spool.remove(name)
-                self.let_go_count += 1
+                self.dropped_count += 1
             else:
                 raise
             self._done_counts[clip.owner] += 1

@@ -112,14 +112,14 @@ class WaitingSamples:
         own = self._waiting[sensor]
         own.add(await asyncio.to_thread(_pack, sample, self._run.clocks.camera_offset_ms))
         if own.is_too_long:
-            self._let_go(sensor)
+            self._drop(sensor)
         while sum(queue.size_bytes for queue in self._waiting.values()) > WAITING_MAX_BYTES:
-            self._let_go(max(self._waiting, key=lambda name: self._waiting[name].size_bytes))
+            self._drop(max(self._waiting, key=lambda name: self._waiting[name].size_bytes))
         if len(own) > EMPTY_MAX_COUNT:
             self._conclude_first(own, final=True)
 
-    def _let_go(self, sensor: str) -> None:
-        self._statistics[sensor].let_go += 1
+    def _drop(self, sensor: str) -> None:
+        self._statistics[sensor].dropped += 1
         self._waiting[sensor].empty_last()
 
     def drain(self, *, final: bool = False) -> list[tuple[SensorRecorder, ReadyClip]]:

@@ -119,7 +119,7 @@ class RunStatistics:
     ambiguities: dict[str, Ambiguity] = field(default_factory=dict)
     merged: dict[str, MergedFrames] = field(default_factory=dict)
     distances_off: dict[str, tuple[int, MatchEvidence]] = field(default_factory=dict)
-    let_go: int = 0
+    dropped: int = 0
     """Of another sense: how many could not wait for a verdict, for lack of memory."""
     _decided: dict[tuple[str, int], int] = field(default_factory=dict)
     _last_final_ms: int | None = None
@@ -241,7 +241,7 @@ class RunStatistics:
     def count_senses(self) -> dict[str, SenseCounts]:
         came = {sensor: sense for sensor, sense in self.senses.items() if sense.published}
         return {
-            sensor: extend(SenseCounts, sense.count_frames(), let_go=sense.let_go) for sensor, sense in came.items()
+            sensor: extend(SenseCounts, sense.count_frames(), dropped=sense.dropped) for sensor, sense in came.items()
         }
 
     def summarise_latencies(self) -> RunLatencies:

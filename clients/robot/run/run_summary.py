@@ -50,7 +50,7 @@ class FrameCounts(Answer, frozen=True, kw_only=True):
 class SenseCounts(FrameCounts, frozen=True, kw_only=True):
     """What became of the messages of a sensor other than the depth camera."""
 
-    let_go: Annotated[Count, doc("How many were dropped before a verdict, for lack of memory")]
+    dropped: Annotated[Count, doc("How many were dropped before a verdict, for lack of memory")]
 
 
 class MatchNumbers(Answer, frozen=True, kw_only=True):

@@ -367,7 +367,7 @@ def test_a_clip_that_waited_too_long_for_any_chain_is_let_go_and_counted(tmp_pat
     run = Run(tmp_path, clips=2)
     run.network.verdict = code
 
-    assert run_virtual(run.deliver_all()).let_go_count == 2
+    assert run_virtual(run.deliver_all()).dropped_count == 2
     assert (run.spool.names(), run.done) == ([], [])
 
 
@@ -382,7 +382,7 @@ def test_a_visit_whose_key_another_robot_took_stops_no_robot(tmp_path: Path) -> 
         visits = OpenVisits(tmp_path / "visits", KEY)
         visits.count(owner, 2)
         await delivery.close_visits(visits)
-        assert delivery.let_go_count == 2
+        assert delivery.dropped_count == 2
         return visits.counts
 
     assert run_virtual(main()) == {}

@@ -38,7 +38,7 @@ def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> 
             tags = UnknownTagCounts(readings=unknown[0], tags=unknown[1], more_tags=False)
             refused = {"frame": {"size": 2, "step": 1}}
             summary = summary_of(FRAMES, messages_refused=refused, unknown_tags=tags, fault=fault, **live)
-            senses = {"rgb": extend(SenseCounts, replace(FRAMES, lost=lost), let_go=0)}
+            senses = {"rgb": extend(SenseCounts, replace(FRAMES, lost=lost), dropped=0)}
             return replace(summary, senses=senses, records=3)
 
         monkeypatch.setattr(main, "replay_recording", summarised)

@@ -299,10 +299,10 @@ def test_what_there_was_no_memory_for_is_withheld_and_its_owner_told(
     robot = run(tmp_path, world, alone)
     figures = robot.statistics.count_senses()
     assert robot.statistics.count_frames().kept > 10
-    assert figures["rgb"].let_go > 20
-    assert figures["rgb"].withheld_reasons == {"no-room": figures["rgb"].let_go}
+    assert figures["rgb"].dropped > 20
+    assert figures["rgb"].withheld_reasons == {"no-room": figures["rgb"].dropped}
     assert all(figures[sensor].lost == 0 for sensor in ("rgb", "emotion", "audio"))
-    assert told_of(world, robot)["no-room"] == sum(each.let_go for each in figures.values())
+    assert told_of(world, robot)["no-room"] == sum(each.dropped for each in figures.values())
 
 
 def test_what_came_first_is_kept_when_memory_runs_out_and_the_largest_sense_gives_way(
@@ -312,9 +312,9 @@ def test_what_came_first_is_kept_when_memory_runs_out_and_the_largest_sense_give
     monkeypatch.setattr(waiting_samples, "WAITING_MAX_BYTES", 30_000)
     robot = run(tmp_path, world, alone, registered=False)
     figures = robot.statistics.count_senses()
-    assert figures["rgb"].let_go > 0
+    assert figures["rgb"].dropped > 0
     assert figures["rgb"].kept > 0
-    assert figures["emotion"].let_go == 0
+    assert figures["emotion"].dropped == 0
     assert figures["emotion"].kept >= 2
 
 
@@ -324,6 +324,6 @@ def test_more_messages_of_a_sense_than_may_wait_are_withheld_as_well(
     monkeypatch.setattr(waiting_samples, "WAITING_MAX_COUNT", 10)
     robot = run(tmp_path, world, alone)
     figures = robot.statistics.count_senses()
-    assert figures["rgb"].let_go == figures["rgb"].withheld_reasons["no-room"] == 20
+    assert figures["rgb"].dropped == figures["rgb"].withheld_reasons["no-room"] == 20
     assert figures["rgb"].kept == 10
-    assert figures["emotion"].let_go == 0
+    assert figures["emotion"].dropped == 0
