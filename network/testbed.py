@@ -95,9 +95,9 @@ class Stage:
                 return peers
             await asyncio.sleep(0.1)
 
-    def desk_arguments(self) -> list[str]:
+    def registrar_arguments(self) -> list[str]:
         return [
-            "--desk",
+            "--registrar-dir",
             str(self.network_dir / "organisations" / self.organisation),
             "--genesis",
             str(self.genesis_file),
@@ -123,7 +123,7 @@ class Stage:
         write_private(uid_file, uid)
         try:
             answer = await run_command(
-                ["card", "issue", *self.desk_arguments(), "--role", role, "--uid-file", str(uid_file)],
+                ["card", "issue", *self.registrar_arguments(), "--role", role, "--uid-file", str(uid_file)],
                 CardIssueAnswer,
             )
         finally:
@@ -152,7 +152,7 @@ class Stage:
 
     async def make_roster(self, robot: str, out: Path | None = None) -> int:
         where = str(out or self.roster_file)
-        arguments = ["roster", "make", *self.desk_arguments(), "--robot", robot, "--out", where]
+        arguments = ["roster", "make", *self.registrar_arguments(), "--robot", robot, "--out", where]
         return (await run_command(arguments, RosterMakeAnswer)).rows
 
     async def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""`blockrobot card` and `roster`: the registrar's desk."""
+"""`blockrobot card` and `roster`: the registrar's commands."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ from clients.sdk.terminal.terminal import (
 from consensus.members.vouchers import ROLES, decode_card_code
 
 
-def _desk_options(command: Any) -> Any:
+def _registrar_options(command: Any) -> Any:
     for option in (
-        click.option("--desk", type=FOLDER, help="The organisation's folder with its key."),
+        click.option("--registrar-dir", type=FOLDER, help="The folder with the registrar's key and list of cards."),
         click.option("--genesis", type=FILE, help="The network's genesis file."),
     ):
         command = option(command)
     return command
 
 
-def _open(desk: Path | None, genesis: Path | None) -> Registrar:
+def _open(registrar_dir: Path | None, genesis: Path | None) -> Registrar:
     place = home_folder() / "network"
     opened = load_genesis(genesis or place / "genesis.json")
-    return Registrar(desk or place / "organisations" / opened.organisations[0].name, opened)
+    return Registrar(registrar_dir or place / "organisations" / opened.organisations[0].name, opened)
 
 
 @click.group()
@@ -57,7 +57,7 @@ def card() -> None:
 
 
 @card.command()
-@_desk_options
+@_registrar_options
 @click.option("--role", type=click.Choice(ROLES), default="subject", show_default=True)
 @click.option("--uid-file", type=EXISTING_FILE, help="A file with the tag's UID (asked for at a terminal otherwise).")
 @click.option(
@@ -67,7 +67,7 @@ def card() -> None:
 )
 @command_output
 def issue(
-    desk: Path | None, genesis: Path | None, role: str, uid_file: Path | None, out: Path | None, as_json: bool
+    registrar_dir: Path | None, genesis: Path | None, role: str, uid_file: Path | None, out: Path | None, as_json: bool
 ) -> None:
     """Issue a card for a tag and print its enrolment code once: as a QR code on a terminal, and in letters.
 
@@ -83,7 +83,7 @@ def issue(
         uid = click.prompt("Hold the tag to the reader (or type its UID)", hide_input=True)
     else:
         raise click.UsageError("There is no terminal to ask for the tag: give --uid-file.")
-    opened = _open(desk, genesis)
+    opened = _open(registrar_dir, genesis)
     replaced = opened.has_card(uid)
     if out is None:
         code = opened.issue(uid, role)
@@ -113,7 +113,7 @@ def issue(
 
 
 @card.command()
-@_desk_options
+@_registrar_options
 @click.option("--member", metavar="KEY", help="The member key, in hexadecimal.")
 @click.option(
     "--uid-file",
@@ -123,7 +123,12 @@ def issue(
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @command_output
 def revoke(
-    desk: Path | None, genesis: Path | None, member: str | None, uid_file: Path | None, yes: bool, as_json: bool
+    registrar_dir: Path | None,
+    genesis: Path | None,
+    member: str | None,
+    uid_file: Path | None,
+    yes: bool,
+    as_json: bool,
 ) -> None:
     """End a membership of this organisation: a robot that was stolen, somebody's lost key.
 
@@ -134,7 +139,7 @@ def revoke(
     """
     if (member is None) == (uid_file is None):
         raise click.UsageError("Give --member KEY or --uid-file FILE.")
-    opened = _open(desk, genesis)
+    opened = _open(registrar_dir, genesis)
     key = asyncio.run(opened.get_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(member, "--member")
     if not yes:
         role = asyncio.run(opened.get_role(key))
@@ -149,14 +154,14 @@ def revoke(
 
 
 @card.command("name")
-@_desk_options
+@_registrar_options
 @click.argument("name")
 @click.option("--place", default="", help="Where it is: a ward, a room, a floor.")
 @click.option("--robot", metavar="KEY", help="The robot's member key, in hexadecimal.")
 @click.option("--uid-file", type=EXISTING_FILE, help="Instead of --robot: the file that its card was issued with.")
 @command_output
 def name_robot(
-    desk: Path | None,
+    registrar_dir: Path | None,
     genesis: Path | None,
     name: str,
     place: str,
@@ -173,7 +178,7 @@ def name_robot(
     """
     if (robot is None) == (uid_file is None):
         raise click.UsageError("Give --robot KEY or --uid-file FILE.")
-    opened = _open(desk, genesis)
+    opened = _open(registrar_dir, genesis)
     key = asyncio.run(opened.get_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(robot, "--robot")
     txid = asyncio.run(opened.name_robot(key, name, place))
     if as_json:
@@ -183,17 +188,17 @@ def name_robot(
 
 
 @card.command()
-@_desk_options
+@_registrar_options
 @click.option("--uid-file", type=EXISTING_FILE, help="Forget this tag alone, whoever has it.")
 @command_output
-def forget(desk: Path | None, genesis: Path | None, uid_file: Path | None, as_json: bool) -> None:
-    """Take tags off the desk's list: of those who left or were revoked, and of codes that expired unused.
+def forget(registrar_dir: Path | None, genesis: Path | None, uid_file: Path | None, as_json: bool) -> None:
+    """Take tags off the registrar's list: of those who left or were revoked, and of codes that expired unused.
 
     Making a roster does the same. Rosters that robots have keep a tag until they expire, within a day.
 
     Example: blockrobot card forget
     """
-    opened = _open(desk, genesis)
+    opened = _open(registrar_dir, genesis)
     count = opened.forget(uid_file.read_text("utf-8")) if uid_file else asyncio.run(opened.forget_former())
     if as_json:
         print_answer(CardForgetAnswer(forgotten=count))
@@ -217,17 +222,17 @@ def roster() -> None:
 
 
 @roster.command()
-@_desk_options
+@_registrar_options
 @click.option("--robot", required=True, help="The robot's member key, in hexadecimal.")
 @click.option("--out", required=True, type=FILE, help="Where to write it, in place of an older roster.")
 @command_output
-def make(desk: Path | None, genesis: Path | None, robot: str, out: Path, as_json: bool) -> None:
+def make(registrar_dir: Path | None, genesis: Path | None, robot: str, out: Path, as_json: bool) -> None:
     """Seal today's roster to one robot. It is good for a day.
 
     Example: blockrobot roster make --robot 02ab... --out roster.sealed
     """
     member = _member_key(robot, "--robot")
-    sealed, rows = asyncio.run(_open(desk, genesis).make_roster(member))
+    sealed, rows = asyncio.run(_open(registrar_dir, genesis).make_roster(member))
     write_new_file(out, sealed, replace=True)
     if as_json:
         print_answer(RosterMakeAnswer(rows=rows, out=str(out)))

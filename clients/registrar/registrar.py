@@ -1,4 +1,4 @@
-"""Registrar's desk: cards and rosters. The tag-to-handle list stays local, user-only; only codes and robot-sealed
+"""The registrar's cards and rosters. The tag-to-handle list stays local, user-only; only codes and robot-sealed
 rosters leave it.
 """
 
@@ -49,14 +49,14 @@ class CardEntry:
 
 @dataclass(frozen=True, slots=True)
 class Revoked:
-    """A membership ended at the desk: transaction and role."""
+    """A membership that the registrar ended: transaction and role."""
 
     txid: bytes
     role: str
 
 
 class Registrar:
-    """The desk of one organisation's registrar, in one folder."""
+    """One organisation's registrar: a folder with a key and a list of cards."""
 
     def __init__(self, folder: Path, genesis: Genesis, clock: Clock | None = None) -> None:
         """Raises DATA_DIRECTORY_INVALID without this network's registrar key."""

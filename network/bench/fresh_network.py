@@ -156,8 +156,8 @@ class FreshNetwork:
     async def enrol_robots(self, count: int) -> list[LoadRobot]:
         """With final open visits. Raises CALL_REFUSED and others."""
         organisation = self.genesis.organisations[0].name
-        desk = Registrar(self._folder / "network" / "organisations" / organisation, self.genesis)
-        cards = [decode_card_code(desk.issue(f"bench-{number}", "robot")) for number in range(count)]
+        registrar = Registrar(self._folder / "network" / "organisations" / organisation, self.genesis)
+        cards = [decode_card_code(registrar.issue(f"bench-{number}", "robot")) for number in range(count)]
         enrolling = [asyncio.create_task(self._enrol(number, card)) for number, card in enumerate(cards)]
         try:
             return list(await asyncio.gather(*enrolling))

@@ -111,7 +111,7 @@ _COMMANDS = {
 SECTIONS = {
     "Patients, and whom they share with": ("wallet", "verify"),
     "Robot operators": ("robot",),
-    "Registrar's desk": ("card", "roster"),
+    "Registrars": ("card", "roster"),
     "Data protection officers": ("officer",),
     "Administrators of an organisation": ("org", "producer", "settings", "notice", "frames"),
     "Operators of nodes": ("up", "down", "status", "logs", "node", "certificate", "custody", "doctor"),

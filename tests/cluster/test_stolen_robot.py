@@ -39,7 +39,7 @@ async def test_a_stolen_robot_is_revoked_at_the_desk_and_records_no_more(
     async with killed_robot(network, tmp_path) as robot:
         genesis, secret = str(network.folder / "genesis.json"), tmp_path / "passphrase"
         secret.write_text("tea and lemon cake")
-        desk = ("--desk", str(network.folder / "organisations" / network.genesis.organisations[0].name))
+        desk = ("--registrar-dir", str(network.folder / "organisations" / network.genesis.organisations[0].name))
         base = ("robot", "--robot-dir", str(robot.robot.parent), "--genesis", genesis)
         run = ("run", "--scenario", str(tmp_path / SCENE_FILE), "--purpose", PURPOSE, *robot.approved)
         sealed = await done(await command(tmp_path, *base, "passphrase", "--new-file", str(secret)))

@@ -16,8 +16,8 @@ def test_a_tags_uid_does_not_stay_on_disk_where_no_card_was_issued(
 ) -> None:
     stage = Stage(tmp_path, store="sqlite", base_port=1, purpose="demo")
     stage.wallets.mkdir()
-    nowhere = ["--desk", str(tmp_path / "no-desk"), "--genesis", str(tmp_path / "no-genesis.json")]
-    monkeypatch.setattr(Stage, "desk_arguments", lambda _: nowhere)
+    nowhere = ["--registrar-dir", str(tmp_path / "no-registrar"), "--genesis", str(tmp_path / "no-genesis.json")]
+    monkeypatch.setattr(Stage, "registrar_arguments", lambda _: nowhere)
     with pytest.raises(BlockRobotError):
         asyncio.run(stage.issue_card("subject", "patient-a", "E2" * 12))
     assert list(stage.wallets.iterdir()) == []
