@@ -130,7 +130,7 @@ def build_document(word: ConsentWord, organisation: str, published: PublishedNot
         "purposes_scope": "named" if word.purposes else "every purpose for which consent had been given",
         "pii_information": [{"pii_type": code, "words": SENSORS.get(code, code)} for code in word.sensors],
         "pii_scope": "named" if word.sensors else "every sensor",
-        "collection_method": "by a robot that meets the person, as her tag tells",
+        "collection_method": "by a robot that meets the person, as their tag tells",
         "events": [_event(word)],
         "chain": {
             "chain_id": word.chain_id.hex(),

@@ -9,14 +9,14 @@ from consensus.errors import BlockRobotError
 PURPOSE_MAX_CHARS = 32
 
 PURPOSES: dict[str, str] = {
-    "care": "Care and treatment of the person herself.",
+    "care": "Care and treatment of the person.",
     "companionship": "Company, guidance and entertainment by the robot.",
     "safety": "Finding falls and other accidents.",
     "research": "Research that an ethics board has approved.",
     "teaching": "Teaching and training of staff.",
     "service": "Repair and improvement of the robot.",
     "demo": "A demonstration with people who know that it is one.",
-    "own-access": "A person looks at what was recorded of herself.",
+    "own-access": "A person looks at what was recorded of them.",
     "complaint": "A complaint or a question of law.",
     "audit": "A check by data protection.",
 }

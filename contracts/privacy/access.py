@@ -6,9 +6,9 @@ records the whole visit; one by a grantee has the `grant` too. verdict/record id
 release/id+custodian+record id -> True.
 
 grant/id -> {owner, records, grantee, ephemeral, view_tag, member_hash, purpose, until_ms, ended_ms, time, height, status,
-noticed, notices}, the id being its txid, `status` active or revoked, `noticed` the records of which the grantee said that she
-holds no copy any more; grant-number/n -> id; grant-count -> n; open-grants/owner -> {id: until_ms}. The grantee's key G is a one-time key,
-found by scanning as visits are; who she is stands in a salted hash. Nothing stands under G itself: whoever uses it names
+noticed, notices}, the id being its txid, `status` active or revoked, `noticed` the records of which the grantee said that they
+hold no copy any more; grant-number/n -> id; grant-count -> n; open-grants/owner -> {id: until_ms}. The grantee's key G is a one-time key,
+found by scanning as visits are; who they are stands in a salted hash. Nothing stands under G itself: whoever uses it names
 the grant. So nobody who sees a key on its way can spend it, neither for another grant nor for a visit.
 """
 
@@ -150,7 +150,7 @@ def require_shareable(owner: bytes, records: list, purpose: str):
     if row is not None:
         for record_id in records:
             restricted = row["whole"] or record_id in row["records"]
-            require(not restricted, "RECORD_RESTRICTED", "It is restricted: only the person herself looks at it.")
+            require(not restricted, "RECORD_RESTRICTED", "It is restricted: only the owner looks at it.")
 
 
 def check_grantee(grantee: bytes, ephemeral: bytes, view_tag: int, member_hash: bytes):
@@ -184,7 +184,7 @@ def grant(
     check_named(records)
     check_grantee(grantee, ephemeral, view_tag, member_hash)
     require(call("identity", "purpose_known", purpose), "PURPOSE_UNKNOWN", "The purpose is not published.")
-    require(purpose != OWN_PURPOSE, "PURPOSE_OWN", "Her own access is nobody else's purpose.")
+    require(purpose != OWN_PURPOSE, "PURPOSE_OWN", "The owner's own access is nobody else's purpose.")
     in_range = until_ms > ctx.time and until_ms <= ctx.time + GRANT_MAX_MS
     require(in_range and until_ms % GRANT_STEP_MS == 0, "UNTIL_WRONG", "A grant ends on five full minutes, in 366 days at most.")
     owner = call("records", "root_of", ctx.caller)

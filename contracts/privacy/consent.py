@@ -1,19 +1,19 @@
 """Who may be recorded, for what, by which sensor and until when, as each person says it. Must never let another speak,
-but for who acts for her by a mandate, within it, and never beyond her own last word.
+but for who acts for them by a mandate, within it, and never beyond their own last word.
 
 of/handle -> {purpose: {sensor: [step, ...]}}; changes -> how often anything here changed. A step is [height, status,
 since_ms, from_ms, until_ms, mandate]: from that height on the status (`given`, `refused`, `withdrawn`, `objected`) holds.
-`mandate` is the id of the mandate under which it was said, or empty: she said it herself.
+`mandate` is the id of the mandate under which it was said, or empty: they said it themselves.
 `since_ms` is the chain's time when a no was said, or since when a consent has held without a break; `from_ms` and
 `until_ms` are the period in which pictures may be taken (0: no bound). A row has at most what holds now and one word
 that is still to come.
-own/handle -> {sensor: {purpose: word}}: what she said last herself, whatever others said since, the purpose `` being all
-that are not named. A word is nil, a no, or [height, from_ms, until_ms], how far her yes goes. said/handle -> the height of the block of her last word. notice/organisation -> {version, hash, height, time} of what it
+own/handle -> {sensor: {purpose: word}}: what they said last themselves, whatever others said since, the purpose `` being all
+that are not named. A word is nil, a no, or [height, from_ms, until_ms], how far their yes goes. said/handle -> the height of the block of their last word. notice/organisation -> {version, hash, height, time} of what it
 tells people before anything is recorded, as it is in force; notice-text/u32 version + organisation -> the same with the
 `document`, for every version that there ever was.
 
 A no holds from the next block on. A giving holds from the height that it names, or GIVING_AFTER_BLOCKS after its block.
-It names the newest final block that she knew when she signed it, and counts only while she has said nothing since: a
+It names the newest final block that they knew when they signed it, and counts only while they have said nothing since: a
 giving that somebody held back does not undo a later word. A no always counts, also where nothing was given.
 """
 
@@ -38,13 +38,13 @@ ALL_OTHERS = ""
 
 
 def require_person(handle: bytes) -> dict | None:
-    """Only a person who can be recorded speaks, or who acts for her, in a transaction of the own: see `find_mandate`."""
+    """Only a person who can be recorded speaks, or who acts for them, in a transaction of their own: see `find_mandate`."""
     require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
     return find_mandate(handle)
 
 
 def find_mandate(handle: bytes) -> dict | None:
-    """Return the mandate under which the caller speaks for a person; None if she speaks herself."""
+    """Return the mandate under which the caller speaks for a person; None if they speak themselves."""
     require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
     found = call("identity", "member_of_handle", handle)
     require(found is not None, "HANDLE_UNKNOWN", "Nobody is registered under this handle.")
@@ -68,7 +68,7 @@ def standing(steps: list) -> list:
 
 
 def own_nos(steps: list) -> list:
-    """Return the person's own nos that hold now or will: they stay hers, whoever says no as well."""
+    """Return the person's own nos that hold now or will: they stay that person's, whoever says no as well."""
     return [step for step in standing(steps) if step[1] != GIVEN and step[5] == OWN]
 
 
@@ -146,7 +146,7 @@ def keep(handle: bytes, row: dict):
 
 
 def note_own(handle: bytes, purposes: list, sensors: list, word: list | None):
-    """Keep what a person said last herself of these choices; no purpose named: of everything."""
+    """Keep what a person said last themselves of these choices; no purpose named: of everything."""
     own = state.get(b"own/" + handle, {})
     for sensor in sensors:
         if len(purposes) == 0:
@@ -161,7 +161,7 @@ def note_own(handle: bytes, purposes: list, sensors: list, word: list | None):
 def leaves_free(words: dict, purpose: str, from_ms: int, until_ms: int) -> bool:
     """Tell whether a yes of another's stays within the person's own last word, if there is one.
 
-    Her yes opens nothing before its height: another's would end it while it is still to come.
+    Their yes opens nothing before its height: another's would end it while it is still to come.
     """
     if purpose not in words:
         return ALL_OTHERS not in words
@@ -176,7 +176,7 @@ def note_word(handle: bytes):
 
 
 def check_newest(handle: bytes, seen: int):
-    """A giving answers all that its person has said: it was signed when her last word was final."""
+    """A giving answers all that its person has said: it was signed when their last word was final."""
     require(0 <= seen and seen < ctx.height, "HEIGHT_WRONG", "The newest block that was known is an earlier one.")
     newest = seen >= state.get(b"said/" + handle, 0)
     require(newest, "WORD_OLDER", "Something was said after this was signed: look at what holds now and say it again.")
@@ -190,8 +190,8 @@ def note_change():
 def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: int, height: int, seen: int):
     """Consent to be recorded, from a height on (0: soon) and in a period.
 
-    `seen` is the height of the newest final block that she knew: nothing was said after it. Who acts for her names an end,
-    within the mandate, and gives nothing beyond her own last word. Who may call: the person of the handle, or who acts for her by a mandate.
+    `seen` is the height of the newest final block that they knew: nothing was said after it. Who acts for them names an end,
+    within the mandate, and gives nothing beyond their own last word. Who may call: the person of the handle, or who acts for them by a mandate.
     """
     mandate = require_person(handle)
     check_purposes(purposes)
@@ -213,7 +213,7 @@ def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: i
         for sensor in sensors:
             if mandate is not None:
                 free = leaves_free(own.get(sensor, {}), purpose, from_ms, until_ms)
-                require(free, "OWN_NO_STANDS", "Beyond what the person said herself nobody else can say yes.")
+                require(free, "OWN_NO_STANDS", "Beyond what the person said themselves nobody else can say yes.")
             say(row, purpose, sensor, [height, GIVEN, ctx.time, from_ms, until_ms, id_of(mandate)])
     if mandate is None:
         note_own(handle, purposes, sensors, [height, from_ms, until_ms])
@@ -229,7 +229,7 @@ def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: i
 def refuse(handle: bytes, purposes: list, sensors: list):
     """Say no, whatever was said before; no sensor named: to all.
 
-    Who may call: the person of the handle, or who acts for her by a mandate.
+    Who may call: the person of the handle, or who acts for them by a mandate.
     """
     mandate = require_person(handle)
     check_purposes(purposes)
@@ -245,7 +245,7 @@ def refuse(handle: bytes, purposes: list, sensors: list):
 
 @export
 def objected(handle: bytes, purposes: list):
-    """Write that a person objects to purposes: a no by all sensors. Who may call: the contract `rights`, for herself."""
+    """Write that a person objects to purposes: a no by all sensors. Who may call: the contract `rights`, for themselves."""
     require(ctx.calling_contract == "rights", "NOT_THE_RIGHTS_CONTRACT", "Only the contract rights may do that.")
     mandate = find_mandate(handle)
     check_purposes(purposes)
@@ -269,7 +269,7 @@ def say_no(handle: bytes, mandate: dict | None, status: str, purposes: list, sen
 def deny(row: dict, purpose: str, sensor: str, status: str, mandate: dict | None) -> int:
     """Write a no to one choice; return 1 if that changed it, else 0.
 
-    Her own no stays hers when another says it, too: only what was to come after it goes.
+    The person's own no stays when another says it, too: only what was to come after it goes.
     """
     if mandate is not None:
         steps = row.get(purpose, {}).get(sensor, [])
@@ -297,7 +297,7 @@ def withdraw(handle: bytes, purposes: list, sensors: list):
     """Take back what was given; no purpose or sensor named: every one.
 
     It counts where nothing was given, too: a giving that is still under way comes too late then, and who acts for a
-    person gives nothing that she took back herself. Who may call: the person of the handle, or who acts for her by a
+    person gives nothing that the person took back. Who may call: the person of the handle, or who acts for them by a
     mandate.
     """
     mandate = require_person(handle)
@@ -319,9 +319,9 @@ def withdraw(handle: bytes, purposes: list, sensors: list):
 
 
 def withdraw_ahead(handle: bytes, row: dict, purposes: list, sensors: list) -> int:
-    """Write a person's own no also to what she had not given; return to how many choices.
+    """Write a person's own no also to what they had not given; return to how many choices.
 
-    Where she names no purpose it stands in no step, and in her own last word.
+    Where they name no purpose it stands in no step, and in their own last word.
     """
     if len(sensors) == 0:
         sensors = [sensor for sensor in SENSORS]

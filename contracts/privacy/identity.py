@@ -113,7 +113,7 @@ def check_purposes(purposes: list):
 
 
 def require_member(handle: bytes) -> dict:
-    """Return the caller's own state; he must be active and registered under this handle, and call by himself."""
+    """Return the caller's own state; they must be active and registered under this handle, and call directly."""
     require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
     require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
     owner = state.get(b"handle/" + handle)

@@ -80,7 +80,7 @@ def check_persons(handle: bytes, representative: bytes):
     require(is_subject, "REPRESENTED_WRONG", "Only an active subject can be represented.")
     role = call("identity", "role_of", find_person(representative)["member"])
     able = role in REPRESENTATIVE_ROLES and representative != handle and not is_represented(representative)
-    require(able, "REPRESENTATIVE_WRONG", "Another subject, member of the staff or officer who acts for herself may.")
+    require(able, "REPRESENTATIVE_WRONG", "Another subject, member of the staff or officer who acts for themselves may.")
 
 
 def is_represented(handle: bytes) -> bool:
@@ -150,7 +150,7 @@ def propose(handle: bytes, representative: bytes, papers: bytes, acts: list, unt
     org = find_person(handle)["org"]
     require_officer(org)
     check_persons(handle, representative)
-    require(handle_of(ctx.caller) != representative, "OFFICER_CONCERNED", "An officer gives no mandate to herself.")
+    require(handle_of(ctx.caller) != representative, "OFFICER_CONCERNED", "An officer gives no mandate to themselves.")
     require(len(papers) == PAPERS_BYTES, "PAPERS_WRONG", "The hash of the papers has 32 bytes.")
     require(0 < len(acts) and len(acts) <= len(ACTS), "ACT_UNKNOWN", "A mandate names what it is for.")
     for act in acts:
@@ -206,7 +206,7 @@ def approve(mandate_id: bytes):
     require_step(entry, PROPOSED)
     own = handle_of(ctx.caller)
     require(own != handle_of(entry["proposer"]), "OFFICER_THE_SAME", "Who proposed it cannot approve it.")
-    require(own != entry["representative"], "OFFICER_CONCERNED", "An officer gives no mandate to herself.")
+    require(own != entry["representative"], "OFFICER_CONCERNED", "An officer gives no mandate to themselves.")
     require_officers([entry["proposer"]], entry["org"])
     entry["status"] = APPROVED
     entry["approver"] = ctx.caller

@@ -33,7 +33,7 @@ def is_officer(key: bytes, org: str) -> bool:
 
 
 def handle_of(key: bytes) -> bytes:
-    """A person is one handle, whatever keys she has had."""
+    """A person is one handle, whatever keys they have had."""
     return call("identity", "member", key)["handle"]
 
 

@@ -6,7 +6,7 @@ breach's id; breach/id -> {number, owner, robot, org, kind, status, risk, opened
 the id being the txid that opened it; breach-number/n -> id; breach-count -> n.
 
 What a person says of a visit is signed with the visit's owner key; only an objection to being recorded at all, which is
-about no visit, with her member key. A restriction is lifted by nobody else, and a quarantine by an officer alone.
+about no visit, with their member key. A restriction is lifted by nobody else, and a quarantine by an officer alone.
 """
 
 KEY_BYTES = 33
@@ -79,7 +79,7 @@ def is_there(row: dict | None, record_id: bytes) -> bool:
 def restrict(records: list, ground: str):
     """Restrict 1 to 64 records, or (none named) the whole visit and what is still to come of it (Art. 18).
 
-    Only she sees them from then on. On the grounds `legal-claim` and `unlawful` they are also kept beyond their expiry,
+    Only the owner sees them from then on. On the grounds `legal-claim` and `unlawful` they are also kept beyond their expiry,
     for 366 days at a time. Who may call: the visit's owner key.
     """
     owner = require_owner(records)
@@ -152,7 +152,7 @@ def check_purposes(purposes: list):
     for code in purposes:
         known = isinstance(code, str) and call("identity", "purpose_known", code)
         require(known, "PURPOSE_UNKNOWN", "The purpose is not published.")
-        require(code not in OWN_PURPOSES, "PURPOSE_OWN", "Nobody can be kept from her own records, or from a complaint.")
+        require(code not in OWN_PURPOSES, "PURPOSE_OWN", "Nobody can be kept from their own records, or from a complaint.")
 
 
 @export
@@ -160,7 +160,7 @@ def object_to(handle: bytes, purposes: list):
     """Object to being recorded for purposes, by whatever sensor (Art. 21).
 
     It counts as a no in the contract `consent`, from the next block on, whatever the recording was based on.
-    Who may call: the person of the handle, or who acts for her by a mandate.
+    Who may call: the person of the handle, or who acts for them by a mandate.
     """
     require_direct()
     check_purposes(purposes)
@@ -353,7 +353,7 @@ def close(breach_id: bytes, outcome: str, reason: str):
 
 @view
 def require_open(owner: bytes) -> bool:
-    """Fail if the visit is quarantined: its owner has said that it is not hers, and decides nothing about it."""
+    """Fail if the visit is quarantined: its owner has said that it is not theirs, and decides nothing about it."""
     require(not state.has(b"quarantine/" + owner), "VISIT_QUARANTINED", "The visit was denied, and is quarantined.")
     return True
 
@@ -370,13 +370,13 @@ def require_release(owner: bytes, records: list, purpose: str) -> bool:
         for record_id in records:
             if record_id in row["records"]:
                 restricted = True
-        require(not restricted, "RECORD_RESTRICTED", "It is restricted: only the person herself looks at it.")
+        require(not restricted, "RECORD_RESTRICTED", "It is restricted: only the owner looks at it.")
     return True
 
 
 @view
 def require_erasable(owner: bytes, records: list) -> bool:
-    """Fail if somebody else than the owner must not erase these: the visit is denied, or she restricted some of them."""
+    """Fail if somebody else than the owner must not erase these: the visit is denied, or the owner restricted some of them."""
     require_open(owner)
     row = state.get(b"restriction/" + owner)
     if row is not None:

@@ -89,7 +89,7 @@ def require_direct():
 
 
 def require_admin() -> str:
-    """Return the active organisation that the caller speaks for; no other contract speaks in his name."""
+    """Return the active organisation that the caller speaks for; no other contract speaks in their name."""
     require_direct()
     organisation = call("membership", "electorate", ctx.caller)[0]
     require(organisation != "", "NOT_AN_ADMIN", "Only an admin of an active organisation may do that.")

@@ -1,7 +1,7 @@
 """Handing over controlled medication: nothing leaves the cabinet without two signatures.
 
 A pharmacist is named when the cabinet is set up and names the nurses. A nurse asks for a dose; a second nurse, who saw
-the ampoule and the patient's wristband, confirms by a signature made at the bedside, without a transaction of her own.
+the ampoule and the patient's wristband, confirms by a signature made at the bedside, without their own transaction.
 Only then is the stock reduced. An unconfirmed request ends after ten minutes.
 """
 
