@@ -273,11 +273,15 @@ class Story:
         return said
 
     async def until_still(self, *names: str) -> dict[str, int]:
-        """Wait until nothing that was on its way becomes final at these nodes any more; return their heights."""
-        deadline_s, seen = time.monotonic() + WORK_TIMEOUT_S, dict.fromkeys(names, -2)
-        while (heights := {name: (await self.status(name))["finalized_height"] for name in names}) != seen:
-            assert time.monotonic() < deadline_s, f"blocks go on becoming final: {heights}"
-            seen = heights
+        """Wait until nothing that was on its way becomes final at these nodes, nor is told a client, any more; return
+        their heights.
+        """
+        deadline_s, heights, told = time.monotonic() + WORK_TIMEOUT_S, dict.fromkeys(names, -2), -1
+        while (now := {name: (await self.status(name))["finalized_height"] for name in names}) != heights or (
+            told != self.told_count
+        ):
+            assert time.monotonic() < deadline_s, f"blocks go on becoming final: {now}"
+            heights, told = now, self.told_count
             await asyncio.sleep(_IN_FLIGHT_S)
         return heights
 

@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from clients.robot.synthetic.scenario import Scenario
 from network.bench.fresh_network import find_base_port
 from network.demo.checks import Check
@@ -37,7 +39,7 @@ async def run_short(folder: Path, seconds: float, show: Callable[[Experiment, Ch
         show=show,
     )
     result, _ = await run_experiments([(EXPERIMENT, shortened(seconds))], options)
-    return result
+    return dict(msgspec.to_builtins(result))
 
 
 if __name__ == "__main__":
