@@ -43,4 +43,4 @@ async def run_short(folder: Path, seconds: float, show: Callable[[Experiment, Ch
 
 
 if __name__ == "__main__":
-    asyncio.run(run_short(Path(sys.argv[1]), float(sys.argv[2]), lambda *_: None))
+    sys.exit(not asyncio.run(run_short(Path(sys.argv[1]), float(sys.argv[2]), lambda *_: None))["ok"])
