@@ -81,7 +81,7 @@ ifneq ($(ROS2),none)
 	@$(BIN)/python -m tests.robot_live.ros2_wheels
 endif
 
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+PYTEST = TMPDIR=$$($(PYTHON) tests/temporary_folder.py) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test: system-packages ros2 lint types
 	$(PYTEST) -m 'not long $(LEFT_OUT)'
