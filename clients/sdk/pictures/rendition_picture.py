@@ -19,7 +19,7 @@ from consensus.errors import BlockRobotError
 from consensus.records.png import COLOUR, COLOUR_WITH_ALPHA, DEPTH, SIDE_MAX_PX, PngKind, check_depth_png, check_png
 
 PNG_MAX_BYTES = 16 * 1024 * 1024
-PNG_LEVEL = 3
+PNG_LEVEL = 2  # two thirds of level 3's time, 7 % more bytes
 PREVIEW_COLUMNS = 8
 PREVIEW_MAX_PIXELS = 64 * 1024 * 1024
 
