@@ -56,7 +56,7 @@ def check_address(node: NodeAddress) -> NodeAddress:
 
 
 def _tls_context(node: NodeAddress) -> ssl.SSLContext | bool:
-    """It trusts only the organisation's CA."""
+    """Trust only the organisation's CA."""
     if urlsplit(node.url).scheme != "https":
         return True
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)

@@ -123,7 +123,7 @@ class NetworkClient:
 
     @property
     def nodes(self) -> tuple[NodeAddress, ...]:
-        """They may change at run time."""
+        """The known nodes, which may change at run time."""
         return self._book.addresses
 
     # Who is there
@@ -357,7 +357,7 @@ class NetworkClient:
             self._first = self._in_turn()[1 % len(self.nodes)].name
 
     async def _final_after_rejection(self, transaction: Transaction, error: BlockRobotError) -> FinalReceipt:
-        """It may have been final before expiring."""
+        """Look the transaction up first: it may have been final before it expired."""
         try:
             receipt = await self.with_any_node(
                 lambda node: self._look_up(node, transaction.txid, 0, transaction.body.sender)
@@ -467,7 +467,7 @@ class NetworkClient:
 
 @contextlib.asynccontextmanager
 async def open_pinned_client(genesis: Genesis, path: Path) -> AsyncIterator[NetworkClient]:
-    """Its new pin is saved. Raises FILE_UNUSABLE if damaged."""
+    """Open a client from the pin in a file and save its new pin there. Raises FILE_UNUSABLE if damaged."""
     pinned = read_pin(path)
     try:
         client = NetworkClient(genesis, pinned=pinned)

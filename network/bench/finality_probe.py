@@ -18,7 +18,7 @@ SETTLE_TIMEOUT_S = 20.0
 
 
 def longest_gap_s(finals_s: Sequence[float], from_s: float, until_s: float) -> float:
-    """Both ends count as events."""
+    """Longest time between events (s); both ends count as events."""
     inside = sorted(moment for moment in finals_s if from_s < moment < until_s)
     return max(later - earlier for earlier, later in itertools.pairwise([from_s, *inside, until_s]))
 

@@ -62,7 +62,7 @@ class Recorder:
             self._networks.append(KnownNetwork(at_ms, network))
 
     def network_at(self, at_ms: int) -> NetworkFacts | None:
-        """Else the first known."""
+        """The network at a time, else the first known."""
         if not self._networks:
             return None
         place = bisect.bisect_right(self._networks, at_ms, key=lambda known: known.at_ms) - 1

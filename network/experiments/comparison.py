@@ -57,7 +57,7 @@ def work_out(name: str, table: EventTable) -> Reading:
 
 
 def prepare_new_folder(folder: Path) -> None:
-    """Or accept an empty one. Raises FOLDER_NOT_EMPTY."""
+    """Make the folder, or accept an empty one. Raises FOLDER_NOT_EMPTY."""
     if folder.exists() and any(folder.iterdir()):
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{folder} is not empty.")
     folder.mkdir(parents=True, exist_ok=True)

@@ -21,7 +21,7 @@ log = structlog.get_logger(__name__)
 
 
 class PeerCustodian(Protocol):
-    """Another custodian."""
+    """A custodian of another node, asked for clips."""
 
     @property
     def name(self) -> str: ...

@@ -56,7 +56,7 @@ class RunValidity:
             self._over = BlockRobotError("BACKGROUND_EXPIRED", detail)
 
     async def watch(self, end: Callable[[], None]) -> None:
-        """Also when idle; call `end` once due."""
+        """Call `end` once due, also while no frame comes."""
         while self._over is None:
             await asyncio.sleep(LOOK_EVERY_S)
             try:

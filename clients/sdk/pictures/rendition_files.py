@@ -57,7 +57,7 @@ def own_pixels(rendition: Rendition) -> bytes:
 
 
 def own_depth(rendition: Rendition) -> Depth:
-    """The same, unpacked."""
+    """The same as an array of millimetres."""
     whole = np.zeros((rendition.height, rendition.width), dtype=np.uint16)
     box = decode_depth_png(rendition.pixels)
     if box.shape != (rendition.box_height, rendition.box_width):

@@ -68,7 +68,7 @@ class SafeConsole(Console):
         self._file = new_file
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Its markup only if valid and ours."""
+        """Apply markup only if it is valid and ours."""
         text = escape_controls(text, _ALLOWED)
         if options.get("markup") is False:
             return super().render_str(text, **options)

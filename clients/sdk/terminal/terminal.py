@@ -187,7 +187,7 @@ def is_at_terminal() -> bool:
 
 
 def clear_screen() -> None:
-    """And scrollback of secrets, or print empty lines."""
+    """Clear screen and scrollback after secrets; print empty lines where that is impossible."""
     if not console.is_terminal:
         return
     wiped = "\n" * _PLAIN_ROWS_COUNT if console.is_dumb_terminal else "\x1b[H\x1b[2J\x1b[3J"

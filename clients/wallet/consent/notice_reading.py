@@ -136,7 +136,7 @@ class Notices:
         self._wallet.store.save()
 
     def note_consented(self, notice_view: NoticeView) -> None:
-        """It was shown, and consented to."""
+        """Note that this version was shown, and consented to."""
         content = self._wallet.store.content
         content.notice_consented_version = max(content.notice_consented_version, notice_view.version)
         self.note_shown(notice_view)
@@ -156,7 +156,7 @@ class Notices:
         return NoticeView(organisation, await self._version(organisation, row.version, registered=registered), height)
 
     async def _newest(self, organisation: str, *, registered: bool) -> tuple[NoticeRow | None, int]:
-        """And its proof's height."""
+        """The newest version, and the height of its proof."""
         key = NOTICE.key(organisation)
         state = await self._values([key], registered=registered)
         return read_row(organisation, state.values[key]), state.height

@@ -148,7 +148,7 @@ class Mandates:
         await self._call("accept", [mandate.mandate_id])
 
     async def end(self, mandate: Mandate) -> None:
-        """Others may close lapsed ones. Raises CALL_REFUSED."""
+        """End a mandate; one that lapsed may be closed by others too. Raises CALL_REFUSED."""
         content = self._wallet.store.content
         entitled = content.handle in (mandate.state.handle, mandate.state.representative)
         if not entitled and content.role == "officer":

@@ -24,7 +24,7 @@ class RequestFields:
         self._fields = dict(fields)
 
     def has(self, name: str) -> bool:
-        """And non-empty."""
+        """Whether a field is there and not empty."""
         return self._fields.get(name) not in (None, "", [])
 
     def text(self, name: str, default: str | None = None, *, max_chars: int = TEXT_MAX_CHARS) -> str:

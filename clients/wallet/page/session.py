@@ -168,7 +168,7 @@ class PageSession:
         self.used_at_ms = max(self.used_at_ms, self.now_ms() - ago_ms)
 
     def is_idle(self, minutes: int) -> bool:
-        """And without open jobs."""
+        """Whether nothing was asked for a while and no job is open."""
         return not self.jobs.are_open and self.now_ms() - self.used_at_ms > minutes * 60_000
 
     def node_troubles(self) -> dict[str, BlockRobotError]:

@@ -48,7 +48,7 @@ class PictureSampler:
         """How many were taken in."""
 
     def take(self, label: str, captured_at_ms: int, make: Callable[[], Image.Image], *, is_depth: bool = False) -> None:
-        """It is made only if it is kept."""
+        """Add a picture; `make` is called only if the sheet keeps it."""
         wanted = self.count % self._step == 0
         self.count += 1
         if not wanted:

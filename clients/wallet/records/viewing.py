@@ -79,7 +79,7 @@ class RecordView:
 
     @property
     def damaged(self) -> list[int]:
-        """Those of `corrupted` that custodians changed or withheld."""
+        """Those frames of `corrupted` that custodians changed or withheld."""
         return [frame.index for frame in self.frames if frame.failed in CUSTODY_CHECKS]
 
     @property

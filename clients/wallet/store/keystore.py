@@ -215,7 +215,7 @@ class Keystore:
         return self._key.is_from(passphrase)
 
     def read_only(self) -> None:
-        """Another program holds the file."""
+        """Write nothing from now on: another program holds the file."""
         self._is_read_only = True
 
     def save(self) -> None:

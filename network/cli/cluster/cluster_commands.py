@@ -222,7 +222,7 @@ def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
 
 
 def _status_answer(row: NodeStatusReport) -> NodeStatus:
-    """And the names of what a node of another version says in another form."""
+    """Return the status, and the fields that a node of another version says in another form."""
     told = {**(row.status or {}), "name": row.name, "running": row.running}
     kinds = {field.name: field.type for field in msgspec.structs.fields(NodeStatus)}
     known: dict[str, Any] = {}

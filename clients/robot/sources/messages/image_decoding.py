@@ -117,7 +117,7 @@ def _rows(message: Any, pixel_bytes: int) -> npt.NDArray[np.uint8]:
 
 
 def _clean(depth: Depth) -> Depth:
-    """Its maximum value means no measurement."""
+    """Drop an encoding's maximum value, which means no measurement."""
     saturated = depth == SATURATED_MM
     return np.where(saturated, np.uint16(0), depth) if saturated.any() else depth
 

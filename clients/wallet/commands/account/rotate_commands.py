@@ -93,7 +93,7 @@ def print_taken(count: int) -> None:
 
 
 def print_stuck(count: int) -> None:
-    """Their key cannot be replaced any more."""
+    """Say of how many visits the key cannot be replaced any more."""
     for line in _stuck_lines(count):
         console.print(f"[red]{line}[/red]")
 
