@@ -172,15 +172,15 @@ def _receipt_line(row: SignedReceipt) -> str:
 
 
 def _signed_receipt(receipt: CheckedReceipt) -> SignedReceipt:
-    word = receipt.word
+    statement = receipt.statement
     return SignedReceipt(
-        txid=word.txid.hex(),
-        handle=word.handle.hex(),
-        status=word.status,
-        purposes=list(word.purposes),
-        sensors=list(word.sensors),
-        height=word.height,
-        time_ms=word.time_ms,
+        txid=statement.txid.hex(),
+        handle=statement.handle.hex(),
+        status=statement.status,
+        purposes=list(statement.purposes),
+        sensors=list(statement.sensors),
+        height=statement.height,
+        time_ms=statement.time_ms,
         organisation=receipt.organisation,
         node=receipt.node,
         is_registrars=receipt.is_registrars,

@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.records.metadata import find_chain_gaps
 from consensus.rights.right_codes import Correction, commit_correction
-from consensus.state.consent import CHOICES, CONSENT, SAID, Step, read_choices
+from consensus.state.consent import CHOICES, CONSENT, LAST_STATEMENT_HEIGHT, StepRow, read_choices
 from consensus.state.erasure import ErasureReceiptRow
 from consensus.state.identity import MEMBER, MemberRow
 from consensus.state.keys import Row, Rows
@@ -207,7 +207,7 @@ def read_person(proved: Mapping[bytes, ProvedValue]) -> tuple[bytes, MemberRow]:
     if value is None:
         raise BlockRobotError("BUNDLE_UNPROVEN", "The bundle does not prove who the person is.")
     row, (member,) = MEMBER.convert(value), MEMBER.split(keys[0])
-    if set(proved) != {keys[0], CHOICES.key(row.handle), SAID.key(row.handle)}:
+    if set(proved) != {keys[0], CHOICES.key(row.handle), LAST_STATEMENT_HEIGHT.key(row.handle)}:
         raise BlockRobotError(
             "BUNDLE_UNPROVEN", "The proofs of the person leave something out, or hold something else."
         )
@@ -226,7 +226,7 @@ def build_consents(
         role=row.role,
         status=row.status,
         proved_at_height=min(proof.height for proof in proved.values()),
-        last_word_height=proved[SAID.key(row.handle)].value or 0,
+        last_word_height=proved[LAST_STATEMENT_HEIGHT.key(row.handle)].value or 0,
         choices=[
             doc.ConsentDocument(
                 purpose,
@@ -239,7 +239,7 @@ def build_consents(
     )
 
 
-def _build_step(step: Step) -> doc.ConsentStepDocument:
+def _build_step(step: StepRow) -> doc.ConsentStepDocument:
     period = (step.from_ms, step.until_ms)
     return doc.ConsentStepDocument(step.height, step.status, step.since_ms, *period, step.mandate.hex())
 

@@ -103,7 +103,7 @@ def _prove_person(
     if proofs.keys is not None:
         sealing = prove_sealing_keys(chain, genesis, proofs.keys, member, row)
     signed = () if proofs.signed is None else prove_signed(chain, genesis, proofs.signed, row)
-    consents = document_building.build_consents(proved, receipts, {each.word.member for each in signed})
+    consents = document_building.build_consents(proved, receipts, {each.statement.member for each in signed})
     if proofs.signed is not None:
         require_proved_consents(proofs.signed, signed, consents)
     return consents, sealing, member, signed

@@ -33,7 +33,7 @@ _REGISTER_ARGUMENTS_COUNT = 10
 
 
 @dataclass(frozen=True, slots=True)
-class ConsentWord:
+class ConsentStatement:
     """One consent statement; times in ms, 0 is unbounded.
 
     `seen_height` decides which notice applied; empty lists in a refusal mean all.
@@ -59,7 +59,9 @@ def _invalid(detail: str) -> BlockRobotError:
     return BlockRobotError("CONSENT_RECEIPT_INVALID", detail)
 
 
-def read_word(transaction: Transaction, receipt: Receipt, *, height: int, index: int, time_ms: int) -> ConsentWord:
+def read_statement(
+    transaction: Transaction, receipt: Receipt, *, height: int, index: int, time_ms: int
+) -> ConsentStatement:
     """Return the statement of a proven transaction. Raises CONSENT_RECEIPT_INVALID (refused), CONSENT_WORD_MISSING."""
     if receipt.txid != transaction.txid or not receipt.ok:
         raise _invalid("The transaction is another one, or the chain refused it.")
@@ -73,7 +75,7 @@ def read_word(transaction: Transaction, receipt: Receipt, *, height: int, index:
     else:
         raise BlockRobotError("CONSENT_WORD_MISSING")
     handle, purposes, sensors, from_ms, until_ms, from_height, seen_height = values
-    return ConsentWord(
+    return ConsentStatement(
         chain_id=body.chain_id,
         txid=transaction.txid,
         member=body.sender,
@@ -109,34 +111,34 @@ def _from_height(receipt: Receipt, status: str) -> int:
     raise _invalid("The chain does not tell from when the word holds.")
 
 
-def is_notice_of(row: NoticeRow | None, following: NoticeRow | None, word: ConsentWord) -> bool:
+def is_notice_of(row: NoticeRow | None, following: NoticeRow | None, statement: ConsentStatement) -> bool:
     """Return whether a version was in force; `row` None: there was none, `following` the first or None."""
-    come = row is None or row.height <= word.seen_height
-    return come and (following is None or following.height > word.seen_height)
+    come = row is None or row.height <= statement.seen_height
+    return come and (following is None or following.height > statement.seen_height)
 
 
-def build_document(word: ConsentWord, organisation: str, published: PublishedNotice | None) -> bytes:
+def build_document(statement: ConsentStatement, organisation: str, published: PublishedNotice | None) -> bytes:
     """Return receipt JSON: sorted keys, no spaces, ASCII only."""
     notice = None if published is None else published.notice
     fields: dict[str, Any] = {
         "schema_version": RECEIPT_SCHEMA,
-        "record_id": word.txid.hex(),
-        "pii_principal_id": word.handle.hex(),
-        "pii_principal_key": word.member.hex(),
+        "record_id": statement.txid.hex(),
+        "pii_principal_id": statement.handle.hex(),
+        "pii_principal_key": statement.member.hex(),
         "pii_controllers": _controllers(organisation, notice),
         "privacy_notice": None if published is None else _notice_reference(published.row),
         "language": "en" if notice is None else notice.language,
-        "purposes": [_purpose(code, notice) for code in word.purposes],
-        "purposes_scope": "named" if word.purposes else "every purpose for which consent had been given",
-        "pii_information": [{"pii_type": code, "words": SENSORS.get(code, code)} for code in word.sensors],
-        "pii_scope": "named" if word.sensors else "every sensor",
+        "purposes": [_purpose(code, notice) for code in statement.purposes],
+        "purposes_scope": "named" if statement.purposes else "every purpose for which consent had been given",
+        "pii_information": [{"pii_type": code, "words": SENSORS.get(code, code)} for code in statement.sensors],
+        "pii_scope": "named" if statement.sensors else "every sensor",
         "collection_method": "by a robot that meets the person, as their tag tells",
-        "events": [_event(word)],
+        "events": [_event(statement)],
         "chain": {
-            "chain_id": word.chain_id.hex(),
-            "height": word.height,
-            "index": word.index,
-            "txid": word.txid.hex(),
+            "chain_id": statement.chain_id.hex(),
+            "height": statement.height,
+            "index": statement.index,
+            "txid": statement.txid.hex(),
         },
     }
     if notice is not None:
@@ -177,15 +179,15 @@ def _purpose(code: str, notice: Notice | None) -> dict[str, Any]:
     return fields | bases | {"purpose_words": found.words, "storage_period": period}
 
 
-def _event(word: ConsentWord) -> dict[str, Any]:
-    period = {"from_ms": word.from_ms or None, "until_ms": word.until_ms or None}
+def _event(statement: ConsentStatement) -> dict[str, Any]:
+    period = {"from_ms": statement.from_ms or None, "until_ms": statement.until_ms or None}
     return {
-        "event_id": word.txid.hex(),
-        "event_time_ms": word.time_ms,
+        "event_id": statement.txid.hex(),
+        "event_time_ms": statement.time_ms,
         "event_type": "explicit",
-        "event_state": word.status,
-        "entity_id": word.handle.hex(),
-        "effective_from_height": word.from_height,
+        "event_state": statement.status,
+        "entity_id": statement.handle.hex(),
+        "effective_from_height": statement.from_height,
         "validity": period,
     }
 

@@ -69,6 +69,15 @@ class ListRow(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_field
     """Base of list rows in field order; trailing defaults may be missing."""
 
 
+def try_convert(value: Any, kind: type[T]) -> T | None:
+    """Convert a decoded value of exactly this form; return None for any other."""
+    try:
+        # Without `builtin_types` a text would pass for base64 of bytes.
+        return msgspec.convert(value, kind, builtin_types=(bytes,))
+    except msgspec.ValidationError:
+        return None
+
+
 class Rows(Generic[T]):
     """One kind of a contract's rows: reading, writing and key matching."""
 

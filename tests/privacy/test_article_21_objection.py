@@ -14,14 +14,14 @@ from consensus.primitives.encoding import decode_value
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import OWN_PURPOSES
 from consensus.rights.sensors import SENSORS
-from consensus.state.consent import find_consent, read_choices
+from consensus.state.consent import effective_consent, read_choices
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
 
 
 def _consented(hospital: Hospital, person: Person) -> set[str]:
     """The purposes for which a robot that reads the chain now would record."""
     choices = read_choices(hospital.value("consent", b"of/" + person.handle))
-    return {purpose for (purpose, _), steps in choices.items() if find_consent(steps, hospital.height)}
+    return {purpose for (purpose, _), steps in choices.items() if effective_consent(steps, hospital.height)}
 
 
 def test_1_nothing_more_is_recorded_by_any_sensor(hospital: Hospital, anna: Person) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import msgspec
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from consensus.chain.transaction import Transaction
-from consensus.state.consent import GIVEN, STEPS_MAX_COUNT, Step, find_consent, read_choices
+from consensus.state.consent import GIVEN, STEPS_MAX_COUNT, StepRow, effective_consent, read_choices
 from tests.unit.contracts.privacy.hospital import Hospital, Person
 
 AHEAD = 6
@@ -23,7 +24,7 @@ class Word:
     said: int
     said_ms: int
     seen: int
-    step: Step
+    step: StepRow
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def standing_at(words: list[Word], height: int) -> list[Word]:
     return standing
 
 
-def in_force(words: list[Word], height: int) -> Step | None:
+def in_force(words: list[Word], height: int) -> StepRow | None:
     """The word that holds at a height, of those said until then."""
     reached = [word for word in standing_at(words, height) if word.step.height <= height]
     return reached[-1].step if reached else None
@@ -79,7 +80,7 @@ def dated(words: list[Word], word: Word) -> Word:
     soon = word.step.height == word.said + 1
     if before.until_ms and not (soon and before.until_ms > word.said_ms):
         return word
-    return replace(word, step=replace(word.step, since_ms=max(before.since_ms, before.from_ms)))
+    return replace(word, step=msgspec.structs.replace(word.step, since_ms=max(before.since_ms, before.from_ms)))
 
 
 SAYINGS = st.lists(
@@ -115,13 +116,13 @@ class Story:
         said = now + (3 if saying.held_back else 1)
         arguments: list[object] = [["care"], ["depth"]]
         if saying.entry != "give":
-            step = Step(said + 1, NOS[saying.entry], 0, 0, 0)
+            step = StepRow(said + 1, NOS[saying.entry], 0, 0, 0, b"")
         else:
             begins = base_ms + PERIOD_STEP_MS if saying.begins else 0
             until = base_ms + (1 + saying.begins + saying.lasts) * PERIOD_STEP_MS if saying.lasts else 0
             height = said + saying.ahead if saying.ahead else 0
             arguments += [begins, until, height, now]
-            step = Step(height or said + 1, GIVEN, 0, begins, until)
+            step = StepRow(height or said + 1, GIVEN, 0, begins, until, b"")
         signed = self.hospital.sign(self.person.identity, "consent", saying.entry, self.handle, *arguments)
         return signed, Word(said, 0, now, step)
 
@@ -133,7 +134,7 @@ class Story:
                 self.said.append(word.said)
             if receipt.ok and not is_idle(self.words, word):
                 said_ms = self.hospital.time_ms
-                final = replace(word, said_ms=said_ms, step=replace(word.step, since_ms=said_ms))
+                final = replace(word, said_ms=said_ms, step=msgspec.structs.replace(word.step, since_ms=said_ms))
                 self.words.append(dated(self.words, final))
         self.check()
 
@@ -152,7 +153,7 @@ class Story:
         assert held[-1:] == ([force] if force else [])
         yes = force if force is not None and force.status == GIVEN else None
         no_comes = any(step.status != GIVEN for step in coming)
-        seen = find_consent(steps, height)
+        seen = effective_consent(steps, height)
         assert seen == (None if no_comes else yes), "a robot acts on a no as soon as it stands there"
 
 

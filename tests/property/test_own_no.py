@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from consensus.state.consent import GIVEN, STEPS_MAX_COUNT, Step, read_choices
+from consensus.state.consent import GIVEN, STEPS_MAX_COUNT, StepRow, read_choices
 from tests.unit.contracts.privacy.test_mandates import STEP_MS, Family, Hospital
 
 AHEAD = 5
@@ -84,11 +84,11 @@ class Story:
     def own_words(self, height: int) -> list[OwnWord]:
         return [word for word in self.said if word.height <= height]
 
-    def steps(self) -> tuple[Step, ...]:
+    def steps(self) -> tuple[StepRow, ...]:
         row = self.hospital.value("consent", b"of/" + self.child.handle)
         return read_choices(row).get(("research", "depth"), ())
 
-    def step_at(self, height: int) -> Step | None:
+    def step_at(self, height: int) -> StepRow | None:
         return next((step for step in reversed(self.steps()) if step.height <= height), None)
 
     def yes_of(self, saying: Saying) -> Yes:

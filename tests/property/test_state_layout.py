@@ -114,16 +114,23 @@ def check_members(chain: Any) -> None:
         assert identity.office_of(state, admin) == ("admin", chain.view("identity", "admin_of", admin))
 
 
+def _is_within(step: consent.StepRow, time_ms: int) -> bool:
+    return step.from_ms <= time_ms and not 0 < step.until_ms <= time_ms
+
+
 def check_choices(chain: Any) -> None:
     state = chain.state
-    now = {"height": chain.height, "time_ms": chain.time_ms}
     members = [identity.HANDLE.decode(data) for _, data in state.scan(identity.HANDLE.flat, 1000)]
     for key, data in state.scan(consent.CHOICES.flat, 1000):
         (handle,) = consent.CHOICES.split(key)
+        choices = consent.read_choices(decode_value(data))
         for purpose in (*consent.CHOICES.decode(data), "research"):
             for sensor in SENSORS:
                 said = chain.view("consent", "allowed", handle, purpose, sensor)
-                assert consent.allows(state, handle, purpose, sensor, **now) == said
+                steps = choices.get((purpose, sensor), ())
+                reached = [step for step in steps if step.height <= chain.height]
+                held = consent.effective_consent(reached, chain.height)
+                assert said == (held is not None and _is_within(held, chain.time_ms))
     for key, _ in state.scan(mandates.OF.flat, 1000):
         (handle,) = mandates.OF.split(key)
         for member in members:

@@ -356,7 +356,7 @@ def _unsigned(verdict: Verdict) -> list[str]:
     if not verdict.signed:
         return []
     lines = ["that the owner read the notices that the consent receipts name, or that they said nothing else"]
-    receipted = {each.word.txid.hex() for each in verdict.signed}
+    receipted = {each.statement.txid.hex() for each in verdict.signed}
     words = [word for word in verdict.consents.history if word.kind in RECEIPTED]
     count = sum(word.transaction not in receipted for word in words)
     if count:

@@ -16,10 +16,10 @@ from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.rights.consent_receipts import (
-    ConsentWord,
+    ConsentStatement,
     build_document,
     is_notice_of,
-    read_word,
+    read_statement,
     require_signatures,
 )
 from consensus.rights.notices import PublishedNotice, read_published, read_row
@@ -49,7 +49,7 @@ class ReceiptFile(doc.Document, frozen=True):
 class CheckedReceipt:
     """A checked receipt; `is_registrars`: signed by the proved registrar."""
 
-    word: ConsentWord
+    statement: ConsentStatement
     organisation: str
     node: str
     published: PublishedNotice | None
@@ -99,7 +99,9 @@ def _check(chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, sig
     if transaction.body.chain_id != genesis.chain_id:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another chain.")
     proved = chain.receipt(_NAME, entry.proof)
-    word = read_word(transaction, proved.receipt, height=proved.height, index=proved.index, time_ms=proved.time_ms)
+    statement = read_statement(
+        transaction, proved.receipt, height=proved.height, index=proved.index, time_ms=proved.time_ms
+    )
     key = doc.read_bytes(_NAME, entry.controller_key)
     state = chain.state(_NAME, entry.state)
     value = state[CUSTODIAN.key(key)].value
@@ -108,43 +110,43 @@ def _check(chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, sig
     node, (organisation, version) = CUSTODIAN.convert(value), read_reference(document)
     if organisation != node.org:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"A node of {node.org} signed it for {organisation}.")
-    is_registrars = _is_registrars(state, organisation, word)
-    published = _notice(state, organisation, version, word)
-    if build_document(word, organisation, published) != document:
+    is_registrars = _is_registrars(state, organisation, statement)
+    published = _notice(state, organisation, version, statement)
+    if build_document(statement, organisation, published) != document:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "Its words are not those of the chain.")
     require_signatures(
         document,
         controller=key,
         controller_signature=doc.read_bytes(_NAME, entry.controller_signature),
-        person=word.member,
+        person=statement.member,
         person_signature=doc.read_bytes(_NAME, entry.person_signature) if signed else None,
     )
-    return CheckedReceipt(word, organisation, node.name, published, read_json_text(document), is_registrars)
+    return CheckedReceipt(statement, organisation, node.name, published, read_json_text(document), is_registrars)
 
 
-def _is_registrars(state: dict[bytes, ProvedValue], organisation: str, word: ConsentWord) -> bool:
+def _is_registrars(state: dict[bytes, ProvedValue], organisation: str, statement: ConsentStatement) -> bool:
     """Raises CONSENT_RECEIPT_INVALID."""
-    proved = state.get(MEMBER.key(word.member))
+    proved = state.get(MEMBER.key(statement.member))
     if proved is None:
         return False
     row = None if proved.value is None else MEMBER.convert(proved.value)
-    if row is None or (row.org, row.handle) != (organisation, word.handle):
+    if row is None or (row.org, row.handle) != (organisation, statement.handle):
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{organisation} signed it, and did not register the owner.")
     return True
 
 
 def _notice(
-    state: dict[bytes, ProvedValue], organisation: str, version: int, word: ConsentWord
+    state: dict[bytes, ProvedValue], organisation: str, version: int, statement: ConsentStatement
 ) -> PublishedNotice | None:
     following = state[NOTICE_TEXT.key(version + 1, organisation)]
-    if following.height < word.height:
+    if following.height < statement.height:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "What proves its notice is older than the word itself.")
     published = None
     if version:
         published = read_published(organisation, state[NOTICE_TEXT.key(version, organisation)].value)
     row = None if published is None else published.row
     known = published is not None or version == 0
-    if not known or not is_notice_of(row, read_row(organisation, following.value), word):
+    if not known or not is_notice_of(row, read_row(organisation, following.value), statement):
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "Another notice was in force when the owner spoke.")
     return published
 
@@ -188,8 +190,8 @@ def check_file(path: Path, expected: Genesis | bytes | None = None) -> CheckedFi
     if not content.receipts:
         raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} holds no receipt: it proves nothing.")
     checked = tuple(check_entry(chain, genesis, entry) for entry in content.receipts)
-    if len({each.word.txid for each in checked}) < len(checked):
+    if len({each.statement.txid for each in checked}) < len(checked):
         raise BlockRobotError("RECEIPT_FILE_DAMAGED", "The file holds a receipt twice.")
-    if len({each.word.handle for each in checked}) > 1:
+    if len({each.statement.handle for each in checked}) > 1:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "The file mixes receipts of several persons.")
     return CheckedFile(genesis, wanted is not None, checked)

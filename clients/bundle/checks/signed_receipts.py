@@ -20,7 +20,7 @@ def require_owners(checked: CheckedReceipt, row: MemberRow) -> None:
     """Raise CONSENT_RECEIPT_INVALID unless the receipt is this person's, by their registrar; handles outlive key
     rotation.
     """
-    if checked.word.handle != row.handle:
+    if checked.statement.handle != row.handle:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another person.")
     if checked.organisation != row.org:
         raise BlockRobotError(
@@ -42,7 +42,7 @@ def prove_signed(
         except BlockRobotError as error:
             raise BlockRobotError("BUNDLE_UNPROVEN", f"Consent receipt {number}: {error.detail}") from None
         found.append(checked)
-    places = [(each.word.height, each.word.index) for each in found]
+    places = [(each.statement.height, each.statement.index) for each in found]
     if places != sorted(set(places)):
         raise BlockRobotError("BUNDLE_INVALID", "The consent receipts are not in the order of the chain.")
     return tuple(found)
@@ -54,8 +54,8 @@ def require_proved_consents(
     """Raise BUNDLE_UNPROVEN unless receipts match proved consents or registrations."""
     proved = {(word.transaction, word.kind, word.height) for word in consents.history}
     for number, (entry, checked) in enumerate(zip(signed.receipts, found, strict=True), 1):
-        word = checked.word
-        if not is_registering(entry) and (word.txid.hex(), word.status, word.height) not in proved:
+        statement = checked.statement
+        if not is_registering(entry) and (statement.txid.hex(), statement.status, statement.height) not in proved:
             raise BlockRobotError(
                 "BUNDLE_UNPROVEN", f"Consent receipt {number} is of a consent that the bundle does not prove."
             )
@@ -73,19 +73,19 @@ def build_signed_receipts(signed: doc.SignedReceipts, found: Sequence[CheckedRec
 
 
 def _build_receipt(entry: doc.ReceiptEntry, checked: CheckedReceipt) -> doc.SignedReceiptDocument:
-    word, row = checked.word, None if checked.published is None else checked.published.row
+    statement, row = checked.statement, None if checked.published is None else checked.published.row
     return doc.SignedReceiptDocument(
-        transaction=word.txid.hex(),
-        status=word.status,
-        height=word.height,
-        time_ms=word.time_ms,
+        transaction=statement.txid.hex(),
+        status=statement.status,
+        height=statement.height,
+        time_ms=statement.time_ms,
         organisation=checked.organisation,
         node=checked.node,
         notice_version=0 if row is None else row.version,
         notice_hash="" if row is None else row.digest.hex(),
         controller_key=entry.controller_key,
         controller_signature=entry.controller_signature,
-        person_key=word.member.hex(),
+        person_key=statement.member.hex(),
         person_signature=entry.person_signature,
         receipt=checked.fields,
     )

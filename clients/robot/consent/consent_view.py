@@ -22,7 +22,7 @@ from clients.robot.pairing.rosters import RosterBook
 from clients.robot.recording.spool import SpooledClip
 from clients.robot.run.run_summary import ConsentCounts
 from consensus.errors import BlockRobotError
-from consensus.state.consent import GIVEN, Step, find_consent
+from consensus.state.consent import GIVEN, StepRow, effective_consent
 
 REFRESH_EVERY_MS = 1_000
 READ_WHOLE_EVERY_MS = 60_000
@@ -240,14 +240,14 @@ class Consents:
         consent = None if self._view is None else self._consent(self._view, handle, purpose, sensor)
         return None if consent is None else self._began_ms(handle, purpose, sensor, consent)
 
-    def _began_ms(self, handle: bytes, purpose: str, sensor: str, consent: Step) -> int:
+    def _began_ms(self, handle: bytes, purpose: str, sensor: str, consent: StepRow) -> int:
         begun_ms = self._begun_ms.get((handle, purpose, sensor, consent.height), 0)
         return max(consent.since_ms, consent.from_ms, begun_ms)
 
     @staticmethod
-    def _consent(view: Reading, handle: bytes, purpose: str, sensor: str) -> Step | None:
+    def _consent(view: Reading, handle: bytes, purpose: str, sensor: str) -> StepRow | None:
         choices = view.people.get(handle)
-        return None if choices is None else find_consent(choices.get((purpose, sensor), ()), view.height)
+        return None if choices is None else effective_consent(choices.get((purpose, sensor), ()), view.height)
 
     def person_tag(self, handle: bytes) -> bytes:
         return compute_person_tag(self._person_key, handle)
@@ -294,6 +294,6 @@ def _places(view: Reading) -> Iterator[tuple[_Place, _Place | None]]:
                     yield (handle, purpose, sensor, step.height), earlier
 
 
-def _is_prolonged(before: Step, step: Step, now_ms: int) -> bool:
+def _is_prolonged(before: StepRow, step: StepRow, now_ms: int) -> bool:
     same = before.status == GIVEN and step.since_ms == max(before.since_ms, before.from_ms)
     return same and (before.until_ms == 0 or now_ms < before.until_ms)

@@ -379,15 +379,15 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
 
 
 def _receipt_line(receipt: CheckedReceipt) -> str:
-    word = receipt.word
+    statement = receipt.statement
     published = receipt.published
     return text(
         "receipts.line",
-        moment=format_time(word.time_ms),
-        status=code_text("said", word.status),
-        purposes=purposes_text(word.purposes) or text("receipts.everything"),
-        sensors=", ".join(code_text("sensor", code) for code in word.sensors) or text("receipts.every_sensor"),
-        height=word.height,
+        moment=format_time(statement.time_ms),
+        status=code_text("said", statement.status),
+        purposes=purposes_text(statement.purposes) or text("receipts.everything"),
+        sensors=", ".join(code_text("sensor", code) for code in statement.sensors) or text("receipts.every_sensor"),
+        height=statement.height,
         node=receipt.node,
         organisation=receipt.organisation,
         notice=text("receipts.notice", version=published.row.version) if published else text("receipts.no_notice"),

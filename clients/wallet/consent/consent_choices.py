@@ -12,7 +12,7 @@ from clients.wallet.store.kept_proofs import keep_receipt
 from consensus.limits import TIME_BUCKET_MS
 from consensus.rights.purposes import require_published
 from consensus.rights.sensors import SENSORS, require_sensor
-from consensus.state.consent import CHOICES, GIVEN, Step, find_consent, read_choices
+from consensus.state.consent import CHOICES, GIVEN, StepRow, effective_consent, read_choices
 
 DEPTH = "depth"
 """By this sensor a robot tells people apart: without a yes to it, nothing of any other is kept."""
@@ -37,7 +37,7 @@ class Choice:
     purpose: str
     sensor: str
     holds: bool
-    last: Step
+    last: StepRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +140,8 @@ class ConsentClient:
         return Choices(height=state.height, time_ms=state.timestamp_ms, rows=tuple(rows))
 
 
-def _choice(purpose: str, sensor: str, steps: tuple[Step, ...], height: int, time_ms: int) -> Choice:
-    consent = find_consent(steps, height)
+def _choice(purpose: str, sensor: str, steps: tuple[StepRow, ...], height: int, time_ms: int) -> Choice:
+    consent = effective_consent(steps, height)
     holds = consent is not None and consent.from_ms <= time_ms and not 0 < consent.until_ms <= time_ms
     return Choice(purpose, sensor, holds, steps[-1])
 

@@ -72,7 +72,7 @@ class _Collecting:
             except BlockRobotError as error:
                 refused.append(error)
             else:
-                found[checked.word.txid] = (checked, entry)
+                found[checked.statement.txid] = (checked, entry)
         return found, refused
 
     async def fetch(self, heard: Heard) -> None:
@@ -124,7 +124,7 @@ class _Collecting:
             if txid not in found:
                 what = f"The receipt signed by both sides of what you said in transaction {txid.hex()[:12]}"
                 self._note(error.code, f"{what} could not be had: {error.detail}")
-        pairs = sorted(found.values(), key=lambda pair: (pair[0].word.height, pair[0].word.index))
+        pairs = sorted(found.values(), key=lambda pair: (pair[0].statement.height, pair[0].statement.index))
         taken = _newest_that_fit(pairs)
         if len(taken) < len(pairs):
             count = len(pairs) - len(taken)

@@ -64,8 +64,8 @@ class ConsentReceipts:
         entry = await self._fetch(txid)
         checked = self._check(entry, signed=False)
         await self._require_own(checked, txid)
-        if checked.word.status == GIVEN and checked.published is not None:
-            require_consent_asked(checked.published, checked.word.purposes, checked.word.sensors)
+        if checked.statement.status == GIVEN and checked.published is not None:
+            require_consent_asked(checked.published, checked.statement.purposes, checked.statement.sensors)
         document, signature = entry.document.encode(), bytes.fromhex(entry.controller_signature)
         own = sign_as_person(self._wallet.keys.identity, document, signature)
         entry = msgspec.structs.replace(entry, person_signature=own.hex())
@@ -73,7 +73,7 @@ class ConsentReceipts:
         content.receipts.append(msgspec.json.encode(entry))
         if txid in content.receipts_due:  # two tasks of the wallet's page may have asked for it
             content.receipts_due.remove(txid)
-        if checked.word.status == GIVEN and checked.published is not None:
+        if checked.statement.status == GIVEN and checked.published is not None:
             version = checked.published.row.version
             if not said_elsewhere:
                 version = min(version, content.notice_shown_version)
@@ -87,11 +87,11 @@ class ConsentReceipts:
 
     async def _require_own(self, checked: CheckedReceipt, txid: bytes) -> None:
         """Raises CONSENT_RECEIPT_INVALID."""
-        word, member = checked.word, self._wallet.keys.identity
-        if word.txid != txid or word.member != member.public_key:
+        statement, member = checked.statement, self._wallet.keys.identity
+        if statement.txid != txid or statement.member != member.public_key:
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is of another word, or of another person.")
         row = await proved_row(self._wallet.reading(member), MEMBER, member.public_key)
-        if row is None or word.handle != row.handle or checked.organisation != row.org:
+        if row is None or statement.handle != row.handle or checked.organisation != row.org:
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It is not by the organisation that registered you.")
 
     async def _fetch(self, txid: bytes) -> ReceiptEntry:
@@ -160,7 +160,7 @@ class ConsentReceipts:
         content = self._wallet.store.content
         elsewhere = set()
         if search:
-            known = {self._check(each, signed=True).word.txid for each in self._kept()}
+            known = {self._check(each, signed=True).statement.txid for each in self._kept()}
             for txid in await self.find_words():
                 if txid not in known and txid not in content.receipts_due:
                     content.receipts_due.append(txid)
@@ -175,8 +175,8 @@ class ConsentReceipts:
                     continue
                 missing.append((txid, error))
         kept = [(self._check(entry, signed=True), entry) for entry in self._kept()]
-        pairs = list({pair[0].word.txid: pair for pair in kept}.values())  # a file with one twice is refused
-        pairs.sort(key=lambda pair: (pair[0].word.height, pair[0].word.index))
+        pairs = list({pair[0].statement.txid: pair for pair in kept}.values())  # a file with one twice is refused
+        pairs.sort(key=lambda pair: (pair[0].statement.height, pair[0].statement.index))
         checked, entries = tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs)
         return Receipts(checked, entries, tuple(missing))
 

@@ -28,7 +28,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey
 from consensus.state.audit import COUNT, ENTRY, entry_keys
-from consensus.state.consent import CHOICES, CONSENT, SAID
+from consensus.state.consent import CHOICES, CONSENT, LAST_STATEMENT_HEIGHT
 from consensus.state.identity import MEMBER
 from consensus.state.rights import CORRECTION_COUNT, correction_keys
 
@@ -121,7 +121,7 @@ async def collect_person(wallet: Wallet, signed: Signed = ()) -> PersonProofs:
     row = MEMBER.among(collector.values, member.public_key)
     if row is None:
         raise BlockRobotError("NOT_REGISTERED")
-    await collector.read([CHOICES.key(row.handle), SAID.key(row.handle)])
+    await collector.read([CHOICES.key(row.handle), LAST_STATEMENT_HEIGHT.key(row.handle)])
     receipts, problems = await _collect_words(wallet, member, signed)
     sealing, keys = [row.sealing], None
     if len(wallet.eras) > 1:
@@ -215,9 +215,11 @@ async def _collect_words(
     except BlockRobotError as error:
         problems.append(doc.Problem("", error.code, f"The history of your consents could not be read: {error.detail}"))
     found: list[tuple[int, int, doc.ReceiptProof]] = [
-        (each.word.height, each.word.index, entry.proof) for each, entry in signed if not is_registering(entry)
+        (each.statement.height, each.statement.index, entry.proof)
+        for each, entry in signed
+        if not is_registering(entry)
     ]
-    held = {each.word.txid for each, _ in signed}
+    held = {each.statement.txid for each, _ in signed}
     for txid, kept in (await _kept_of(wallet, CONSENT)).items():
         if txid not in held and _transaction_of(kept).body.sender == member.public_key:
             held.add(txid)

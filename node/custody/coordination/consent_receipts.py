@@ -12,10 +12,10 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
 from consensus.rights.consent_receipts import (
-    ConsentWord,
+    ConsentStatement,
     build_document,
     is_notice_of,
-    read_word,
+    read_statement,
     sign_as_controller,
 )
 from consensus.rights.notices import (
@@ -53,17 +53,17 @@ class ConsentReceipts:
         transaction = decode_transaction(block.transactions[place.index])
         if transaction.txid != txid or transaction.body.sender != caller:
             raise BlockRobotError("NOT_FOUND", "No final transaction of this id is the caller's.")
-        word = read_word(
+        statement = read_statement(
             transaction,
             receipts[place.index],
             height=place.height,
             index=place.index,
             time_ms=block.header.timestamp_ms,
         )
-        published = find_notice(snapshot, organisation, word)
-        if word.status == GIVEN and published is not None:
-            require_consent_asked(published, word.purposes, word.sensors)
-        document = build_document(word, organisation, published)
+        published = find_notice(snapshot, organisation, statement)
+        if statement.status == GIVEN and published is not None:
+            require_consent_asked(published, statement.purposes, statement.sensors)
+        document = build_document(statement, organisation, published)
         return SignedReceipt(
             document=document,
             key=self._key.public_key,
@@ -84,11 +84,11 @@ def _value(snapshot: LedgerSnapshot, key: bytes) -> Any:
     return None if data is None else decode_value(data)
 
 
-def find_notice(snapshot: LedgerSnapshot, organisation: str, word: ConsentWord) -> PublishedNotice | None:
+def find_notice(snapshot: LedgerSnapshot, organisation: str, statement: ConsentStatement) -> PublishedNotice | None:
     """Return the notice in force at a statement, or None. Raises NOTICE_INVALID."""
     row = read_row(organisation, _value(snapshot, NOTICE.key(organisation)))
     following = None
-    while row is not None and not is_notice_of(row, following, word):
+    while row is not None and not is_notice_of(row, following, statement):
         following = row
         row = read_row(organisation, _value(snapshot, NOTICE_TEXT.key(row.version - 1, organisation)))
     if row is None:

@@ -172,15 +172,15 @@ async def _receipts(session: PageSession, _request: web.Request) -> web.Response
         found = await ConsentReceipts(wallet).all()
     rows = [
         {
-            "time_ms": receipt.word.time_ms,
-            "height": receipt.word.height,
-            "status": receipt.word.status,
-            "purposes": list(receipt.word.purposes),
-            "sensors": list(receipt.word.sensors),
+            "time_ms": receipt.statement.time_ms,
+            "height": receipt.statement.height,
+            "status": receipt.statement.status,
+            "purposes": list(receipt.statement.purposes),
+            "sensors": list(receipt.statement.sensors),
             "signed_by": receipt.node,
             "organisation": receipt.organisation,
             "notice_version": None if receipt.published is None else receipt.published.row.version,
-            "sentence": f"Block {receipt.word.height}, signed by {receipt.node} of {receipt.organisation} and by you.",
+            "sentence": f"Block {receipt.statement.height}, signed by {receipt.node} of {receipt.organisation} and by you.",
         }
         for receipt in found.checked
     ]

@@ -26,7 +26,7 @@ from consensus.members.roster import RosterRow
 from consensus.primitives.encoding import decode_value
 from consensus.records.clips import ClipUpload
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
-from consensus.state.consent import CHOICES, find_consent, read_choices
+from consensus.state.consent import CHOICES, effective_consent, read_choices
 from consensus.state.records import VISIT
 from network.lab.privacy.hospital.attacked_chain import Chain, Final
 from network.lab.privacy.hospital.household import PURPOSE, Unit
@@ -111,7 +111,7 @@ class RobotDay:
     def consents(self, handle: bytes) -> bool:
         data = self.chain.state.get(CHOICES.key(handle))
         choices = {} if data is None else read_choices(decode_value(data))
-        return find_consent(choices.get((PURPOSE, SENSOR), ()), len(self.chain.blocks)) is not None
+        return effective_consent(choices.get((PURPOSE, SENSOR), ()), len(self.chain.blocks)) is not None
 
     def see(self, uid: str, sizes: tuple[int, ...], sequence: int) -> SpooledClip | None:
         """Seal a clip and start its delivery; None without consent."""

@@ -98,7 +98,7 @@ def ward(tmp_path: Path) -> NoticeWard:
 
 def test_every_word_has_its_receipt_and_each_is_checked_offline(taken: Taken) -> None:
     verdict = verify_bundle(taken.path, taken.ward.genesis)
-    assert [each.word.status for each in verdict.signed] == ["given", "given", "refused", "withdrawn"]
+    assert [each.statement.status for each in verdict.signed] == ["given", "given", "refused", "withdrawn"]
     assert [word.kind for word in verdict.consents.history] == ["given", "refused", "withdrawn"]
     assert (verdict.manifest.version, verdict.manifest.problems) == (2, [])
     assert any("read the notices" in line for line in unproved(verdict))
@@ -194,7 +194,7 @@ def test_the_receipt_of_another_person_is_refused(taken: Taken, tmp_path: Path) 
 
 def test_a_receipt_counts_only_by_who_registered_her(taken: Taken) -> None:
     checked = verify_bundle(taken.path).signed[1]
-    row = MemberRow(checked.word.handle, "subject", checked.organisation, b"", b"", b"", "active", 0)
+    row = MemberRow(checked.statement.handle, "subject", checked.organisation, b"", b"", b"", "active", 0)
     require_owners(checked, row)
     with pytest.raises(BlockRobotError, match="did not register the owner"):
         require_owners(checked, msgspec.structs.replace(row, org="another"))
@@ -274,7 +274,7 @@ def test_of_an_objection_there_is_no_receipt_but_the_word_itself(ward: NoticeWar
     asyncio.run(make(ward, tmp_path / "mine.zip", NO_PICTURES))
     verdict = verify_bundle(tmp_path / "mine.zip", ward.genesis)
     assert [word.kind for word in verdict.consents.history] == ["objected"]
-    assert [each.word.status for each in verdict.signed] == ["given"]
+    assert [each.statement.status for each in verdict.signed] == ["given"]
     assert verdict.manifest.problems == []
     assert not any("under which notice" in line for line in unproved(verdict))
 

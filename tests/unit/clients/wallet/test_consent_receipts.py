@@ -86,7 +86,7 @@ async def test_each_word_has_a_receipt_in_the_fields_of_the_standard(ward: Notic
         assert fields["chain"]["height"] == ward.chain.height
         for name in ("schema_version", "retention_period", "recipient_third_parties", "jurisdiction", "privacy_rights"):
             assert fields[name]
-    assert [each.word.status for each in (await kept.all()).checked] == ["given", "refused", "withdrawn"]
+    assert [each.statement.status for each in (await kept.all()).checked] == ["given", "refused", "withdrawn"]
 
 
 async def test_both_sides_signed_and_equal_words_get_equal_bytes(ward: NoticeWard) -> None:
@@ -103,7 +103,7 @@ async def test_both_sides_signed_and_equal_words_get_equal_bytes(ward: NoticeWar
 async def test_the_first_consent_of_who_registers_has_one_too(ward: NoticeWard) -> None:
     found = await ConsentReceipts(ward.wallet).all(search=True)
     (receipt,) = found.checked
-    assert (receipt.word.status, receipt.word.sensors) == ("given", ("depth",))
+    assert (receipt.statement.status, receipt.statement.sensors) == ("given", ("depth",))
     assert receipt.published is None, "she registered before the notice came"
     assert receipt.fields["privacy_notice"] is None
 
@@ -311,7 +311,7 @@ async def test_a_stranger_checks_the_file_offline(ward: NoticeWard, tmp_path: Pa
     path = tmp_path / "receipts.json"
     path.write_bytes(file.encode_file(ward.genesis, kept.epochs(), (await kept.all()).entries))
     found = file.check_file(path, ward.genesis)
-    assert [each.word.status for each in found.receipts] == ["given", "withdrawn"]
+    assert [each.statement.status for each in found.receipts] == ["given", "withdrawn"]
     assert found.is_anchored
     with pytest.raises(BlockRobotError, match="another network"):
         file.check_file(path, bytes(32))
@@ -334,9 +334,9 @@ async def test_a_stranger_checks_the_file_offline(ward: NoticeWard, tmp_path: Pa
 async def test_a_receipt_proves_that_who_signed_it_had_registered_her(ward: NoticeWard, tmp_path: Path) -> None:
     """With her own signature beside it a node of any organisation of the network could sign."""
     kept = ConsentReceipts(ward.wallet)
-    word = (await kept.obtain(await say(ward))).word
+    statement = (await kept.obtain(await say(ward))).statement
     (entry,) = (await kept.all()).entries
-    place = MEMBER.key(word.member)
+    place = MEMBER.key(statement.member)
     (snapshot,) = entry.state.snapshots
     less = [part for part in snapshot.keys if bytes.fromhex(part.key) != place]
     assert len(less) == len(snapshot.keys) - 1
@@ -349,12 +349,12 @@ async def test_a_receipt_proves_that_who_signed_it_had_registered_her(ward: Noti
         told = CliRunner().invoke(verify, [str(path)])
         assert ("had registered the owner" in told.output.replace("\n", " ")) != is_proved
     proved = ProvedChain(ward.genesis, kept.epochs()).state("it", entry.state)
-    assert file._is_registrars(proved, found.organisation, word)
-    for organisation, handle in (("other", word.handle), (found.organisation, bytes(32))):
+    assert file._is_registrars(proved, found.organisation, statement)
+    for organisation, handle in (("other", statement.handle), (found.organisation, bytes(32))):
         with pytest.raises(BlockRobotError, match="did not register the owner"):
-            file._is_registrars(proved, organisation, replace(word, handle=handle))
+            file._is_registrars(proved, organisation, replace(statement, handle=handle))
     with pytest.raises(BlockRobotError, match="did not register the owner"):
-        file._is_registrars({place: replace(proved[place], value=None)}, found.organisation, word)
+        file._is_registrars({place: replace(proved[place], value=None)}, found.organisation, statement)
 
 
 async def test_a_file_without_receipts_or_with_one_twice_is_refused(ward: NoticeWard, tmp_path: Path) -> None:
@@ -402,7 +402,7 @@ async def test_a_receipt_that_was_fetched_twice_is_told_once(ward: NoticeWard) -
     for _ in range(2):
         await kept.obtain(txid)
     found = await kept.all()
-    assert ([each.word.txid for each in found.checked], len(found.entries)) == ([txid], 1)
+    assert ([each.statement.txid for each in found.checked], len(found.entries)) == ([txid], 1)
 
 
 async def test_a_receipt_without_the_persons_own_signature_is_none(ward: NoticeWard) -> None:
@@ -426,7 +426,7 @@ async def test_a_receipt_that_could_not_be_had_is_fetched_later(ward: NoticeWard
     assert [each[0] for each in (await kept.all()).missing] == [txid]
     ward.network.custody.custodians = custodians
     found = await kept.all()
-    assert ([each.word.txid for each in found.checked], found.missing) == ([txid], ())
+    assert ([each.statement.txid for each in found.checked], found.missing) == ([txid], ())
 
 
 async def test_bytes_all_over_a_file_are_not_changed_without_showing(ward: NoticeWard, tmp_path: Path) -> None:

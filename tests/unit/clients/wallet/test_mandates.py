@@ -26,7 +26,7 @@ from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
 from consensus.primitives.keys import PrivateKey
-from consensus.rights.consent_receipts import read_word
+from consensus.rights.consent_receipts import read_statement
 from consensus.state.identity import REMOVED
 from tests.json_answers import differences
 from tests.unit.contracts.privacy.hospital import DAY_MS
@@ -169,7 +169,7 @@ def test_no_word_for_another_is_kept_or_receipted_as_ones_own(house: House, run:
     height = answer["height"]
     (wire,), (receipt,) = house.chain.blocks[height - 1].transactions, house.chain.receipts[height - 1]
     with pytest.raises(BlockRobotError) as refusal:
-        read_word(decode_transaction(wire), receipt, height=height, index=0, time_ms=0)
+        read_statement(decode_transaction(wire), receipt, height=height, index=0, time_ms=0)
     assert refusal.value.code == "CONSENT_WORD_MISSING", "no node signs that this key is the person's"
     assert bytes.fromhex(answer["txid"]) not in asyncio.run(ConsentReceipts(mother).find_words())
 

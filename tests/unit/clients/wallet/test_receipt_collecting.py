@@ -40,7 +40,7 @@ async def export(ward: NoticeWard, path: Path) -> Verdict:
 
 
 def statuses(verdict: Verdict) -> list[str]:
-    return [each.word.status for each in verdict.signed]
+    return [each.statement.status for each in verdict.signed]
 
 
 def codes(verdict: Verdict) -> list[str]:
@@ -186,4 +186,4 @@ async def test_what_was_said_by_a_former_key_goes_along_and_stands_in_the_histor
     verdict = await export(ward, tmp_path / "mine.zip")
     assert (statuses(verdict), codes(verdict)) == (["given", "given", "refused", "withdrawn", "given"], [])
     assert [word.kind for word in verdict.consents.history] == ["given", "refused", "withdrawn", "given"]
-    assert len({each.word.member for each in verdict.signed}) == 2
+    assert len({each.statement.member for each in verdict.signed}) == 2

@@ -10,7 +10,7 @@ from consensus.limits import CALL_GAS_MAX
 from consensus.members.vouchers import sign_rotation
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.sensors import SENSORS
-from consensus.state.consent import find_consent, read_choices
+from consensus.state.consent import effective_consent, read_choices
 from contracts.lifecycle.registry import read_source
 from contracts.vm import compile_contract
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, data_of, key_of
@@ -44,7 +44,7 @@ def seen_now(hospital: Hospital, entry: str) -> list[int]:
 def allowed(hospital: Hospital, person: Person, purpose: str = "care", sensor: str = "depth") -> bool:
     told = hospital.view("consent", "allowed", person.handle, purpose, sensor)
     choices = read_choices(hospital.value("consent", b"of/" + person.handle))
-    step = find_consent(choices.get((purpose, sensor), ()), hospital.height)
+    step = effective_consent(choices.get((purpose, sensor), ()), hospital.height)
     open_now = step is not None and step.from_ms <= hospital.time_ms
     if step is not None and step.until_ms:
         open_now = open_now and hospital.time_ms < step.until_ms
@@ -129,7 +129,7 @@ def test_a_robot_reads_a_no_as_soon_as_it_stands_there(hospital: Hospital, anna:
     hospital.block([])
     say(hospital, anna, "withdraw", [], [])
     choices = read_choices(hospital.value("consent", b"of/" + anna.handle))
-    assert find_consent(choices["care", "depth"], hospital.height) is None
+    assert effective_consent(choices["care", "depth"], hospital.height) is None
 
 
 def test_one_word_takes_everything_back(hospital: Hospital, anna: Person) -> None:

@@ -9,7 +9,7 @@ import pytest
 from consensus.chain.block import Receipt
 from consensus.primitives.encoding import encode_value
 from consensus.rights.mandates import ACCEPT_MS, ACTS, APPROVE_MS, LASTS_MAX_MS
-from consensus.state.consent import find_consent, read_choices
+from consensus.state.consent import effective_consent, read_choices
 from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, data_of
 from tests.unit.contracts.privacy.test_officers import move
@@ -69,7 +69,7 @@ class Family:
         self.hospital.block([])
         told = self.hospital.view("consent", "allowed", self.child.handle, purpose, "depth")
         steps = read_choices(self.hospital.value("consent", b"of/" + self.child.handle)).get((purpose, "depth"), ())
-        step = find_consent(steps, self.hospital.height)
+        step = effective_consent(steps, self.hospital.height)
         now = self.hospital.time_ms
         open_now = step is not None and step.from_ms <= now and (not step.until_ms or now < step.until_ms)
         assert open_now == told

@@ -21,7 +21,7 @@ from consensus.rights.right_codes import (
     RECIPIENTS,
     RISKS,
 )
-from consensus.state.consent import find_consent, read_choices
+from consensus.state.consent import effective_consent, read_choices
 from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit, data_of
 
@@ -198,7 +198,7 @@ def test_who_objects_is_recorded_no_more_for_that_purpose_by_any_sensor(hospital
     assert told == {"member": member, "purposes": ["research"], "height": height, "mandate": b""}
     hospital.block([])
     choices = read_choices(hospital.value("consent", b"of/" + ben.handle))
-    consented = {place for place, steps in choices.items() if find_consent(steps, hospital.height)}
+    consented = {place for place, steps in choices.items() if effective_consent(steps, hospital.height)}
     assert consented == {("care", "depth"), ("care", "rgb"), ("demo", "depth")}
     assert choices["research", "rgb"][-1].status == "objected"
 
