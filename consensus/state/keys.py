@@ -70,12 +70,19 @@ class ListRow(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_field
 
 
 def try_convert(value: Any, kind: type[T]) -> T | None:
-    """Convert a decoded value of exactly this form; return None for any other."""
+    """Convert a decoded value, ignoring later versions' fields of a row; return None if it has another form."""
     try:
-        # Without `builtin_types` a text would pass for base64 of bytes.
-        return msgspec.convert(value, kind, builtin_types=(bytes,))
+        return _convert(value, kind)
     except msgspec.ValidationError:
         return None
+
+
+def _convert(value: Any, kind: type[T]) -> T:
+    if isinstance(value, dict) and isinstance(kind, type) and issubclass(kind, Row):
+        value = {name: value[name] for name in kind.__struct_fields__ if name in value}
+    # Without `builtin_types` a text would pass for base64 of bytes.
+    found: T = msgspec.convert(value, kind, builtin_types=(bytes,))
+    return found
 
 
 class Rows(Generic[T]):
@@ -101,11 +108,8 @@ class Rows(Generic[T]):
 
     def convert(self, value: Any) -> T:
         """Convert a decoded value, ignoring later versions' fields. Raises ENCODING_INVALID."""
-        if isinstance(value, dict) and isinstance(self.kind, type) and issubclass(self.kind, Row):
-            value = {name: value[name] for name in self.kind.__struct_fields__ if name in value}
         try:
-            # Without `builtin_types` a text would pass for base64 of bytes.
-            row: T = msgspec.convert(value, self.kind, builtin_types=(bytes,))
+            row: T = _convert(value, self.kind)
         except msgspec.ValidationError as error:
             raise self._invalid(error) from None
         return row

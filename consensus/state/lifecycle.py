@@ -26,12 +26,22 @@ class TrialRow(ChangeRow, frozen=True):
     source_hash: bytes
 
 
+class ContractEntryRow(ListRow, frozen=True):
+    """An entry of a version: parameters are (name, type), of which the first `required` have to be given."""
+
+    name: str
+    kind: str
+    params: list[tuple[str, str]]
+    required: int
+    returns: str
+
+
 class VersionRow(Row, frozen=True):
-    """A contract version; an entry is [name, kind, parameters, required count, result type]."""
+    """A contract version; `status` is approved, active, superseded, disabled or failed."""
 
     source_hash: bytes
     size_bytes: int
-    entries: list[tuple[str, str, list[tuple[str, str]], int, str]]
+    entries: list[ContractEntryRow]
     migrates: bool
     note: str
     organisation: str

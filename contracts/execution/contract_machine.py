@@ -9,8 +9,8 @@ from consensus.chain.transaction import Transaction
 from contracts.execution.call_host import CallHost
 from contracts.execution.executor import execute_block
 from contracts.execution.results import PROTOCOL_LIMITS, BlockContext, BlockResult, ExecutionLimits, note_nothing
+from contracts.lifecycle.applying_changes import apply_due_changes
 from contracts.lifecycle.catalogue import Catalogue
-from contracts.lifecycle.opening import open_block
 from contracts.lifecycle.registry import require_contracts
 from contracts.state.view import StateView
 
@@ -47,7 +47,7 @@ class ContractMachine:
         `gives_up_change` fails the due version (R42). Raises ExecutionFault if that version breaks the interpreter.
         """
         context, host = self._context(height, time_ms), CallHost(parent)
-        contracts = open_block(host, self._catalogue, context, gives_up=gives_up_change, note=note)
+        contracts = apply_due_changes(host, self._catalogue, context, gives_up=gives_up_change, note=note)
         limits = self._limits
         result = execute_block(
             parent, contracts, context, transactions, limits=limits, leader=True, host=host, note=note
@@ -71,5 +71,5 @@ class ContractMachine:
         """
         del effort
         context, host = self._context(height, time_ms), CallHost(parent)
-        contracts = open_block(host, self._catalogue, context, gives_up=gives_up_change, note=note)
+        contracts = apply_due_changes(host, self._catalogue, context, gives_up=gives_up_change, note=note)
         return execute_block(parent, contracts, context, transactions, limits=self._limits, host=host, note=note)

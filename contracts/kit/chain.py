@@ -21,7 +21,7 @@ from contracts.kit.recorder import LineFigures
 from contracts.kit.sandboxed import SandboxedEngine
 from contracts.kit.sources import read_source
 from contracts.kit.tracing import Trace
-from contracts.lifecycle.opening import MIGRATION_GAS_MAX
+from contracts.lifecycle.applying_changes import MIGRATION_GAS_MAX
 from contracts.vm import CallContext
 from contracts.vm.compiler.invoke import Mode
 

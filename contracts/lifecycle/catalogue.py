@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping
 from threading import Lock
-from typing import Any
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import decode_value, encode_value
+from consensus.primitives.encoding import encode_value
 from consensus.state.keys import Prefix, Reader
-from consensus.state.lifecycle import MACHINE_SOURCE, MACHINE_SOURCE_PART, MACHINE_TABLE, SOURCE, SOURCE_PART, SourceRow
+from consensus.state.lifecycle import (
+    MACHINE_SOURCE,
+    MACHINE_SOURCE_PART,
+    MACHINE_TABLE,
+    SOURCE,
+    SOURCE_PART,
+    SourceRow,
+    TableRow,
+)
 from contracts.execution.call_host import CallHost
 from contracts.lifecycle.changes import is_count, read_value
 from contracts.lifecycle.registry import find_shipped_source
@@ -25,11 +32,11 @@ TABLES_KEPT_COUNT = 4
 class ActiveContracts(dict[str, CompiledContract]):
     """Active contracts by name; `versions` includes disabled ones, `since` is each one's height."""
 
-    def __init__(self, contracts: Mapping[str, CompiledContract], table: Mapping[str, Any]) -> None:
+    def __init__(self, contracts: Mapping[str, CompiledContract], table: TableRow) -> None:
         super().__init__(contracts)
-        self.disabled = frozenset(name for name, row in table.items() if not row[2])
-        self.versions = {name: row[0] for name, row in table.items()}
-        self.since = {name: row[3] for name, row in table.items()}
+        self.disabled = frozenset(name for name, row in table.items() if not row.enabled)
+        self.versions = {name: row.version for name, row in table.items()}
+        self.since = {name: row.since_height for name, row in table.items()}
 
 
 def read_source_of(state: Reader, source_hash: bytes) -> str:
@@ -94,13 +101,13 @@ class Catalogue:
         with self._lock:
             known = self._kept.get(data)
             if known is None:
-                known = self._kept[data] = self._read(state, decode_value(data))
+                known = self._kept[data] = self._read(state, MACHINE_TABLE.decode(data))
                 if len(self._kept) > TABLES_KEPT_COUNT:
                     self._kept.popitem(last=False)
         return known
 
-    def _read(self, state: Reader, table: Mapping[str, Any]) -> ActiveContracts:
-        wanted = {(name, row[1]) for name, row in table.items() if row[2]}
+    def _read(self, state: Reader, table: TableRow) -> ActiveContracts:
+        wanted = {(name, row.source_hash) for name, row in table.items() if row.enabled}
         self._compiled = {place: self._compiled.get(place) or compile_named(state, *place) for place in sorted(wanted)}
         return ActiveContracts({name: compiled for (name, _), compiled in self._compiled.items()}, table)
 

@@ -11,8 +11,9 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.state.keys import Reader
+from consensus.state.lifecycle import ContractEntryRow, VersionRow
 from contracts.lifecycle.catalogue import ActiveContracts
-from contracts.lifecycle.describing import EntryRow, VersionRow, read_version
+from contracts.lifecycle.describing import NamedVersion, read_version
 from contracts.vm.frontend.abi import Accepts, parse_type
 from contracts.vm.frontend.parser import parse_alone
 
@@ -44,11 +45,11 @@ def _accepts(kind: str) -> Accepts:
     return accepts
 
 
-def find_entry(row: VersionRow, name: str) -> EntryRow | None:
-    return next((entry for entry in row.abi if entry.name == name), None)
+def find_entry(row: VersionRow, name: str) -> ContractEntryRow | None:
+    return next((entry for entry in row.entries if entry.name == name), None)
 
 
-def find_misfit(found: EntryRow | None, arguments: list[Any]) -> str:
+def find_misfit(found: ContractEntryRow | None, arguments: list[Any]) -> str:
     """Return ENTRY_UNKNOWN, ARGUMENTS_INVALID or an empty text if it fits."""
     if found is None or found.kind != "export":
         return ENTRY_UNKNOWN
@@ -59,7 +60,7 @@ def find_misfit(found: EntryRow | None, arguments: list[Any]) -> str:
 
 
 def explain_misfit(
-    state: Reader, row: VersionRow, since_height: int, entry: str, arguments: list[Any]
+    state: Reader, row: NamedVersion, since_height: int, entry: str, arguments: list[Any]
 ) -> tuple[str, str] | None:
     now = find_entry(row, entry)
     try:
@@ -79,11 +80,11 @@ def explain_misfit(
     return code, sentence if former is None else f"{sentence} Version {former[0]} took {_signature(former[1])}."
 
 
-def _signature(entry: EntryRow) -> str:
+def _signature(entry: ContractEntryRow) -> str:
     return f"({', '.join(kind for _, kind in entry.params)})"
 
 
-def _find_former(state: Reader, row: VersionRow, entry: str, count: int) -> tuple[int, EntryRow] | None:
+def _find_former(state: Reader, row: NamedVersion, entry: str, count: int) -> tuple[int, ContractEntryRow] | None:
     near = range(1, VERSIONS_LOOKED_AT_COUNT + 1)
     for number in [*(row.version - step for step in near), *(row.version + step for step in near)]:
         try:

@@ -1,4 +1,4 @@
-"""The exact row form that the machine accepts as contract changes.
+"""The rows that the machine accepts as contract changes.
 
 Other forms are ignored; the machine's own tables are beyond every contract's reach.
 """
@@ -6,11 +6,11 @@ Other forms are ignored; the machine's own tables are beyond every contract's re
 from __future__ import annotations
 
 import re
-from typing import Any, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 from consensus.primitives.encoding import decode_value
-from consensus.state.keys import Reader
-from consensus.state.lifecycle import DUE, MACHINE, MACHINE_TRIALS, VERSION
+from consensus.state.keys import HASH, Reader, try_convert
+from consensus.state.lifecycle import DUE, MACHINE, MACHINE_TRIALS, VERSION, ChangeRow, TrialRow, VersionRow
 
 GOVERNING = (
     "access",
@@ -31,22 +31,15 @@ GOVERNING = (
 TRIAL_MS = 24 * 3600 * 1000
 _NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}", re.ASCII)
 _KINDS = ("activate", "disable", "keep")
-_HASH_BYTES = 32
 _VERSION_MAX = 0xFFFF_FFFF
 _COUNT_BEYOND = 1 << 53
-_RECORD_FIELDS = {
-    "size_bytes": int,
-    "migrates": bool,
-    "note": str,
-    "organisation": str,
-    "proposal_id": bytes,
-    "approved_height": int,
-    "status": str,
-    "since_height": int,
-    "failure": str,
-}
 
-Row = dict[str, Any]
+
+class Due(NamedTuple):
+    """A change, and its value in the state, which may have fields of later versions."""
+
+    row: ChangeRow
+    value: Any
 
 
 def read_value(state: Reader, key: bytes) -> Any:
@@ -60,59 +53,36 @@ def is_count(value: object) -> TypeGuard[int]:
 
 
 def _is_hash(value: object) -> bool:
-    return isinstance(value, bytes) and len(value) == _HASH_BYTES
+    return isinstance(value, bytes) and len(value) == HASH
 
 
-def is_change(row: object) -> bool:
-    """Whether it is {kind, name, version, from_height, from_ms}; extra fields are ignored."""
-    if not isinstance(row, dict) or row.get("kind") not in _KINDS:
-        return False
-    name, version = row.get("name"), row.get("version")
-    known = isinstance(name, str) and _NAME.fullmatch(name) is not None and name != MACHINE
-    if not known or not is_count(version) or not 0 < version <= _VERSION_MAX:
-        return False
-    return is_count(row.get("from_height")) and is_count(row.get("from_ms"))
+def _is_change(row: ChangeRow) -> bool:
+    known = row.kind in _KINDS and row.name != MACHINE and _NAME.fullmatch(row.name) is not None
+    return known and 0 < row.version <= _VERSION_MAX and is_count(row.from_height) and is_count(row.from_ms)
 
 
-def changes_in(value: object) -> list[Row]:
-    return [row for row in value if is_change(row)] if isinstance(value, list) else []
+def changes_in(value: object) -> list[Due]:
+    """Return what the machine accepts as changes; whatever has another form is left out."""
+    found = [(try_convert(each, ChangeRow), each) for each in value] if isinstance(value, list) else []
+    return [Due(row, each) for row, each in found if row is not None and _is_change(row)]
 
 
-def read_due(state: Reader) -> list[Row]:
+def read_due(state: Reader) -> list[Due]:
     return changes_in(read_value(state, DUE.flat))
 
 
-def read_trials(state: Reader) -> list[Row]:
-    """Return the trials: {kind: "return", name, version, source_hash, from_height, from_ms}.
-
-    `version` is the one restored at `from_ms`.
-    """
-    return read_value(state, MACHINE_TRIALS.flat) or []
+def read_trials(state: Reader) -> list[TrialRow]:
+    return MACHINE_TRIALS.read(state) or []
 
 
-def read_record(state: Reader, name: str, version: int) -> Row | None:
-    """Return a version's `lifecycle` record, or None if it names no source."""
+def read_record(state: Reader, name: str, version: int) -> dict[str, Any] | None:
+    """Return a version's `lifecycle` record, or None if it names no source; the machine needs no other field."""
     record = read_value(state, VERSION.key(name, version))
     return record if isinstance(record, dict) and _is_hash(record.get("source_hash")) else None
 
 
-def is_full_record(record: object) -> bool:
-    if not isinstance(record, dict) or not _is_hash(record.get("source_hash")):
-        return False
-    if not all(type(record.get(field)) is kind for field, kind in _RECORD_FIELDS.items()):
-        return False
-    entries = record.get("entries")
-    return isinstance(entries, list) and all(_is_entry(entry) for entry in entries)
-
-
-def _is_entry(entry: object) -> bool:
-    """Form: [name, kind, parameters, required count, result type]."""
-    if not isinstance(entry, list) or len(entry) != 5:
-        return False
-    name, kind, params, required, returns = entry
-    known = all(isinstance(text, str) for text in (name, kind, returns)) and is_count(required)
-    return known and isinstance(params, list) and all(_is_parameter(param) for param in params)
-
-
-def _is_parameter(param: object) -> bool:
-    return isinstance(param, list) and len(param) == 2 and all(isinstance(text, str) for text in param)
+def to_version(record: object) -> VersionRow | None:
+    """Return a version's record, or None if it has another form."""
+    row = try_convert(record, VersionRow)
+    fits = row is not None and _is_hash(row.source_hash) and all(is_count(entry.required) for entry in row.entries)
+    return row if fits else None

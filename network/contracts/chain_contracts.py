@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+
+import msgspec
 
 from clients.sdk.chain.governance import MembershipView, ProposalRow, read_membership
 from clients.sdk.network_client import NetworkClient
@@ -24,20 +26,19 @@ from consensus.state.lifecycle import (
     VERDICT,
     VERSION,
     VERSIONS,
+    ChangeRow,
+    ContractEntryRow,
 )
 from consensus.visible_text import split_lines
 from contracts.kit.arguments import signature_of
-from contracts.lifecycle.changes import is_full_record
+from contracts.lifecycle.changes import to_version
 from contracts.lifecycle.describing import (
-    ChangeDue,
-    ContractRow,
-    EntryRow,
-    VersionRow,
+    NamedContract,
+    NamedVersion,
     contract_rows,
     due_rows,
-    entry_rows,
+    name_version,
     read_newest,
-    version_row,
 )
 from contracts.lifecycle.registry import compute_source_hash, find_shipped_source
 from contracts.vm import compile_contract
@@ -49,16 +50,16 @@ class ContractsView:
     """All contracts at a height, with due changes, open proposals and `failed` newest versions."""
 
     height: int
-    contracts: tuple[ContractRow, ...]
-    due: tuple[ChangeDue, ...]
+    contracts: tuple[NamedContract, ...]
+    due: tuple[ChangeRow, ...]
     membership: MembershipView
-    failed: tuple[VersionRow, ...] = ()
+    failed: tuple[NamedVersion, ...] = ()
 
     @property
     def proposals(self) -> list[ProposalRow]:
         return [row for row in self.membership.proposals if row.contract == "lifecycle"]
 
-    def find(self, name: str) -> ContractRow | None:
+    def find(self, name: str) -> NamedContract | None:
         return next((row for row in self.contracts if row.name == name), None)
 
 
@@ -68,8 +69,8 @@ class Edition:
 
     title: str
     source: str
-    abi: tuple[EntryRow, ...]
-    row: VersionRow | None = None
+    abi: Sequence[ContractEntryRow]
+    row: NamedVersion | None = None
     proposal: ProposalRow | None = None
 
     def line(self, number: int | None) -> str:
@@ -91,7 +92,7 @@ async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsVie
     """With due and proposed changes. Raises NOT_FOUND without a lifecycle."""
     membership = await read_membership(client, key)
     found, _ = await _values(client, [MACHINE_TABLE.flat, DUE.flat, MACHINE_TRIALS.flat], key)
-    table = found[MACHINE_TABLE.flat]
+    table = MACHINE_TABLE.among(found)
     if table is None:
         raise BlockRobotError("NOT_FOUND", "This chain has no contract for its contracts; it is older than that.")
     numbers = {name: VERSIONS.key(name) for name in table}
@@ -100,17 +101,19 @@ async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsVie
     return ContractsView(
         height=height,
         contracts=tuple(rows),
-        due=tuple(due_rows(found[DUE.flat], found[MACHINE_TRIALS.flat])),
+        due=tuple(due_rows(found[DUE.flat], MACHINE_TRIALS.among(found) or [])),
         membership=membership,
         failed=await _read_failed(client, key, rows),
     )
 
 
-async def _read_failed(client: NetworkClient, key: PrivateKey, rows: Iterable[ContractRow]) -> tuple[VersionRow, ...]:
+async def _read_failed(
+    client: NetworkClient, key: PrivateKey, rows: Iterable[NamedContract]
+) -> tuple[NamedVersion, ...]:
     newest = {VERSION.key(row.name, row.versions): row for row in rows if row.versions > row.version}
     records, _ = await _values(client, newest, key)
-    known = {place: record for place, record in records.items() if is_full_record(record)}
-    found = [version_row(newest[place].name, newest[place].versions, record) for place, record in known.items()]
+    known = {place: record for place, record in records.items() if to_version(record) is not None}
+    found = [name_version(newest[place].name, newest[place].versions, record) for place, record in known.items()]
     return tuple(row for row in found if row.status == "failed")
 
 
@@ -119,13 +122,14 @@ async def read_edition(client: NetworkClient, key: PrivateKey, name: str, versio
     count_key = VERSIONS.key(name)
     found, _ = await _values(client, [MACHINE_TABLE.flat, count_key], key)
     newest = read_newest(found[count_key])
-    number = version or (found[MACHINE_TABLE.flat] or {}).get(name, [newest])[0]
+    active = (MACHINE_TABLE.among(found) or {}).get(name)
+    number = version or (newest if active is None else active.version)
     place = VERSION.key(name, number) if 0 < number <= newest else b""
     record = (await _values(client, [place], key))[0][place] if place else None
     if record is None:
         what = f"contract {name!r}" if newest == 0 else f"version {version} of {name!r}, only 1 to {newest}"
         raise BlockRobotError("CONTRACT_NOT_FOUND", f"The chain has no {what}.")
-    row = version_row(name, number, record)
+    row = name_version(name, number, record)
     source = find_shipped_source(row.source_hash)
     if source is None:
         kept, approved = MACHINE_SOURCE.key(row.source_hash), SOURCE.key(row.source_hash)
@@ -135,7 +139,7 @@ async def read_edition(client: NetworkClient, key: PrivateKey, name: str, versio
         count = 0 if entries[place] is None else entries[place]["parts"]
         keys = [part.key(row.source_hash, number) for number in range(count)]
         source = await _join(client, key, keys, row.source_hash)
-    return Edition(f"{name} version {number}", source, row.abi, row)
+    return Edition(f"{name} version {number}", source, row.entries, row)
 
 
 async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: ProposalRow) -> Edition:
@@ -150,8 +154,8 @@ async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: Propos
     keys = [UPLOAD_PART.key(proposal.organisation, source_hash, number) for number in range(parts)]
     source = await _join(client, key, keys, source_hash)
     try:
-        abi = entry_rows(found[judged][1]["entries"])
-    except (TypeError, ValueError, LookupError):
+        abi = msgspec.convert(found[judged][1]["entries"], list[ContractEntryRow])
+    except (msgspec.ValidationError, TypeError, LookupError):
         raise BlockRobotError("CONTRACT_NOT_FOUND", "What the chain says of this source cannot be read.") from None
     return Edition(f"{name} as proposed in {proposal.id.hex()[:12]}", source, abi, proposal=proposal)
 
@@ -170,7 +174,7 @@ async def _join(client: NetworkClient, key: PrivateKey, keys: list[bytes], sourc
 def edition_of_source(source: str, name: str, title: str) -> Edition:
     """Raises CONTRACT_SOURCE_INVALID."""
     facts = describe_source(source.encode(), compile_contract(source, name))
-    return Edition(title, source, entry_rows(facts["entries"]))
+    return Edition(title, source, msgspec.convert(facts["entries"], list[ContractEntryRow]))
 
 
 def compare_interfaces(old: Edition, new: Edition) -> list[tuple[str, str]]:
@@ -191,7 +195,7 @@ def compare_interfaces(old: Edition, new: Edition) -> list[tuple[str, str]]:
     return changes
 
 
-def _takes_all(old: EntryRow, new: EntryRow) -> bool:
+def _takes_all(old: ContractEntryRow, new: ContractEntryRow) -> bool:
     types = [kind for _, kind in old.params]
     same = [kind for _, kind in new.params][: len(types)] == types
     return old.kind == new.kind and old.returns == new.returns and same and new.required <= old.required

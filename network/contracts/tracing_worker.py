@@ -23,8 +23,8 @@ from contracts.kit.arguments import format_short
 from contracts.kit.engine import watched_stack
 from contracts.kit.recorder import Recorder
 from contracts.kit.tracing import Trace
+from contracts.lifecycle.applying_changes import apply_due_changes
 from contracts.lifecycle.catalogue import Catalogue, read_source_of
-from contracts.lifecycle.opening import open_block
 from contracts.state.view import MemoryState
 from contracts.vm import CompiledContract, InternalFault, compile_contract
 from contracts.worker.sandbox import enter_sandbox
@@ -115,7 +115,7 @@ def _trace_in(state: MemoryState, chain_id: bytes, block: Block, wanted: Outcome
     header = block.header
     context = BlockContext(chain_id=chain_id, height=header.height, time_ms=header.timestamp_ms)
     host, catalogue = CallHost(state), Catalogue()
-    contracts = open_block(host, catalogue, context, gives_up=header.gives_up_change)
+    contracts = apply_due_changes(host, catalogue, context, gives_up=header.gives_up_change)
     transactions = [decode_transaction(wire) for wire in block.transactions]
     for before in transactions[: wanted.index]:
         if execute_transaction(host, contracts, context, before, CALL_GAS_MAX).ok:

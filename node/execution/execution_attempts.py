@@ -5,7 +5,7 @@ from __future__ import annotations
 from consensus.chain.block import Header
 from consensus.chain.transaction import Transaction
 from contracts.execution.results import ExecutionFault
-from contracts.lifecycle.opening import find_activation
+from contracts.lifecycle.applying_changes import find_activation
 from contracts.state.view import StateView
 from node.execution.execution_machines import Machine, Outcome
 from node.mempool.quarantine import Change, Quarantine

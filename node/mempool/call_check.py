@@ -9,10 +9,10 @@ from consensus.errors import BlockRobotError
 from consensus.state.keys import Reader
 from consensus.state.lifecycle import MACHINE_TABLE
 from contracts.lifecycle.changed_calls import explain_misfit
-from contracts.lifecycle.describing import VersionRow, active_contract, read_version
+from contracts.lifecycle.describing import NamedVersion, active_contract, read_version
 
 ROWS_KEPT_COUNT = 128
-_Known = tuple[VersionRow, bool, int]
+_Known = tuple[NamedVersion, bool, int]
 
 
 class CallCheck:
@@ -52,6 +52,6 @@ def _look_up(state: Reader, name: str) -> _Known | None:
     """Return what is known of a contract, or None; unreadable interfaces reject nothing."""
     row = active_contract(state, name)
     try:
-        return None if row is None else (read_version(state, name, row[0]), row[1], row[2])
+        return None if row is None else (read_version(state, name, row.version), row.enabled, row.since_height)
     except BlockRobotError:
         return None

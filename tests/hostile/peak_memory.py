@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from contracts.lifecycle.opening import MIGRATION_GAS_MAX
+from contracts.lifecycle.applying_changes import MIGRATION_GAS_MAX
 from contracts.vm import ContractSourceError, InternalFault
 from contracts.vm.builtins.builtins_table import BUILTINS
 from contracts.vm.builtins.methods import METHODS

@@ -16,9 +16,10 @@ from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from consensus.state.lifecycle import ChangeRow, ContractEntryRow
 from contracts.kit.arguments import signature_of
 from contracts.kit.sources import read_source
-from contracts.lifecycle.describing import ChangeDue, ContractRow, EntryRow, VersionRow
+from contracts.lifecycle.describing import NamedContract, NamedVersion
 from contracts.lifecycle.registry import compute_source_hash
 from network.cli.contract.contract_answers import (
     ComparedProposal,
@@ -54,11 +55,11 @@ from network.contracts.chain_contracts import (
 from pages.time_format import format_time
 
 
-def _due_answer(change: ChangeDue) -> ContractChangeDue:
+def _due_answer(change: ChangeRow) -> ContractChangeDue:
     return msgspec.convert(change, ContractChangeDue, from_attributes=True)
 
 
-def _due_text(change: ChangeDue) -> str:
+def _due_text(change: ChangeRow) -> str:
     when = f"with block {change.from_height}" if change.from_height else f"at {format_time(change.from_ms)}"
     words = {
         "activate": f"version {change.version}",
@@ -69,11 +70,11 @@ def _due_text(change: ChangeDue) -> str:
     return f"{words[change.kind]} {when}"
 
 
-def _failed_answer(row: VersionRow) -> FailedVersion:
+def _failed_answer(row: NamedVersion) -> FailedVersion:
     return msgspec.convert(row, FailedVersion, from_attributes=True)
 
 
-def _print_failed(row: VersionRow) -> None:
+def _print_failed(row: NamedVersion) -> None:
     text = f"{row.name} version {row.version} failed at height {row.since_height}: {row.failure}"
     console.print(f"[bold]{escape(text)}[/bold]")
 
@@ -138,7 +139,7 @@ def list_contracts(admin: AdminOptions, as_json: bool) -> None:
     print_proposals(view.proposals, view.membership.majority, "contract")
 
 
-def _entry_answer(entry: EntryRow) -> ContractInterfaceEntry:
+def _entry_answer(entry: ContractEntryRow) -> ContractInterfaceEntry:
     return ContractInterfaceEntry(
         name=entry.name,
         kind=entry.kind,
@@ -148,7 +149,7 @@ def _entry_answer(entry: EntryRow) -> ContractInterfaceEntry:
     )
 
 
-def _contract_answer(row: ContractRow) -> ContractInForce:
+def _contract_answer(row: NamedContract) -> ContractInForce:
     return ContractInForce(
         name=row.name,
         version=row.version,
@@ -233,7 +234,7 @@ def show(
         console.print(escape(f"  {entry.kind:<6}  {signature_of(entry)}"), soft_wrap=True)
 
 
-def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) -> None:
+def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeRow]) -> None:
     console.print(f"[bold]{escape(edition.title)}[/bold], as of height {view.height}")
     row = edition.row
     if edition.proposal is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from aiohttp import web
 
 from consensus.api_documents import describe
-from contracts.lifecycle.describing import VersionRow, list_contracts, list_due, read_version, read_version_source
+from contracts.lifecycle.describing import NamedVersion, list_contracts, list_due, read_version, read_version_source
 from node.api.access.route_access import MEMBER
 from node.api.contract_documents import (
     ContractChange,
@@ -25,10 +25,10 @@ async def _list_contracts(call: Call) -> web.StreamResponse:
     return json_answer(ContractsAnswer(height, contracts, due=[describe(ContractChange, change) for change in due]))
 
 
-def _version_answer(height: int, row: VersionRow, source: str) -> ContractVersionAnswer:
+def _version_answer(height: int, row: NamedVersion, source: str) -> ContractVersionAnswer:
     abi = [
         describe(ContractEntry, entry, parameters=[ContractParameter(name, of) for name, of in entry.params])
-        for entry in row.abi
+        for entry in row.entries
     ]
     return describe(ContractVersionAnswer, row, height=height, abi=abi, source=source)
 

@@ -8,7 +8,7 @@ from typing import Any
 from consensus.chain.transaction import Transaction
 from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.results import BlockResult, ExecutionFault
-from contracts.lifecycle.opening import find_activation
+from contracts.lifecycle.applying_changes import find_activation
 from contracts.state.view import StateView
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
+from consensus.state.lifecycle import DUE
 from contracts.execution.chain_refusals import read_limit
-from contracts.lifecycle.changes import GOVERNING, TRIAL_MS
+from contracts.lifecycle.changes import GOVERNING, TRIAL_MS, read_value
 from contracts.lifecycle.describing import list_contracts, list_due
 from contracts.lifecycle.registry import SHIPPED_CONTRACTS, compute_source_hash, read_source
 from tests.unit.contracts.system.consortium import Consortium, key_of
@@ -122,6 +123,14 @@ def test_a_right_row_among_wrong_ones_takes_effect(chain: Consortium) -> None:
     spoiled(chain, due=[*WRONG_ROWS, ACTIVATION | {"more": 1}])
     chain.block([])
     assert version_in_force(chain, "visitors") == 1
+
+
+def test_a_row_that_waits_keeps_fields_of_later_versions(chain: Consortium) -> None:
+    waiting = ACTIVATION | {"from_height": 1_000_000, "more": 1}
+    spoiled(chain, due=[5, waiting])
+    end_trial(chain)
+    assert version_in_force(chain, "lifecycle") == 1
+    assert read_value(chain.state, DUE.flat) == [waiting]
 
 
 @pytest.mark.parametrize("value", [None, 7, [], {}, {"lifecycle": 1}, {"visitors": [9, b"", True]}])

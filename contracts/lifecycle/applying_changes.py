@@ -9,10 +9,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from msgspec.structs import replace
+
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from consensus.state.keys import Reader
-from consensus.state.lifecycle import DUE, MACHINE_TABLE, MACHINE_TRIALS, TABLE, TRIALS, VERSION
+from consensus.state.lifecycle import (
+    DUE,
+    MACHINE_TABLE,
+    MACHINE_TRIALS,
+    TABLE,
+    TRIALS,
+    VERSION,
+    ChangeRow,
+    ContractRow,
+    TableRow,
+    TrialRow,
+)
 from consensus.state.producers import EPOCH
 from contracts.execution.call_host import CallHost
 from contracts.execution.results import IN_CHANGE, BlockContext, ExecutionFault, note_nothing
@@ -25,11 +38,9 @@ from contracts.lifecycle.catalogue import (
 from contracts.lifecycle.changes import (
     GOVERNING,
     TRIAL_MS,
-    Row,
     read_due,
     read_record,
     read_trials,
-    read_value,
 )
 from contracts.vm import CallContext, CompiledContract, ContractSourceError, InternalFault, invoke
 from contracts.vm.compiler.compile_cache import compile_once
@@ -41,20 +52,18 @@ _GIVEN_UP = (
     "EXHAUSTED: Too few nodes could put this version into force: it asks for more than they have, or they failed."
 )
 
-Table = dict[str, list[Any]]
-
 
 def find_activation(state: Reader, height: int, time_ms: int) -> tuple[str, int] | None:
     """Return name and version that a block of this height and time activates, or None.
 
     Only activations can be given up (R42).
     """
-    ready = (row for row in read_due(state) if row["from_height"] <= height and row["from_ms"] <= time_ms)
-    row = next((row for row in ready if row["kind"] != "keep"), None)
-    return None if row is None or row["kind"] != "activate" else (row["name"], row["version"])
+    ready = (due.row for due in read_due(state) if due.row.from_height <= height and due.row.from_ms <= time_ms)
+    row = next((row for row in ready if row.kind != "keep"), None)
+    return None if row is None or row.kind != "activate" else (row.name, row.version)
 
 
-def open_block(
+def apply_due_changes(
     host: CallHost,
     catalogue: Catalogue,
     context: BlockContext,
@@ -70,101 +79,107 @@ def open_block(
     if gives_up and find_activation(host, context.height, context.time_ms) is None:
         raise BlockRobotError("BLOCK_INVALID", "The block gives up a change of contracts, and none is due.")
     due = read_due(host)
-    ready = [row for row in due if _is_ready(row, context)]
-    keeps = [row for row in ready if row["kind"] == "keep"]
-    changes = [row for row in ready if row["kind"] != "keep"][:1]
+    ready = [each for each in due if _is_ready(each.row, context)]
+    keeps = [each for each in ready if each.row.kind == "keep"]
+    changes = [each for each in ready if each.row.kind != "keep"][:1]
     if ready:
         host.begin()
-        _put(host, DUE.flat, [row for row in due if row not in keeps and row not in changes])
+        _put(host, DUE.flat, [each.value for each in due if each not in keeps and each not in changes])
         host.keep()
-    for row in keeps:
+    for row, _ in keeps:
         _keep_version(host, row)
-    ended = [row for row in read_trials(host) if _is_ready(row, context)]
-    for row in ended:
-        _return(host, context, row)
-    for row in changes:
+    ended = [trial for trial in read_trials(host) if _is_ready(trial, context)]
+    for trial in ended:
+        _roll_back_trial(host, context, trial)
+    for row, _ in changes:
         note(IN_CHANGE)
         if gives_up:
-            _fail(host, context, row["name"], row["version"], _GIVEN_UP)
+            _fail(host, context, row.name, row.version, _GIVEN_UP)
             continue
         try:
             _take_effect(host, catalogue, context, row)
         except (InternalFault, MemoryError, RecursionError, SystemError) as error:
             raise ExecutionFault(f"{type(error).__name__}: {error}", in_change=True) from error
     if ready or ended:
-        _show(host)
+        _publish_tables(host)
     return catalogue.active(host)
 
 
-def _is_ready(row: Row, context: BlockContext) -> bool:
-    return bool(row["from_height"] <= context.height and row["from_ms"] <= context.time_ms)
+def _is_ready(row: ChangeRow, context: BlockContext) -> bool:
+    return row.from_height <= context.height and row.from_ms <= context.time_ms
 
 
 def _put(host: CallHost, key: bytes, value: Any) -> None:
     host.put(key, encode_value(value))
 
 
-def _show(host: CallHost) -> None:
+def _publish_tables(host: CallHost) -> None:
     """Copy table and trials to where `lifecycle` reads them; drop malformed pending rows."""
     host.begin()
-    _put(host, TABLE.flat, read_value(host, MACHINE_TABLE.flat))
-    _put(host, TRIALS.flat, read_trials(host))
-    _put(host, DUE.flat, read_due(host))
+    host.put(TABLE.flat, TABLE.encode(_read_table(host)))
+    host.put(TRIALS.flat, TRIALS.encode(read_trials(host)))
+    _put(host, DUE.flat, [each.value for each in read_due(host)])
     host.keep()
 
 
-def _change_version(host: CallHost, name: str, version: int, change: Callable[[Row], None]) -> None:
+def _read_table(state: Reader) -> TableRow:
+    return MACHINE_TABLE.read(state) or {}
+
+
+def _put_contract(host: CallHost, name: str, row: ContractRow) -> None:
+    host.put(MACHINE_TABLE.flat, MACHINE_TABLE.encode({**_read_table(host), name: row}))
+
+
+def _put_trials(host: CallHost, trials: list[TrialRow]) -> None:
+    host.put(MACHINE_TRIALS.flat, MACHINE_TRIALS.encode(trials))
+
+
+def _change_version(host: CallHost, name: str, version: int, **fields: Any) -> None:
     record = read_record(host, name, version)
     if record is not None:
-        change(record)
-        _put(host, VERSION.key(name, version), record)
+        _put(host, VERSION.key(name, version), record | fields)
 
 
 def _mark(host: CallHost, name: str, version: int, status: str, height: int) -> None:
-    _change_version(host, name, version, lambda record: record.update(status=status, since_height=height))
+    _change_version(host, name, version, status=status, since_height=height)
 
 
-def _take_effect(host: CallHost, catalogue: Catalogue, context: BlockContext, row: Row) -> None:
-    name, version = row["name"], row["version"]
-    table: Table = read_value(host, MACHINE_TABLE.flat)
-    before = table.get(name)
+def _take_effect(host: CallHost, catalogue: Catalogue, context: BlockContext, row: ChangeRow) -> None:
+    name, version = row.name, row.version
+    before = _read_table(host).get(name)
     host.begin()
-    if row["kind"] == "disable":
+    if row.kind == "disable":
         if before is not None and name not in GOVERNING:
-            table[name] = [before[0], before[1], False, context.height]
-            _put(host, MACHINE_TABLE.flat, table)
-            _mark(host, name, before[0], "disabled", context.height)
+            _put_contract(host, name, replace(before, enabled=False, since_height=context.height))
+            _mark(host, name, before.version, "disabled", context.height)
         host.keep()
         return
     record = read_record(host, name, version)
     if record is None:
         return
     source_hash = record["source_hash"]
-    if before is None or before[:2] != [version, source_hash]:
+    if before is None or (before.version, before.source_hash) != (version, source_hash):
         failure = _prepare(host, catalogue, context, name, source_hash)
         if failure:
             _fail(host, context, name, version, failure)
             return
     _put_in_force(host, context, name, version, source_hash)
     if name in GOVERNING and before is not None:
-        _set_trial(host, context, name, [version, source_hash], before)
+        _set_trial(host, context, name, (version, source_hash), before)
     host.keep()
 
 
 def _fail(host: CallHost, context: BlockContext, name: str, version: int, failure: str) -> None:
-    fields = {"status": "failed", "since_height": context.height, "failure": failure}
     host.begin()
-    _change_version(host, name, version, lambda record: record.update(fields))
+    _change_version(host, name, version, status="failed", since_height=context.height, failure=failure)
     host.keep()
 
 
 def _put_in_force(host: CallHost, context: BlockContext, name: str, version: int, source_hash: bytes) -> None:
-    table: Table = read_value(host, MACHINE_TABLE.flat)
-    before = table.get(name)
-    if before is not None and before[0] != version:
-        _mark(host, name, before[0], "superseded", context.height)
-    table[name] = [version, source_hash, True, context.height]
-    _put(host, MACHINE_TABLE.flat, table)
+    before = _read_table(host).get(name)
+    if before is not None and before.version != version:
+        _mark(host, name, before.version, "superseded", context.height)
+    _put_contract(host, name, ContractRow(version, source_hash, True, context.height))
     _mark(host, name, version, "active", context.height)
 
 
@@ -218,28 +233,27 @@ def _migrate(
 # Trials of contracts that govern
 
 
-def _set_trial(host: CallHost, context: BlockContext, name: str, now: list[Any], before: list[Any]) -> None:
+def _set_trial(host: CallHost, context: BlockContext, name: str, now: tuple[int, bytes], before: ContractRow) -> None:
     """Schedule the return of the last kept version, unless it is active."""
     trials = read_trials(host)
-    kept = next(([row["version"], row["source_hash"]] for row in trials if row["name"] == name), before[:2])
-    trials = [row for row in trials if row["name"] != name]
-    if kept != now:
-        row = {"kind": "return", "name": name, "version": kept[0], "source_hash": kept[1]}
-        trials.append({**row, "from_height": 0, "from_ms": context.time_ms + TRIAL_MS})
-    _put(host, MACHINE_TRIALS.flat, trials)
+    kept = next((trial for trial in trials if trial.name == name), before)
+    trials = [trial for trial in trials if trial.name != name]
+    if (kept.version, kept.source_hash) != now:
+        trials.append(TrialRow("return", name, kept.version, 0, context.time_ms + TRIAL_MS, kept.source_hash))
+    _put_trials(host, trials)
 
 
-def _keep_version(host: CallHost, row: Row) -> None:
+def _keep_version(host: CallHost, row: ChangeRow) -> None:
     """End the active version's trial; decisions about other versions have no effect."""
-    table: Table = read_value(host, MACHINE_TABLE.flat)
-    if row["name"] in table and table[row["name"]][0] == row["version"]:
+    active = _read_table(host).get(row.name)
+    if active is not None and active.version == row.version:
         host.begin()
-        _put(host, MACHINE_TRIALS.flat, [trial for trial in read_trials(host) if trial["name"] != row["name"]])
+        _put_trials(host, [trial for trial in read_trials(host) if trial.name != row.name])
         host.keep()
 
 
-def _return(host: CallHost, context: BlockContext, trial: Row) -> None:
+def _roll_back_trial(host: CallHost, context: BlockContext, trial: TrialRow) -> None:
     host.begin()
-    _put(host, MACHINE_TRIALS.flat, [other for other in read_trials(host) if other["name"] != trial["name"]])
-    _put_in_force(host, context, trial["name"], trial["version"], trial["source_hash"])
+    _put_trials(host, [other for other in read_trials(host) if other.name != trial.name])
+    _put_in_force(host, context, trial.name, trial.version, trial.source_hash)
     host.keep()
