@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from consensus.state.layout import RESERVED_CALLS, RESERVED_CONTRACTS
 from contracts.execution.sender_admission import Account
 from node.mempool.byte_budget import ByteBudgets
 from node.mempool.eviction import EvictionPlan
@@ -24,23 +25,6 @@ SENDER_MAX_BYTES = 4 * 1024 * 1024
 SHARED_DIVISOR = 16
 """What part of the room of an account that many keys share one of them may take."""
 RESERVED_DIVISOR = 10
-RESERVED_CONTRACTS = frozenset(
-    {
-        "access",
-        "consent",
-        "erasure",
-        "evidence",
-        "identity",
-        "mandates",
-        "membership",
-        "officers",
-        "producers",
-        "rights",
-        "settings",
-    }
-)
-RESERVED_CALLS = frozenset({("records", "transfer"), ("records", "withdraw_empty_frames")})
-"""Calls of other contracts that have it too: a stolen wallet's visits are moved as soon as what the thief asks for."""
 
 
 @dataclass(slots=True)

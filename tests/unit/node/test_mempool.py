@@ -11,7 +11,9 @@ from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_SIZE_MAX_BYTES, TRANSACTION_LIFETIME_MAX_MS, TRANSACTION_SIZE_MAX_BYTES
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import GROUP_ORDER
+from consensus.state.layout import RESERVED_CALLS, RESERVED_CONTRACTS
 from contracts.execution.sender_admission import Account
+from contracts.lifecycle.registry import load_contracts
 from node.mempool.byte_budget import ACCOUNT_BYTES_PER_S, ByteBudgets
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_cache import TransactionCache
@@ -25,6 +27,16 @@ def _refusal(wire: bytes, **changes: object) -> str:
     assert len(pool) == 0
     assert pool.size_bytes == 0
     return caught.value.code
+
+
+def test_room_is_reserved_only_for_contracts_and_calls_that_there_are() -> None:
+    contracts = load_contracts()
+    assert contracts.keys() >= RESERVED_CONTRACTS
+    for contract, name in RESERVED_CALLS:
+        assert contract not in RESERVED_CONTRACTS
+        entry = contracts[contract].abi.entry(name)
+        assert entry is not None
+        assert entry.kind == "export"
 
 
 def test_a_good_transaction_waits_and_is_known_when_it_comes_again() -> None:
