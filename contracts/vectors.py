@@ -13,7 +13,7 @@ from typing import Any
 
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import decode_value
+from consensus.primitives.encoding import EXACT_INTEGER_END, decode_value
 from contracts.execution.call_host import CallHost
 from contracts.lifecycle.registry import read_source
 from contracts.state.view import MemoryState
@@ -23,13 +23,12 @@ GAS_DEFAULT = 250_000
 _CONTEXT: dict[str, Any] = {
     "caller": b"\x02" + b"c" * 32, "height": 7, "time_ms": 1_700_000_000_000, "txid": b"t" * 32, "chain_id": b"i" * 32,
 }  # fmt: skip
-_EXACT_INT = 1 << 53
 
 
 def to_json(value: Any) -> Any:
     if isinstance(value, bytes):
         return {"bytes": value.hex()}
-    if type(value) is int and abs(value) >= _EXACT_INT:
+    if type(value) is int and abs(value) >= EXACT_INTEGER_END:
         return {"int": str(value)}
     if isinstance(value, list | tuple):
         return [to_json(item) for item in value]

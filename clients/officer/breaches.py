@@ -14,11 +14,11 @@ from clients.sdk.terminal.json_answers import convert_row
 from clients.wallet.ledger.id_prefix import BREACH, resolve_id_prefix
 from clients.wallet.ledger.wallet import Wallet
 from consensus.errors import BlockRobotError
+from consensus.limits import RECORDS_A_CALL_MAX_COUNT
 from consensus.rights.right_codes import Correction, commit_correction
 from consensus.state import rights
 from consensus.state.rights import BreachRow, CorrectionRow
 
-RECORDS_A_CALL_MAX_COUNT = 64
 Tell = Callable[[int, int], None]
 
 

@@ -16,7 +16,7 @@ from clients.wallet.ledger.id_prefix import PROPOSAL, resolve_id_prefix
 from clients.wallet.ledger.visit_audit import RECORDED_KIND
 from clients.wallet.ledger.wallet import Wallet
 from consensus.errors import BlockRobotError
-from consensus.limits import TIME_BUCKET_MS
+from consensus.limits import RECORDS_A_CALL_MAX_COUNT, TIME_BUCKET_MS
 from consensus.rights.right_codes import LOST_KEY_SPAN_MAX_MS
 from consensus.state import officers
 from consensus.state.audit import COUNT, ENTRY, entry_keys
@@ -26,7 +26,6 @@ from consensus.state.rights import QUARANTINE, RESTRICTION
 
 ID_PREFIX_MIN_CHARS = 8
 _HALVING_PAGE_COUNT = 8
-RECORDS_A_CALL_MAX_COUNT = 64
 LATE_MAX_MS = 24 * 3600 * 1000 + 2 * TIME_BUCKET_MS
 """How much later than its bucket a visit may come to the chain: a robot's spool outlasts a day's cut of the network."""
 _KEPT_MEANWHILE = frozenset({"RECORD_RESTRICTED", "VISIT_QUARANTINED", "RECORD_ERASED"})

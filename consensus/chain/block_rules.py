@@ -19,10 +19,9 @@ from consensus.chain.signature_cache import SignatureCheck
 from consensus.chain.transaction import TransactionWire, compute_txid
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES, BLOCK_TRANSACTIONS_MAX_COUNT
-from consensus.primitives.encoding import decode
+from consensus.primitives.encoding import EXACT_INTEGER_END, decode
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 
-_ROUND_MAX = 1 << 53
 _NO_TRANSACTIONS_ROOT = compute_transactions_root([])
 _NO_RECEIPTS_ROOT = compute_receipts_root(())
 
@@ -55,14 +54,19 @@ def check_header_form(header: Header, chain_id: bytes, schedule: Schedule) -> No
     _require(header.version == HEADER_VERSION, f"The block has version {header.version}.")
     _require(header.chain_id == chain_id, "The block is of another chain.")
     _require(header.epoch == schedule.epoch, "The block is of another epoch.")
-    _require(0 < header.round < _ROUND_MAX and 0 < header.height < _ROUND_MAX, "The round or height is impossible.")
+    _require(
+        0 < header.round < EXACT_INTEGER_END and 0 < header.height < EXACT_INTEGER_END,
+        "The round or height is impossible.",
+    )
     _require(header.producer == schedule.leader(header.round), "The producer does not lead this round.")
     _require(header.qc.block_id == header.parent_id, "The certificate is not the parent's.")
     _require(0 <= header.qc.round < header.round, "The parent's round is not below the block's.")
     _require(
         header.tc is None or header.qc.round != header.round - 1, "A timeout certificate stands beside a fresh QC."
     )
-    _require(0 <= header.timestamp_ms < 1 << 53 and 0 <= header.gas_used <= BLOCK_GAS_MAX, "A number is too large.")
+    _require(
+        0 <= header.timestamp_ms < EXACT_INTEGER_END and 0 <= header.gas_used <= BLOCK_GAS_MAX, "A number is too large."
+    )
     roots = (header.parent_id, header.transactions_root, header.receipts_root, header.state_root)
     _require(all(len(root) == HASH_SIZE_BYTES for root in roots), "A root has a wrong size.")
     _check_epoch_fields(header)

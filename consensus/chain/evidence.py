@@ -5,13 +5,13 @@ from __future__ import annotations
 from consensus.chain.messages import PROPOSAL_TAG, VOTE_TAG, WORD_PROPOSAL, WORD_VOTE, proposal_parts, vote_parts
 from consensus.chain.signature_cache import SignatureCheck
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import Wire
+from consensus.primitives.encoding import EXACT_INTEGER_END, Wire
 from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.primitives.keys import verify
 
 _TAGS = {WORD_PROPOSAL: PROPOSAL_TAG, WORD_VOTE: VOTE_TAG}
 _PARTS = {WORD_PROPOSAL: proposal_parts, WORD_VOTE: vote_parts}
-_EPOCH_END, _ROUND_END = 1 << 32, 1 << 53
+_EPOCH_END = 1 << 32
 
 
 class Evidence(Wire, frozen=True):
@@ -55,7 +55,7 @@ def is_genuine_word(
     check: SignatureCheck = verify,
 ) -> bool:
     """Return whether `producer` signed this proposal or vote; never raises for known kinds."""
-    if len(block_id) != HASH_SIZE_BYTES or not 0 < round_number < _ROUND_END or not 0 <= epoch < _EPOCH_END:
+    if len(block_id) != HASH_SIZE_BYTES or not 0 < round_number < EXACT_INTEGER_END or not 0 <= epoch < _EPOCH_END:
         return False
     return check(producer, _TAGS[kind], signature, *_PARTS[kind](chain_id, epoch, round_number, block_id))
 

@@ -17,9 +17,8 @@ from consensus.chain.messages import (
 from consensus.chain.schedule import Schedule, verify_qc, verify_tc
 from consensus.chain.signature_cache import SignatureCheck
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import EXACT_INTEGER_END
 from consensus.primitives.hashing import HASH_SIZE_BYTES
-
-ROUND_MAX = 1 << 53
 
 
 class MessageChecks:
@@ -37,14 +36,14 @@ class MessageChecks:
             verify_qc(qc, self._schedule, self._chain_id, self._round_zero_id, self._check)
         except BlockRobotError:
             return False
-        return qc.round < ROUND_MAX
+        return qc.round < EXACT_INTEGER_END
 
     def of_tc(self, tc: TimeoutCertificate) -> bool:
         try:
             verify_tc(tc, self._schedule, self._chain_id, self._check)
         except BlockRobotError:
             return False
-        return tc.round < ROUND_MAX
+        return tc.round < EXACT_INTEGER_END
 
     def of_vote(self, vote: Vote) -> bool:
         if len(vote.block_id) != HASH_SIZE_BYTES:
@@ -55,7 +54,7 @@ class MessageChecks:
     def of_timeout(self, timeout: Timeout) -> bool:
         if not self.has_producer(timeout.index) or timeout.epoch != self._schedule.epoch:
             return False
-        if not 0 <= timeout.qc.round < timeout.round < ROUND_MAX:
+        if not 0 <= timeout.qc.round < timeout.round < EXACT_INTEGER_END:
             return False
         parts = timeout_parts(self._chain_id, timeout.epoch, timeout.round, timeout.qc.round)
         return self._check(self._schedule.producers[timeout.index], TIMEOUT_TAG, timeout.signature, *parts)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from consensus.chain.block import Block, QuorumCertificate, TimeoutCertificate
-from consensus.primitives.encoding import Wire, u32, u64
+from consensus.primitives.encoding import EXACT_INTEGER_END, Wire, u32, u64
 from consensus.primitives.keys import PrivateKey, verify
 
 VOTE_TAG = "blockrobot/vote"
@@ -140,7 +140,11 @@ def is_valid_block_signature(
 
 def is_genuine(word: SignedMessage, chain_id: bytes, public_key: bytes) -> bool:
     """Check a word's signature; never raises for peer input."""
-    if not 0 <= word.epoch < 1 << 32 or not 0 < word.round < 1 << 53 or not 0 <= word.qc_round < 1 << 53:
+    if (
+        not 0 <= word.epoch < 1 << 32
+        or not 0 < word.round < EXACT_INTEGER_END
+        or not 0 <= word.qc_round < EXACT_INTEGER_END
+    ):
         return False
     if word.kind == WORD_TIMEOUT:
         parts = timeout_parts(chain_id, word.epoch, word.round, word.qc_round)

@@ -7,7 +7,7 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.limits import CONTRACT_NAME_MAX_CHARS, TRANSACTION_SIZE_MAX_BYTES
-from consensus.primitives.encoding import Wire, decode, decode_value, encode, encode_value
+from consensus.primitives.encoding import EXACT_INTEGER_END, Wire, decode, decode_value, encode, encode_value
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES, PrivateKey, recover
 
@@ -109,7 +109,7 @@ def decode_transaction(wire: bytes) -> Transaction:
         or len(outer.signature) != 65
         or not 0 < len(body.contract) <= CONTRACT_NAME_MAX_CHARS
         or not 0 < len(body.entry) <= CONTRACT_NAME_MAX_CHARS
-        or not 0 <= body.valid_until_ms < 1 << 53
+        or not 0 <= body.valid_until_ms < EXACT_INTEGER_END
     ):
         raise BlockRobotError("ENCODING_INVALID", "A field of the transaction has a wrong size.")
     transaction = Transaction(

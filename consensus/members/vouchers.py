@@ -10,7 +10,7 @@ import binascii
 from dataclasses import dataclass, field
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u64
+from consensus.primitives.encoding import EXACT_INTEGER_END, u64
 from consensus.primitives.hashing import HASH_SIZE_BYTES, tagged_hash
 from consensus.primitives.keys import (
     PRIVATE_KEY_SIZE_BYTES,
@@ -58,7 +58,7 @@ def _require_sizes(*pairs: tuple[bytes, int]) -> None:
 def voucher_message(chain_id: bytes, handle: bytes, card_public: bytes, role: str, not_after_ms: int) -> bytes:
     """Return the voucher message: chain 32, handle 32, E 33, expiry u64, role. Raises VALUE_INVALID."""
     _require_sizes((chain_id, HASH_SIZE_BYTES), (handle, HANDLE_SIZE_BYTES), (card_public, PUBLIC_KEY_SIZE_BYTES))
-    if role not in ROLES or not 0 <= not_after_ms < 1 << 53:
+    if role not in ROLES or not 0 <= not_after_ms < EXACT_INTEGER_END:
         raise BlockRobotError("VALUE_INVALID", f"A voucher is for one of {', '.join(ROLES)}, with an expiry in ms.")
     return chain_id + handle + card_public + u64(not_after_ms) + role.encode()
 

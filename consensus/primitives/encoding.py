@@ -13,6 +13,8 @@ import msgspec
 
 from consensus.errors import BlockRobotError
 
+EXACT_INTEGER_END = 1 << 53
+"""Every program that reads JSON knows the whole numbers below exactly."""
 VALUE_DEPTH_MAX = 16
 VALUE_INT_BITS_MAX = 256
 _DICT_KEY_BITS_MAX = 60

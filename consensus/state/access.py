@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from consensus.limits import GRANT_NOTICE_MS
-from consensus.state.keys import HASH, KEY, RECORD_ID, U64, Prefix, Reader, Row, StateKey
+from consensus.state.keys import HASH_BYTES, KEY_BYTES, RECORD_ID_BYTES, U64_BYTES, Prefix, Reader, Row, StateKey
 
 ACCESS = "access"
 
@@ -52,23 +52,23 @@ class GrantRow(Row, frozen=True):
         return self.status == "active" and now_ms < self.until_ms
 
 
-REQUEST: Prefix[AccessRow] = Prefix(ACCESS, "access/", (HASH,), AccessRow)
-VERDICT: Prefix[VerdictRow] = Prefix(ACCESS, "verdict/", (RECORD_ID,), VerdictRow)
-RELEASE: Prefix[bool] = Prefix(ACCESS, "release/", (HASH, KEY, RECORD_ID), bool)
+REQUEST: Prefix[AccessRow] = Prefix(ACCESS, "access/", (HASH_BYTES,), AccessRow)
+VERDICT: Prefix[VerdictRow] = Prefix(ACCESS, "verdict/", (RECORD_ID_BYTES,), VerdictRow)
+RELEASE: Prefix[bool] = Prefix(ACCESS, "release/", (HASH_BYTES, KEY_BYTES, RECORD_ID_BYTES), bool)
 """By request, custodian and record."""
-GRANT: Prefix[GrantRow] = Prefix(ACCESS, "grant/", (HASH,), GrantRow)
-GRANT_NUMBER: Prefix[bytes] = Prefix(ACCESS, "grant-number/", (U64,), bytes)
+GRANT: Prefix[GrantRow] = Prefix(ACCESS, "grant/", (HASH_BYTES,), GrantRow)
+GRANT_NUMBER: Prefix[bytes] = Prefix(ACCESS, "grant-number/", (U64_BYTES,), bytes)
 """The id of a grant by its number, from 0."""
 GRANT_COUNT: StateKey[int] = StateKey(ACCESS, "grant-count", int)
 """How many grants there ever were."""
-OPEN_GRANTS: Prefix[dict[bytes, int]] = Prefix(ACCESS, "open-grants/", (KEY,), dict[bytes, int])
+OPEN_GRANTS: Prefix[dict[bytes, int]] = Prefix(ACCESS, "open-grants/", (KEY_BYTES,), dict[bytes, int])
 """When the grants of a visit end, by id."""
 LAYOUT = (REQUEST, VERDICT, RELEASE, GRANT, GRANT_NUMBER, GRANT_COUNT, OPEN_GRANTS)
 
 
 def grant_of(state: Reader, grant_id: bytes, key: bytes, now_ms: int) -> GrantRow | None:
     """Return the grant if the key's, while open or within notice time; look up by id only."""
-    grant = GRANT.at(state, grant_id) if len(grant_id) == HASH else None
+    grant = GRANT.at(state, grant_id) if len(grant_id) == HASH_BYTES else None
     if grant is None or grant.grantee != key or now_ms >= grant.ended_ms + GRANT_NOTICE_MS:
         return None
     return grant

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from consensus.state.keys import HASH, KEY, TEXT, U32, ListRow, Prefix, Reader, Row
+from consensus.state.keys import HASH_BYTES, KEY_BYTES, TEXT, U32_BYTES, ListRow, Prefix, Reader, Row
 
 AUDIT = "audit"
 
@@ -26,14 +26,14 @@ class DayRow(ListRow, frozen=True):
     count: int
 
 
-ENTRY: Prefix[EntryRow] = Prefix(AUDIT, "entry/", (KEY, U32), EntryRow)
-COUNT: Prefix[int] = Prefix(AUDIT, "count/", (KEY,), int)
+ENTRY: Prefix[EntryRow] = Prefix(AUDIT, "entry/", (KEY_BYTES, U32_BYTES), EntryRow)
+COUNT: Prefix[int] = Prefix(AUDIT, "count/", (KEY_BYTES,), int)
 """How many entries a visit has."""
-DAY_OF_VISIT: Prefix[DayRow] = Prefix(AUDIT, "day/", (TEXT, b"/", KEY), DayRow)
+DAY_OF_VISIT: Prefix[DayRow] = Prefix(AUDIT, "day/", (TEXT, b"/", KEY_BYTES), DayRow)
 """By contract and visit."""
-DAY_OF_GRANT: Prefix[DayRow] = Prefix(AUDIT, "day/", (TEXT, b"/", HASH), DayRow)
+DAY_OF_GRANT: Prefix[DayRow] = Prefix(AUDIT, "day/", (TEXT, b"/", HASH_BYTES), DayRow)
 """By contract and grant."""
-DAY_OF_OFFICERS: Prefix[DayRow] = Prefix(AUDIT, "day/", (TEXT, b"/officers/", KEY), DayRow)
+DAY_OF_OFFICERS: Prefix[DayRow] = Prefix(AUDIT, "day/", (TEXT, b"/officers/", KEY_BYTES), DayRow)
 """By contract and visit, of what officers say of it."""
 LAYOUT = (ENTRY, COUNT, DAY_OF_VISIT, DAY_OF_GRANT, DAY_OF_OFFICERS)
 

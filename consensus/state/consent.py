@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final, Literal
 
-from consensus.state.keys import HASH, TEXT, U32, ListRow, Prefix, Row, StateKey, try_convert
+from consensus.state.keys import HASH_BYTES, TEXT, U32_BYTES, ListRow, Prefix, Row, StateKey, try_convert
 
 CONSENT = "consent"
 GIVEN: Final = "given"
@@ -54,17 +54,17 @@ ChoicesRow = dict[str, dict[str, list[StepRow]]]
 OwnRow = dict[str, dict[str, OwnYesRow | None]]
 """A yes or (None) a no, by sensor and purpose; an empty purpose is all that are not named."""
 
-CHOICES: Prefix[ChoicesRow] = Prefix(CONSENT, "of/", (HASH,), ChoicesRow)
+CHOICES: Prefix[ChoicesRow] = Prefix(CONSENT, "of/", (HASH_BYTES,), ChoicesRow)
 """By handle: steps by purpose and sensor."""
-OWN: Prefix[OwnRow] = Prefix(CONSENT, "own/", (HASH,), OwnRow)
+OWN: Prefix[OwnRow] = Prefix(CONSENT, "own/", (HASH_BYTES,), OwnRow)
 """What a person said last in person, by sensor and purpose; no yes of another's goes beyond it."""
-LAST_STATEMENT_HEIGHT: Prefix[int] = Prefix(CONSENT, "said/", (HASH,), int)
+LAST_STATEMENT_HEIGHT: Prefix[int] = Prefix(CONSENT, "said/", (HASH_BYTES,), int)
 """The height of a person's last statement."""
 CHANGES: StateKey[int] = StateKey(CONSENT, "changes", int)
 """How often anything here changed."""
 NOTICE: Prefix[NoticeRow] = Prefix(CONSENT, "notice/", (TEXT,), NoticeRow)
 """The version in force, by organisation."""
-NOTICE_TEXT: Prefix[NoticeTextRow] = Prefix(CONSENT, "notice-text/", (U32, TEXT), NoticeTextRow)
+NOTICE_TEXT: Prefix[NoticeTextRow] = Prefix(CONSENT, "notice-text/", (U32_BYTES, TEXT), NoticeTextRow)
 """By version and organisation; none goes again."""
 LAYOUT = (CHOICES, OWN, LAST_STATEMENT_HEIGHT, CHANGES, NOTICE, NOTICE_TEXT)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from consensus.state.keys import HASH, Prefix, Row
+from consensus.state.keys import HASH_BYTES, Prefix, Row
 
 ERASURE = "erasure"
 
@@ -31,5 +31,5 @@ class ErasureRow(Row, frozen=True):
     time: int
 
 
-REQUEST: Prefix[ErasureRow] = Prefix(ERASURE, "erasure/", (HASH,), ErasureRow)
+REQUEST: Prefix[ErasureRow] = Prefix(ERASURE, "erasure/", (HASH_BYTES,), ErasureRow)
 LAYOUT = (REQUEST,)

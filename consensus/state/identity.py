@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from consensus.state.keys import HASH, KEY, TEXT, Prefix, Reader, Row, StateKey
+from consensus.state.keys import HASH_BYTES, KEY_BYTES, TEXT, Prefix, Reader, Row, StateKey
 from consensus.visible_text import find_hidden
 
 IDENTITY = "identity"
-SHORT_HANDLE = 10
+SHORT_HANDLE_BYTES = 10
 ROBOT_NAME_MAX_CHARS = 32
 ROBOT_PLACE_MAX_CHARS = 48
 SUBJECT = "subject"
@@ -55,22 +55,22 @@ class RobotNameRow(Row, frozen=True):
     time: int
 
 
-MEMBER: Prefix[MemberRow] = Prefix(IDENTITY, "member/", (KEY,), MemberRow)
-HANDLE: Prefix[bytes] = Prefix(IDENTITY, "handle/", (HASH,), bytes)
+MEMBER: Prefix[MemberRow] = Prefix(IDENTITY, "member/", (KEY_BYTES,), MemberRow)
+HANDLE: Prefix[bytes] = Prefix(IDENTITY, "handle/", (HASH_BYTES,), bytes)
 """The member key of a handle."""
-SHORT: Prefix[bytes] = Prefix(IDENTITY, "short-handle/", (SHORT_HANDLE,), bytes)
+SHORT: Prefix[bytes] = Prefix(IDENTITY, "short-handle/", (SHORT_HANDLE_BYTES,), bytes)
 """The handle that begins so."""
 ORGANISATION: Prefix[OrganisationKeysRow] = Prefix(IDENTITY, "org/", (TEXT,), OrganisationKeysRow)
-ADMIN: Prefix[str] = Prefix(IDENTITY, "admin/", (KEY,), str)
+ADMIN: Prefix[str] = Prefix(IDENTITY, "admin/", (KEY_BYTES,), str)
 """The organisation of an admin's key."""
-REGISTRAR: Prefix[str] = Prefix(IDENTITY, "registrar/", (KEY,), str)
+REGISTRAR: Prefix[str] = Prefix(IDENTITY, "registrar/", (KEY_BYTES,), str)
 """The organisation of a registrar's key."""
 REMOVED: Prefix[int] = Prefix(IDENTITY, "removed/", (TEXT,), int)
 """When (ms) an organisation was last removed."""
-CUSTODIAN: Prefix[CustodianRow] = Prefix(IDENTITY, "custodian/", (KEY,), CustodianRow)
+CUSTODIAN: Prefix[CustodianRow] = Prefix(IDENTITY, "custodian/", (KEY_BYTES,), CustodianRow)
 CUSTODIANS: StateKey[list[bytes]] = StateKey(IDENTITY, "custodians", list[bytes])
 """The keys of all custodians, sorted."""
-ROBOT_NAME: Prefix[RobotNameRow] = Prefix(IDENTITY, "robot-name/", (KEY,), RobotNameRow)
+ROBOT_NAME: Prefix[RobotNameRow] = Prefix(IDENTITY, "robot-name/", (KEY_BYTES,), RobotNameRow)
 PURPOSE: Prefix[bool] = Prefix(IDENTITY, "purpose/", (TEXT,), bool)
 """There for each purpose that the genesis file names."""
 CHANGES: StateKey[int] = StateKey(IDENTITY, "changes", int)

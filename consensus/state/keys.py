@@ -14,11 +14,11 @@ import msgspec
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value, encode_value
 
-KEY = 33
-HASH = 32
-RECORD_ID = 16
-U32 = 4
-U64 = 8
+KEY_BYTES = 33
+HASH_BYTES = 32
+RECORD_ID_BYTES = 16
+U32_BYTES = 4
+U64_BYTES = 8
 TEXT = 0
 """A part of a key that is text without a slash, of any length. The other parts are sizes in bytes."""
 
@@ -62,11 +62,11 @@ class DecodedReader:
 
 
 class Row(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of map rows; fields with a default may be missing."""
+    """Base of map rows; fields with a default may be missing, a `time` is in ms."""
 
 
 class ListRow(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Base of list rows in field order; trailing defaults may be missing."""
+    """Base of list rows in field order; trailing defaults may be missing, a `time` is in ms."""
 
 
 def try_convert(value: Any, kind: type[T]) -> T | None:

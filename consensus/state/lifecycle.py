@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from consensus.state.keys import HASH, TEXT, U32, ListRow, Prefix, Row, StateKey
+from consensus.state.keys import HASH_BYTES, TEXT, U32_BYTES, ListRow, Prefix, Row, StateKey
 
 LIFECYCLE = "lifecycle"
 MACHINE = "machine"
@@ -88,24 +88,24 @@ TRIALS: StateKey[list[TrialRow]] = StateKey(LIFECYCLE, "trials", list[TrialRow])
 """A copy of the machine's, which it never reads."""
 VERSIONS: Prefix[int] = Prefix(LIFECYCLE, "versions/", (TEXT,), int)
 """How many versions a contract has."""
-VERSION: Prefix[VersionRow] = Prefix(LIFECYCLE, "version/", (TEXT, b"/", U32), VersionRow)
-SOURCE: Prefix[SourceRow] = Prefix(LIFECYCLE, "source/", (HASH,), SourceRow)
+VERSION: Prefix[VersionRow] = Prefix(LIFECYCLE, "version/", (TEXT, b"/", U32_BYTES), VersionRow)
+SOURCE: Prefix[SourceRow] = Prefix(LIFECYCLE, "source/", (HASH_BYTES,), SourceRow)
 """An approved source by its hash; what ships with BlockRobot is found in the package."""
-SOURCE_PART: Prefix[bytes] = Prefix(LIFECYCLE, "source/", (HASH, b"/", U32), bytes)
+SOURCE_PART: Prefix[bytes] = Prefix(LIFECYCLE, "source/", (HASH_BYTES, b"/", U32_BYTES), bytes)
 """One part of it."""
 UPLOADS: Prefix[list[UploadRow]] = Prefix(LIFECYCLE, "uploads/", (TEXT,), list[UploadRow])
 """What an organisation is uploading."""
-UPLOAD_PART: Prefix[bytes] = Prefix(LIFECYCLE, "upload/", (TEXT, b"/", HASH, U32), bytes)
+UPLOAD_PART: Prefix[bytes] = Prefix(LIFECYCLE, "upload/", (TEXT, b"/", HASH_BYTES, U32_BYTES), bytes)
 """By organisation, and by hash and number: one part of an upload."""
-VERDICT: Prefix[Verdict] = Prefix(LIFECYCLE, "verdict/", (TEXT, b"/", HASH), Verdict)
+VERDICT: Prefix[Verdict] = Prefix(LIFECYCLE, "verdict/", (TEXT, b"/", HASH_BYTES), Verdict)
 """By organisation and hash: what is wrong with a source (empty: nothing), and the facts of it."""
 MACHINE_TABLE: StateKey[TableRow] = StateKey(MACHINE, "table", TableRow)
 """The contracts that were ever in force, by name."""
 MACHINE_TRIALS: StateKey[list[TrialRow]] = StateKey(MACHINE, "trials", list[TrialRow])
 """The trials of contracts that govern, each with the version that comes back."""
-MACHINE_SOURCE: Prefix[SourceRow] = Prefix(MACHINE, "source/", (HASH,), SourceRow)
+MACHINE_SOURCE: Prefix[SourceRow] = Prefix(MACHINE, "source/", (HASH_BYTES,), SourceRow)
 """A source of a version that was ever in force and does not ship."""
-MACHINE_SOURCE_PART: Prefix[bytes] = Prefix(MACHINE, "source/", (HASH, b"/", U32), bytes)
+MACHINE_SOURCE_PART: Prefix[bytes] = Prefix(MACHINE, "source/", (HASH_BYTES, b"/", U32_BYTES), bytes)
 """One part of it."""
 LAYOUT = (
     DUE,

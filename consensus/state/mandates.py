@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from consensus.state.audit import DayRow
 from consensus.state.identity import HANDLE, REMOVED, SUBJECT, active_role
-from consensus.state.keys import HASH, U32, U64, Prefix, Reader, Row, StateKey
+from consensus.state.keys import HASH_BYTES, U32_BYTES, U64_BYTES, Prefix, Reader, Row, StateKey
 
 MANDATES = "mandates"
 REPRESENTATIVE_ROLES = frozenset({"officer", "staff", "subject"})
@@ -46,23 +46,23 @@ class ActRow(Row, frozen=True):
     data: dict[str, Any]
 
 
-MANDATE: Prefix[MandateRow] = Prefix(MANDATES, "mandate/", (HASH,), MandateRow)
-MANDATE_NUMBER: Prefix[bytes] = Prefix(MANDATES, "mandate-number/", (U64,), bytes)
+MANDATE: Prefix[MandateRow] = Prefix(MANDATES, "mandate/", (HASH_BYTES,), MandateRow)
+MANDATE_NUMBER: Prefix[bytes] = Prefix(MANDATES, "mandate-number/", (U64_BYTES,), bytes)
 """The id of a mandate by its number, from 0."""
 MANDATE_COUNT: StateKey[int] = StateKey(MANDATES, "mandate-count", int)
 """How many were ever proposed."""
-OF: Prefix[bytes] = Prefix(MANDATES, "of/", (HASH,), bytes)
+OF: Prefix[bytes] = Prefix(MANDATES, "of/", (HASH_BYTES,), bytes)
 """The mandate of a represented person that has not ended."""
-ACT: Prefix[ActRow] = Prefix(MANDATES, "act/", (HASH, U32), ActRow)
-ACT_COUNT: Prefix[int] = Prefix(MANDATES, "act-count/", (HASH,), int)
+ACT: Prefix[ActRow] = Prefix(MANDATES, "act/", (HASH_BYTES, U32_BYTES), ActRow)
+ACT_COUNT: Prefix[int] = Prefix(MANDATES, "act-count/", (HASH_BYTES,), int)
 """How many acts a mandate has."""
-DAY: Prefix[DayRow] = Prefix(MANDATES, "day/", (HASH,), DayRow)
+DAY: Prefix[DayRow] = Prefix(MANDATES, "day/", (HASH_BYTES,), DayRow)
 """The acts of a mandate."""
-PROPOSALS_DAY: Prefix[DayRow] = Prefix(MANDATES, "proposals/", (HASH,), DayRow)
+PROPOSALS_DAY: Prefix[DayRow] = Prefix(MANDATES, "proposals/", (HASH_BYTES,), DayRow)
 """By the handle of the officer who proposed."""
-PERSON: Prefix[bytes] = Prefix(MANDATES, "person/", (HASH, U32), bytes)
+PERSON: Prefix[bytes] = Prefix(MANDATES, "person/", (HASH_BYTES, U32_BYTES), bytes)
 """The mandates in which a person was ever named."""
-PERSON_COUNT: Prefix[int] = Prefix(MANDATES, "person-count/", (HASH,), int)
+PERSON_COUNT: Prefix[int] = Prefix(MANDATES, "person-count/", (HASH_BYTES,), int)
 """In how many mandates a person was ever named."""
 LAYOUT = (MANDATE, MANDATE_NUMBER, MANDATE_COUNT, OF, ACT, ACT_COUNT, DAY, PROPOSALS_DAY, PERSON, PERSON_COUNT)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from consensus.state.keys import HASH, KEY, TEXT, ListRow, Prefix, Reader, Row, StateKey
+from consensus.state.keys import HASH_BYTES, KEY_BYTES, TEXT, ListRow, Prefix, Reader, Row, StateKey
 
 MEMBERSHIP = "membership"
-SERIAL = 20
+SERIAL_BYTES = 20
 
 
 class OrganisationRow(Row, frozen=True):
@@ -66,8 +66,8 @@ class OpenProposalRow(ListRow, frozen=True):
 
 ORGANISATION: Prefix[OrganisationRow] = Prefix(MEMBERSHIP, "org/", (TEXT,), OrganisationRow)
 NODE: Prefix[NodeRow] = Prefix(MEMBERSHIP, "node/", (TEXT,), NodeRow)
-REVOKED: Prefix[RevokedRow] = Prefix(MEMBERSHIP, "revoked/", (TEXT, b"/", SERIAL), RevokedRow)
-NODE_OF_KEY: Prefix[str] = Prefix(MEMBERSHIP, "key/", (KEY,), str)
+REVOKED: Prefix[RevokedRow] = Prefix(MEMBERSHIP, "revoked/", (TEXT, b"/", SERIAL_BYTES), RevokedRow)
+NODE_OF_KEY: Prefix[str] = Prefix(MEMBERSHIP, "key/", (KEY_BYTES,), str)
 """The node that has or had a key."""
 ORGANISATIONS: StateKey[list[str]] = StateKey(MEMBERSHIP, "organisations", list[str])
 """The active organisations, sorted."""
@@ -77,7 +77,7 @@ NODES_OF: Prefix[list[str]] = Prefix(MEMBERSHIP, "nodes-of/", (TEXT,), list[str]
 """The active nodes of an organisation, sorted."""
 KEYS_NUMBER: Prefix[int] = Prefix(MEMBERSHIP, "keys-number/", (TEXT,), int)
 """How often an organisation got keys."""
-PROPOSAL: Prefix[GovernanceProposalRow] = Prefix(MEMBERSHIP, "proposal/", (HASH,), GovernanceProposalRow)
+PROPOSAL: Prefix[GovernanceProposalRow] = Prefix(MEMBERSHIP, "proposal/", (HASH_BYTES,), GovernanceProposalRow)
 OPEN: StateKey[list[OpenProposalRow]] = StateKey(MEMBERSHIP, "open", list[OpenProposalRow])
 """The open proposals, in the order of their opening."""
 CLOSED: StateKey[list[bytes]] = StateKey(MEMBERSHIP, "closed", list[bytes])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from consensus.state.audit import DayRow
-from consensus.state.keys import HASH, KEY, U64, Prefix, Row, StateKey
+from consensus.state.keys import HASH_BYTES, KEY_BYTES, U64_BYTES, Prefix, Row, StateKey
 
 OFFICERS = "officers"
 
@@ -30,13 +30,13 @@ class ProposalRow(Row, frozen=True):
     ends_ms: int
 
 
-PROPOSAL: Prefix[ProposalRow] = Prefix(OFFICERS, "proposal/", (HASH,), ProposalRow)
-PROPOSAL_NUMBER: Prefix[bytes] = Prefix(OFFICERS, "proposal-number/", (U64,), bytes)
+PROPOSAL: Prefix[ProposalRow] = Prefix(OFFICERS, "proposal/", (HASH_BYTES,), ProposalRow)
+PROPOSAL_NUMBER: Prefix[bytes] = Prefix(OFFICERS, "proposal-number/", (U64_BYTES,), bytes)
 """The id of a proposal by its number, from 0."""
 PROPOSAL_COUNT: StateKey[int] = StateKey(OFFICERS, "proposal-count", int)
 """How many there ever were."""
-TOUCHED: Prefix[bool] = Prefix(OFFICERS, "touched/", (HASH, KEY), bool)
+TOUCHED: Prefix[bool] = Prefix(OFFICERS, "touched/", (HASH_BYTES, KEY_BYTES), bool)
 """There for each visit of which something was erased under a proposal."""
-DAY: Prefix[DayRow] = Prefix(OFFICERS, "day/", (HASH,), DayRow)
+DAY: Prefix[DayRow] = Prefix(OFFICERS, "day/", (HASH_BYTES,), DayRow)
 """By the handle of the officer who proposed."""
 LAYOUT = (PROPOSAL, PROPOSAL_NUMBER, PROPOSAL_COUNT, TOUCHED, DAY)

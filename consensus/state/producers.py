@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from consensus.state.keys import KEY, U32, U64, Prefix, Reader, Row, StateKey
+from consensus.state.keys import KEY_BYTES, U32_BYTES, U64_BYTES, Prefix, Reader, Row, StateKey
 
 PRODUCERS = "producers"
 
@@ -38,12 +38,12 @@ class CandidateRow(Row, frozen=True):
 
 
 EPOCH: StateKey[EpochRow] = StateKey(PRODUCERS, "epoch", EpochRow)
-CANDIDATE: Prefix[CandidateRow] = Prefix(PRODUCERS, "candidate/", (KEY,), CandidateRow)
+CANDIDATE: Prefix[CandidateRow] = Prefix(PRODUCERS, "candidate/", (KEY_BYTES,), CandidateRow)
 KEYS: StateKey[list[bytes]] = StateKey(PRODUCERS, "keys", list[bytes])
 """The candidates that were not removed."""
 MAX_PRODUCERS: StateKey[int] = StateKey(PRODUCERS, "max_producers", int)
 """How many seats there are at most."""
-ACCUSED: Prefix[bool] = Prefix(PRODUCERS, "accused/", (KEY, U32, U64), bool)
+ACCUSED: Prefix[bool] = Prefix(PRODUCERS, "accused/", (KEY_BYTES, U32_BYTES, U64_BYTES), bool)
 """By producer, epoch and round."""
 LAYOUT = (EPOCH, CANDIDATE, KEYS, MAX_PRODUCERS, ACCUSED)
 

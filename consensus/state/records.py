@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-from consensus.state.keys import HASH, KEY, RECORD_ID, U64, ListRow, Prefix, Reader, Row, StateKey
+from consensus.state.keys import (
+    HASH_BYTES,
+    KEY_BYTES,
+    RECORD_ID_BYTES,
+    U64_BYTES,
+    ListRow,
+    Prefix,
+    Reader,
+    Row,
+    StateKey,
+)
 
 RECORDS = "records"
 
@@ -66,22 +76,22 @@ class EmptyFrameRow(ListRow, frozen=True):
     time: int
 
 
-VISIT: Prefix[VisitRow] = Prefix(RECORDS, "visit/", (KEY,), VisitRow)
-RECORD: Prefix[RecordRow] = Prefix(RECORDS, "record/", (RECORD_ID,), RecordRow)
-ROOT: Prefix[bytes] = Prefix(RECORDS, "root/", (KEY,), bytes)
+VISIT: Prefix[VisitRow] = Prefix(RECORDS, "visit/", (KEY_BYTES,), VisitRow)
+RECORD: Prefix[RecordRow] = Prefix(RECORDS, "record/", (RECORD_ID_BYTES,), RecordRow)
+ROOT: Prefix[bytes] = Prefix(RECORDS, "root/", (KEY_BYTES,), bytes)
 """The first key of the visit to which a later owner key leads."""
-CURRENT: Prefix[CurrentRow] = Prefix(RECORDS, "current/", (KEY,), CurrentRow)
-OF_VISIT: Prefix[bool] = Prefix(RECORDS, "of-visit/", (KEY, RECORD_ID), bool)
+CURRENT: Prefix[CurrentRow] = Prefix(RECORDS, "current/", (KEY_BYTES,), CurrentRow)
+OF_VISIT: Prefix[bool] = Prefix(RECORDS, "of-visit/", (KEY_BYTES, RECORD_ID_BYTES), bool)
 """There while a record of the visit is active."""
-ASKED_FRAMES: Prefix[list[int]] = Prefix(RECORDS, "asked-frames/", (RECORD_ID,), list[int])
+ASKED_FRAMES: Prefix[list[int]] = Prefix(RECORDS, "asked-frames/", (RECORD_ID_BYTES,), list[int])
 """The frames of a record whose erasure was asked for, sorted."""
-ANNOUNCEMENT: Prefix[AnnouncementRow] = Prefix(RECORDS, "announcement/", (U64,), AnnouncementRow)
+ANNOUNCEMENT: Prefix[AnnouncementRow] = Prefix(RECORDS, "announcement/", (U64_BYTES,), AnnouncementRow)
 """By its number, from 0."""
 ANNOUNCEMENT_COUNT: StateKey[int] = StateKey(RECORDS, "announcement-count", int)
 """How many announcements there are."""
-EMPTY_FRAMES: Prefix[list[EmptyFrameRow]] = Prefix(RECORDS, "empty-frames/", (KEY,), list[EmptyFrameRow])
+EMPTY_FRAMES: Prefix[list[EmptyFrameRow]] = Prefix(RECORDS, "empty-frames/", (KEY_BYTES,), list[EmptyFrameRow])
 """By robot."""
-EMPTY_FRAME: Prefix[int] = Prefix(RECORDS, "empty-frame/", (HASH,), int)
+EMPTY_FRAME: Prefix[int] = Prefix(RECORDS, "empty-frame/", (HASH_BYTES,), int)
 """For how many robots an empty frame is approved."""
 LAYOUT = (
     VISIT,

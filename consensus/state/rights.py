@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from consensus.state.keys import HASH, KEY, U32, U64, Prefix, Reader, Row, StateKey
+from consensus.state.keys import HASH_BYTES, KEY_BYTES, U32_BYTES, U64_BYTES, Prefix, Reader, Row, StateKey
 
 RIGHTS = "rights"
 
@@ -78,16 +78,16 @@ class BreachRow(Row, frozen=True):
     closed: ClosedRow | None
 
 
-RESTRICTION: Prefix[RestrictionRow] = Prefix(RIGHTS, "restriction/", (KEY,), RestrictionRow)
-OBJECTION: Prefix[dict[str, int]] = Prefix(RIGHTS, "objection/", (KEY,), dict[str, int])
+RESTRICTION: Prefix[RestrictionRow] = Prefix(RIGHTS, "restriction/", (KEY_BYTES,), RestrictionRow)
+OBJECTION: Prefix[dict[str, int]] = Prefix(RIGHTS, "objection/", (KEY_BYTES,), dict[str, int])
 """Since when (ms) a purpose is objected to."""
-CORRECTION: Prefix[CorrectionRow] = Prefix(RIGHTS, "correction/", (KEY, U32), CorrectionRow)
-CORRECTION_COUNT: Prefix[int] = Prefix(RIGHTS, "correction-count/", (KEY,), int)
+CORRECTION: Prefix[CorrectionRow] = Prefix(RIGHTS, "correction/", (KEY_BYTES, U32_BYTES), CorrectionRow)
+CORRECTION_COUNT: Prefix[int] = Prefix(RIGHTS, "correction-count/", (KEY_BYTES,), int)
 """How many corrections a visit has."""
-QUARANTINE: Prefix[bytes] = Prefix(RIGHTS, "quarantine/", (KEY,), bytes)
+QUARANTINE: Prefix[bytes] = Prefix(RIGHTS, "quarantine/", (KEY_BYTES,), bytes)
 """The id of the breach by which a visit is quarantined."""
-BREACH: Prefix[BreachRow] = Prefix(RIGHTS, "breach/", (HASH,), BreachRow)
-BREACH_NUMBER: Prefix[bytes] = Prefix(RIGHTS, "breach-number/", (U64,), bytes)
+BREACH: Prefix[BreachRow] = Prefix(RIGHTS, "breach/", (HASH_BYTES,), BreachRow)
+BREACH_NUMBER: Prefix[bytes] = Prefix(RIGHTS, "breach-number/", (U64_BYTES,), bytes)
 """The id of a breach by its number, from 0."""
 BREACH_COUNT: StateKey[int] = StateKey(RIGHTS, "breach-count", int)
 """How many breaches there ever were."""

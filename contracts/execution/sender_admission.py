@@ -13,7 +13,7 @@ from typing import Any
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import CARD_TAG, VOUCHER_TAG
-from consensus.primitives.encoding import u64
+from consensus.primitives.encoding import EXACT_INTEGER_END, u64
 from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.primitives.keys import recover
 from consensus.state.access import GrantRow, grant_of
@@ -148,7 +148,7 @@ def _find_registration_fault(state: StateReader, transaction: Transaction, chain
     handle, card_key, role, not_after_ms, voucher_signature, spend, view, sealing, card_signature, _ = arguments
     texts = (handle, card_key, voucher_signature, spend, view, sealing, card_signature)
     well_formed = all(isinstance(item, bytes) for item in texts) and isinstance(role, str) and len(handle) == 32
-    if not well_formed or type(not_after_ms) is not int or not 0 <= not_after_ms < 1 << 53:
+    if not well_formed or type(not_after_ms) is not int or not 0 <= not_after_ms < EXACT_INTEGER_END:
         return NOT_ADMITTED
     chain_id, sender = transaction.body.chain_id, transaction.body.sender
     if HANDLE.has(state, handle):

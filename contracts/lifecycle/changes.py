@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple, TypeGuard
 
-from consensus.primitives.encoding import decode_value
-from consensus.state.keys import HASH, Reader, try_convert
+from consensus.primitives.encoding import EXACT_INTEGER_END, decode_value
+from consensus.state.keys import HASH_BYTES, Reader, try_convert
 from consensus.state.lifecycle import DUE, MACHINE, MACHINE_TRIALS, VERSION, ChangeRow, TrialRow, VersionRow
 
 GOVERNING = (
@@ -32,7 +32,6 @@ TRIAL_MS = 24 * 3600 * 1000
 _NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}", re.ASCII)
 _KINDS = ("activate", "disable", "keep")
 _VERSION_MAX = 0xFFFF_FFFF
-_COUNT_BEYOND = 1 << 53
 
 
 class Due(NamedTuple):
@@ -49,11 +48,11 @@ def read_value(state: Reader, key: bytes) -> Any:
 
 def is_count(value: object) -> TypeGuard[int]:
     """Whether it is an integer from 0 exact in JSON; booleans are not."""
-    return type(value) is int and 0 <= value < _COUNT_BEYOND
+    return type(value) is int and 0 <= value < EXACT_INTEGER_END
 
 
 def _is_hash(value: object) -> bool:
-    return isinstance(value, bytes) and len(value) == HASH
+    return isinstance(value, bytes) and len(value) == HASH_BYTES
 
 
 def _is_change(row: ChangeRow) -> bool:

@@ -34,7 +34,7 @@ _SCRUB_FINDINGS = {
     "unknown_to_chain": ("{count} records are held that the chain does not know: {ids}.", "Whose store is this?"),
 }
 NEAR_SHARE = 0.8
-DAYS_LEFT_MIN = 7
+RESERVE_LEFT_MIN_DAYS = 7
 _MIB = 1024 * 1024
 
 UploadProblem = tuple[Literal["UPLOADS_PAUSED", "DISK_FILLS_UP", "UPLOADS_REFUSED", "UPLOAD_QUOTA_NEAR"], str]
@@ -149,7 +149,7 @@ def find_upload_problems(answer: UploadReport) -> list[UploadProblem]:
     if answer.uploads_paused:
         free, reserve = ((size or 0) // _MIB for size in (answer.disk_free_bytes, answer.disk_reserve_bytes))
         problems.append(("UPLOADS_PAUSED", f"It takes no uploads: {free} MiB are free, {reserve} MiB are kept back."))
-    elif answer.days_until_reserve is not None and answer.days_until_reserve < DAYS_LEFT_MIN:
+    elif answer.days_until_reserve is not None and answer.days_until_reserve < RESERVE_LEFT_MIN_DAYS:
         rate = answer.bytes_a_day / 1e9
         sentence = f"At {rate:.1f} GB a day its disk reaches the reserve in {answer.days_until_reserve} days."
         problems.append(("DISK_FILLS_UP", sentence))

@@ -15,6 +15,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 from consensus.api_documents import Document
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import EXACT_INTEGER_END
 from node.api.access.metering import Meter, Readings, Steps
 from node.api.access.rate_limit import ChargedBudgets
 from node.api.access.route_access import Access
@@ -44,7 +45,7 @@ class Parameter:
     description: str
     size_bytes: int | None = None
     minimum: int = 0
-    maximum: int = (1 << 53) - 1
+    maximum: int = EXACT_INTEGER_END - 1
     default: int | None = None
     pattern: str | None = None
 

@@ -11,11 +11,18 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from consensus.state.keys import HASH, KEY, RECORD_ID, TEXT, U32, U64, ListRow, Row, Rows
+from consensus.state.keys import HASH_BYTES, KEY_BYTES, RECORD_ID_BYTES, TEXT, U32_BYTES, U64_BYTES, ListRow, Row, Rows
 from consensus.state.layout import MODULES
 from node.api.openapi.markdown_tables import write_table
 
-_PARTS = {KEY: "key", HASH: "hash", RECORD_ID: "record", U32: "u32", U64: "u64", TEXT: "text"}
+_PARTS = {
+    KEY_BYTES: "key",
+    HASH_BYTES: "hash",
+    RECORD_ID_BYTES: "record",
+    U32_BYTES: "u32",
+    U64_BYTES: "u64",
+    TEXT: "text",
+}
 _TYPES = {bytes: "bytes", int: "number", str: "text", bool: "true or false", Any: "any value", type(None): "nothing"}
 _FORMS = {
     list: ("list of ", "", ""),
@@ -31,7 +38,8 @@ The keys and rows of the ledger's state, by contract. A flat key, as proofs have
 and the contract's own key, which stands here. In a key `<key>` is a public key (33 bytes), `<hash>` a hash, a handle or
 an id (32 bytes), `<record>` a record's id (16 bytes), `<text>` a name, `<u32>` and `<u64>` a number of 4 or 8 bytes,
 big-endian. A value is in the [canonical encoding](formats.md). A row is a map by the names of its fields, or, where it
-says so, a list in their order. A later version of a contract may add fields to a map; who reads one passes over those.
+says so, a list in their order; a `time` is in milliseconds since 1970. A later version of a contract may add fields to a
+map; who reads one passes over those.
 
 What calls write these: [the contracts that govern the network](system-contracts.md). The schema in Python, for keys and
 typed rows: `consensus/state/`."""

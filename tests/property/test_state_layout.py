@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.state import access, audit, consent, identity, mandates, membership, producers, records, rights
-from consensus.state.keys import RECORD_ID, Prefix, Row, Rows, to_value
+from consensus.state.keys import RECORD_ID_BYTES, Prefix, Row, Rows, to_value
 from consensus.state.layout import LAYOUT, owners_of
 from contracts.lifecycle.registry import read_source
 from tests.unit.contracts.privacy import callers as of_privacy
@@ -107,7 +107,7 @@ def check_members(chain: Any) -> None:
         row = identity.MEMBER.at(state, identity.HANDLE.decode(data))
         (handle,) = identity.HANDLE.split(key)
         assert identity.member_with(state, handle) == row
-        assert identity.handle_from(state, handle[: identity.SHORT_HANDLE]) == handle
+        assert identity.handle_from(state, handle[: identity.SHORT_HANDLE_BYTES]) == handle
     assert identity.custodians(state) == chain.view("identity", "custodians")
     for key, _ in state.scan(identity.ADMIN.flat, 1000):
         admin = identity.ADMIN.split(key)[0]
@@ -219,7 +219,9 @@ def test_a_field_that_a_contract_does_not_write_is_found() -> None:
         ("keeper" if field.name == "owner" else field.name, field.type)
         for field in msgspec.structs.fields(records.RecordRow)
     ]
-    other: Rows[Any] = Prefix("records", "record/", (RECORD_ID,), msgspec.defstruct("Other", renamed, bases=(Row,)))
+    other: Rows[Any] = Prefix(
+        "records", "record/", (RECORD_ID_BYTES,), msgspec.defstruct("Other", renamed, bases=(Row,))
+    )
     for data in found:
         assert records.RECORD.decode(data).status
         with pytest.raises(BlockRobotError, match="ENCODING_INVALID"):

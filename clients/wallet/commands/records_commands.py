@@ -27,7 +27,7 @@ from consensus.records.metadata import NOTICE_SENSOR
 from consensus.rights.notices import NoticeRow
 from pages.time_format import format_time
 
-PAGE_RECORDS = 50
+PAGE_RECORDS_COUNT = 50
 NARROW_COLUMNS = 60
 _THINGS = {"emotion": "records.estimates", "audio": "records.sounds"}
 
@@ -157,7 +157,7 @@ def records(
     today = datetime.datetime.now().astimezone().date()
     wanted = read_filter(day, time_of_day, robots, sensors, today)
     if per_page is None:
-        per_page = PAGE_RECORDS if console.is_terminal and not as_json else 0
+        per_page = PAGE_RECORDS_COUNT if console.is_terminal and not as_json else 0
 
     async def action(
         opened: Wallet,

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import EXACT_INTEGER_END
 
 TEXT_MAX_CHARS = 1_024
 IDS_MAX_COUNT = 25_000
 """More than a month of a person holds; all of them fit into a request (`pages.local_page.REQUEST_MAX_BYTES`)."""
-NUMBER_MAX = 1 << 53
 
 
 def _refuse(detail: str) -> BlockRobotError:
@@ -36,7 +36,7 @@ class RequestFields:
             raise _refuse(f"{name} is missing, or no text of at most {max_chars} characters.")
         return value
 
-    def number(self, name: str, default: int | None = None, *, least: int = 0, most: int = NUMBER_MAX) -> int:
+    def number(self, name: str, default: int | None = None, *, least: int = 0, most: int = EXACT_INTEGER_END) -> int:
         value = self._fields.pop(name, None)
         if value is None or value == "":
             value = default
@@ -72,7 +72,7 @@ class RequestFields:
         value = self._fields.pop(name)
         if not isinstance(value, list) or not 0 < len(value) <= IDS_MAX_COUNT:
             raise _refuse(f"{name} is no list of numbers.")
-        if not all(isinstance(each, int) and not isinstance(each, bool) and 0 <= each < NUMBER_MAX for each in value):
+        if not all(type(each) is int and 0 <= each < EXACT_INTEGER_END for each in value):
             raise _refuse(f"{name} is no list of numbers.")
         return sorted(set(value))
 

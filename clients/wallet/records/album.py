@@ -33,7 +33,7 @@ from pages.time_format import format_clock, format_time
 
 SHEET_NAME = "contact-sheet.png"
 ANIMATION_NAME = "animation.gif"
-SHOWN_RECORDS_MAX = 3
+SHOWN_RECORDS_MAX_COUNT = 3
 _NAME_CHARS = 12
 _STRIP_COLUMNS = 36
 _STRIP_TILES_MAX = 4
@@ -102,7 +102,7 @@ class Album:
             return
         wide = max(1, min(_STRIP_TILES_MAX, console.width // _STRIP_COLUMNS))
         shown = [(name, kept) for name, kept in self.records.items() if kept.count]
-        for name, collection in shown[:SHOWN_RECORDS_MAX]:
+        for name, collection in shown[:SHOWN_RECORDS_MAX_COUNT]:
             tiles = collection.some(wide)
             console.print(f"{name.hex()[:_NAME_CHARS]}  " + "  ".join(map(_caption, tiles)))
             show_picture(console, draw_strip(tiles), way)

@@ -14,11 +14,10 @@ from clients.wallet.records.viewing import RecordViewer
 from clients.wallet.store.kept_proofs import keep_erasure
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
-from consensus.limits import CLIP_FRAMES_MAX_COUNT
+from consensus.limits import CLIP_FRAMES_MAX_COUNT, RECORDS_A_CALL_MAX_COUNT
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.state.erasure import REQUEST, ErasureRow
 
-RECORDS_A_REQUEST_MAX_COUNT = 64
 _POLL_S = 0.1
 _LOOK_PURPOSE = "own-access"
 
@@ -74,8 +73,8 @@ class ErasureClient:
         if frames and len(records) != 1:
             raise refusal("REQUEST_INVALID", "erase_frames")
         ids = []
-        for start in range(0, len(records), RECORDS_A_REQUEST_MAX_COUNT):
-            part = records[start : start + RECORDS_A_REQUEST_MAX_COUNT]
+        for start in range(0, len(records), RECORDS_A_CALL_MAX_COUNT):
+            part = records[start : start + RECORDS_A_CALL_MAX_COUNT]
             erasure_id = await self._wallet.sign_and_wait(visit, "erasure", "request", [part, frames])
             ids.append(erasure_id)
             self._wallet.store.content.asked_erasures.append(erasure_id)

@@ -13,6 +13,7 @@ from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.presentation.translations import refusal
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
+from consensus.limits import RECORDS_A_CALL_MAX_COUNT
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, check_clip_download
 from consensus.records.commitments import commitment_leaf, derive_salt
@@ -39,7 +40,6 @@ known."""
 CUSTODY_CHECKS = frozenset({CHECK_RELEASED, CHECK_CIPHERTEXT})
 """Checks that fail by custodians alone: what the later ones look at, the sealed key too, the chain names by its hash."""
 
-RECORDS_A_REQUEST_MAX_COUNT = 64
 FOLLOW_MAX_MS = 15_000
 VERDICT_WHEN_CANCELLED_MAX_S = 3.0
 _FOLLOW_PAUSE_S = 0.25
@@ -147,7 +147,7 @@ class RecordViewer:
     async def request_access(self, entries: Sequence[RecordEntry], purpose: str) -> bytes:
         """Wait until it is final; return its id."""
         require_published([purpose], self._wallet.genesis.purposes)
-        ids = [entry.record_id for entry in entries] if len(entries) <= RECORDS_A_REQUEST_MAX_COUNT else []
+        ids = [entry.record_id for entry in entries] if len(entries) <= RECORDS_A_CALL_MAX_COUNT else []
         return await self._wallet.sign_and_wait(entries[0].visit, "access", "request", [ids, purpose])
 
     async def split_requests(self, entries: Sequence[RecordEntry]) -> list[list[RecordEntry]]:
@@ -155,11 +155,11 @@ class RecordViewer:
         requests = []
         for owner in dict.fromkeys(entry.visit.owner for entry in entries):
             part = [entry for entry in entries if entry.visit.owner == owner]
-            if len(part) <= RECORDS_A_REQUEST_MAX_COUNT or await self._is_whole_visit(part):
+            if len(part) <= RECORDS_A_CALL_MAX_COUNT or await self._is_whole_visit(part):
                 requests.append(part)
                 continue
-            starts = range(0, len(part), RECORDS_A_REQUEST_MAX_COUNT)
-            requests += [part[start : start + RECORDS_A_REQUEST_MAX_COUNT] for start in starts]
+            starts = range(0, len(part), RECORDS_A_CALL_MAX_COUNT)
+            requests += [part[start : start + RECORDS_A_CALL_MAX_COUNT] for start in starts]
         return requests
 
     async def _is_whole_visit(self, entries: Sequence[RecordEntry]) -> bool:
@@ -260,8 +260,8 @@ class RecordViewer:
 
     async def put_verdicts(self, visit: KnownVisit, findings: Sequence[Finding]) -> None:
         """Signed by the owner key, 64 records per transaction."""
-        for start in range(0, len(findings), RECORDS_A_REQUEST_MAX_COUNT):
-            batch = [list(finding) for finding in findings[start : start + RECORDS_A_REQUEST_MAX_COUNT]]
+        for start in range(0, len(findings), RECORDS_A_CALL_MAX_COUNT):
+            batch = [list(finding) for finding in findings[start : start + RECORDS_A_CALL_MAX_COUNT]]
             await self._wallet.sign_and_wait(visit, "access", "verdict", [batch])
 
     async def background(self, rendition: Rendition, entry: RecordEntry) -> bytes | None:

@@ -28,7 +28,7 @@ from network.lab.hostile.running import run_program
 
 GAS = 20_000
 ADDRESS_SPACE_MAX_BYTES = 2 * 1024 * 1024 * 1024
-SECONDS_MAX = 1.0
+SPENT_MAX_S = 1.0
 """More CPU time than any program of so little gas, or source of so few bytes, may take on a busy machine."""
 _ARGUMENTS: tuple[Any, ...] = (
     0, 1, -5, 2**255, True, None, "", "abc", "\u20ac", b"", b"k" * 33, [], [1, 2, 3], ["b", "a"], {}, {"a": [1]},
@@ -87,7 +87,7 @@ def fuzz(seed: int, count: int) -> Harvest:
             continue
         spent = time.thread_time() - started
         harvest.slowest_s = max(harvest.slowest_s, spent)
-        if spent > SECONDS_MAX:
+        if spent > SPENT_MAX_S:
             harvest.faults.append({"seed": name, "fault": f"took {spent:.1f} s", "source": program.source})
         refused = finding.came_to.startswith(REFUSED)
         harvest.refused += refused

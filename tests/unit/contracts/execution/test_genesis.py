@@ -7,7 +7,8 @@ import pytest
 
 from consensus.chain.genesis import ContractEntry, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import decode_value
+from consensus.limits import GRANTS_OPEN_MAX_COUNT, RECORDS_A_CALL_MAX_COUNT
+from consensus.primitives.encoding import EXACT_INTEGER_END, decode_value
 from contracts.execution.genesis import build_genesis_state, complete_genesis, open_genesis
 from contracts.lifecycle import registry
 from contracts.lifecycle.registry import (
@@ -21,6 +22,18 @@ from contracts.lifecycle.registry import (
 from contracts.state.trie import compute_root
 from contracts.vm import LANGUAGE_VERSION
 from tests.unit.contracts.privacy.hospital import build_genesis, key_of
+
+
+@pytest.mark.parametrize(
+    ("contract", "name", "value"),
+    [
+        ("access", "GRANTS_OPEN_MAX_COUNT", GRANTS_OPEN_MAX_COUNT),
+        ("producers", "NUMBER_MAX", EXACT_INTEGER_END),
+        ("records", "RECORDS_A_CALL_MAX_COUNT", RECORDS_A_CALL_MAX_COUNT),
+    ],
+)
+def test_a_contract_and_the_programs_have_the_same_limit(contract: str, name: str, value: int) -> None:
+    assert f"\n{name} = {value}\n" in read_source(contract)
 
 
 def test_the_first_state_holds_organisations_custodians_and_purposes() -> None:
