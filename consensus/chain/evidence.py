@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from consensus.chain.messages import PROPOSAL_TAG, VOTE_TAG, WORD_PROPOSAL, WORD_VOTE, proposal_parts, vote_parts
+from consensus.chain.messages import MESSAGE_PROPOSAL, MESSAGE_VOTE, PROPOSAL_TAG, VOTE_TAG, proposal_parts, vote_parts
 from consensus.chain.signature_cache import SignatureCheck
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import EXACT_INTEGER_END, Wire
 from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.primitives.keys import verify
 
-_TAGS = {WORD_PROPOSAL: PROPOSAL_TAG, WORD_VOTE: VOTE_TAG}
-_PARTS = {WORD_PROPOSAL: proposal_parts, WORD_VOTE: vote_parts}
+_TAGS = {MESSAGE_PROPOSAL: PROPOSAL_TAG, MESSAGE_VOTE: VOTE_TAG}
+_PARTS = {MESSAGE_PROPOSAL: proposal_parts, MESSAGE_VOTE: vote_parts}
 _EPOCH_END = 1 << 32
 
 
@@ -43,7 +43,7 @@ def make_evidence(
     )
 
 
-def is_genuine_word(
+def is_valid_message_signature(
     kind: str,
     chain_id: bytes,
     epoch: int,
@@ -66,9 +66,9 @@ def verify_evidence(evidence: Evidence, chain_id: bytes, check: SignatureCheck =
         raise BlockRobotError("EVIDENCE_INVALID", f"There is no evidence of kind {evidence.kind!r}.")
     if not evidence.first_id < evidence.second_id:
         raise BlockRobotError("EVIDENCE_INVALID", "The two ids are equal or not in order.")
-    words = ((evidence.first_id, evidence.first_signature), (evidence.second_id, evidence.second_signature))
-    for block_id, signature in words:
-        if not is_genuine_word(
+    signed = ((evidence.first_id, evidence.first_signature), (evidence.second_id, evidence.second_signature))
+    for block_id, signature in signed:
+        if not is_valid_message_signature(
             evidence.kind,
             chain_id,
             evidence.epoch,

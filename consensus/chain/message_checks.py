@@ -59,8 +59,8 @@ class MessageChecks:
         parts = timeout_parts(self._chain_id, timeout.epoch, timeout.round, timeout.qc.round)
         return self._check(self._schedule.producers[timeout.index], TIMEOUT_TAG, timeout.signature, *parts)
 
-    def of_word(self, word: SignedMessage, index: int) -> bool:
-        return is_genuine(word, self._chain_id, self._schedule.producers[index])
+    def of_message(self, message: SignedMessage, index: int) -> bool:
+        return is_genuine(message, self._chain_id, self._schedule.producers[index])
 
     def of_block(self, block: Block, header: Header) -> bool:
         try:

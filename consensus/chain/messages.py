@@ -10,9 +10,9 @@ VOTE_TAG = "blockrobot/vote"
 TIMEOUT_TAG = "blockrobot/timeout"
 PROPOSAL_TAG = "blockrobot/proposal"
 
-WORD_PROPOSAL = "proposal"
-WORD_VOTE = "vote"
-WORD_TIMEOUT = "timeout"
+MESSAGE_PROPOSAL = "proposal"
+MESSAGE_VOTE = "vote"
+MESSAGE_TIMEOUT = "timeout"
 
 SIGNING = "signing"
 ASKING = "asking"
@@ -54,7 +54,7 @@ class CertificateNotice(Wire, frozen=True):
 
 
 class SignedMessage(Wire, frozen=True):
-    """A producer's signed word; a timeout names no block, others no QC round."""
+    """A producer's signed message; a timeout names no block, others no QC round."""
 
     kind: str
     epoch: int
@@ -65,14 +65,14 @@ class SignedMessage(Wire, frozen=True):
 
 
 class LastSignedRequest(Wire, frozen=True):
-    """A restarted producer's request for its last words (R33); `asked_at_ms` is echoed."""
+    """A restarted producer's request for its last messages (R33); `asked_at_ms` is echoed."""
 
     epoch: int
     asked_at_ms: int
 
 
 class LastSignedResponse(Wire, frozen=True):
-    """The asker's word as known here, and the sender's last signed round.
+    """The asker's message as known here, and the sender's last signed round.
 
     `signing_state` is SIGNING, ASKING or LOCKED_OUT; `qc` and `entered_by` prove the sender's round.
     """
@@ -81,7 +81,7 @@ class LastSignedResponse(Wire, frozen=True):
     asked_at_ms: int
     signing_state: str
     signed_round: int
-    word: SignedMessage | None
+    message: SignedMessage | None
     qc: QuorumCertificate
     entered_by: TimeoutCertificate | None
 
@@ -138,22 +138,25 @@ def is_valid_block_signature(
     return verify(public_key, PROPOSAL_TAG, signature, *proposal_parts(chain_id, epoch, round_number, block_id))
 
 
-def is_genuine(word: SignedMessage, chain_id: bytes, public_key: bytes) -> bool:
-    """Check a word's signature; never raises for peer input."""
+def is_genuine(message: SignedMessage, chain_id: bytes, public_key: bytes) -> bool:
+    """Check a message's signature; never raises for peer input."""
     if (
-        not 0 <= word.epoch < 1 << 32
-        or not 0 < word.round < EXACT_INTEGER_END
-        or not 0 <= word.qc_round < EXACT_INTEGER_END
+        not 0 <= message.epoch < 1 << 32
+        or not 0 < message.round < EXACT_INTEGER_END
+        or not 0 <= message.qc_round < EXACT_INTEGER_END
     ):
         return False
-    if word.kind == WORD_TIMEOUT:
-        parts = timeout_parts(chain_id, word.epoch, word.round, word.qc_round)
-        return verify(public_key, TIMEOUT_TAG, word.signature, *parts)
-    if word.kind == WORD_VOTE:
+    if message.kind == MESSAGE_TIMEOUT:
+        parts = timeout_parts(chain_id, message.epoch, message.round, message.qc_round)
+        return verify(public_key, TIMEOUT_TAG, message.signature, *parts)
+    if message.kind == MESSAGE_VOTE:
         return verify(
-            public_key, VOTE_TAG, word.signature, *vote_parts(chain_id, word.epoch, word.round, word.block_id)
+            public_key,
+            VOTE_TAG,
+            message.signature,
+            *vote_parts(chain_id, message.epoch, message.round, message.block_id),
         )
-    if word.kind == WORD_PROPOSAL:
-        parts = proposal_parts(chain_id, word.epoch, word.round, word.block_id)
-        return verify(public_key, PROPOSAL_TAG, word.signature, *parts)
+    if message.kind == MESSAGE_PROPOSAL:
+        parts = proposal_parts(chain_id, message.epoch, message.round, message.block_id)
+        return verify(public_key, PROPOSAL_TAG, message.signature, *parts)
     return False

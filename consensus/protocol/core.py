@@ -197,7 +197,7 @@ class Core:
     def journal_snapshot(self) -> tuple[bytes, ...]:
         blocks = [*self._tree.nodes.values(), *self._tree.orphans.values()]
         own = self._voter.snapshot(blocks, self.high_qc, self.entered_by)
-        return (*self._later_records, *own)  # the own ones last: the last word about a lockout is theirs
+        return (*self._later_records, *own)  # the own ones last: the last record about a lockout counts
 
     # Events
 
@@ -229,7 +229,7 @@ class Core:
             case events.LastSignedRequested(request=request, sender=sender):
                 self._on_last_signed_requested(request, sender)
             case events.LastSignedReceived(answer=answer, sender=sender):
-                self._on_words_answered(answer, sender)
+                self._on_last_signed_response(answer, sender)
             case events.TimerFired(kind=kind, round=round_number):
                 self._on_timer(kind, round_number)
             case events.WorkChanged(pending=pending):
@@ -360,7 +360,7 @@ class Core:
     def _on_proposal(self, proposal: Proposal, sender: int | None) -> None:
         node = self._add_block(proposal.block, sender)
         if node is not None:
-            self._pacemaker.note_word_of(node.header.producer)
+            self._pacemaker.record_message_from(node.header.producer)
             self._answer_conflicting_voters(node.header.round)
             if node.header.round < self.round - 1:
                 self._answer_stale(sender, always=False)
@@ -422,8 +422,8 @@ class Core:
                 self._try_vote(node)
 
     def _vote(self, branch: list[BlockNode], *, is_own: bool) -> None:
-        vote, words = self._voter.vote(branch, self.high_qc, self.entered_by, is_own=is_own)
-        self._effects += words
+        vote, emitted = self._voter.vote(branch, self.high_qc, self.entered_by, is_own=is_own)
+        self._effects += emitted
         self._count_vote(vote)
 
     def _on_vote(self, vote: Vote, sender: int | None) -> None:
@@ -441,7 +441,7 @@ class Core:
         if is_genuine and is_stale:
             self._answer_stale(vote.index, always=False)
         elif is_genuine:
-            self._pacemaker.note_word_of(vote.index)
+            self._pacemaker.record_message_from(vote.index)
             self._count_vote(vote)
 
     def _count_vote(self, vote: Vote) -> None:
@@ -454,14 +454,14 @@ class Core:
     def _time_out(self) -> None:
         spoken = self._voter.time_out(self.round, self.high_qc, self.entered_by)
         if spoken is not None:
-            timeout, words = spoken
-            self._effects += words
+            timeout, emitted = spoken
+            self._effects += emitted
             self._count_timeout(timeout)
 
     def _on_timeout(self, timeout: Timeout, sender: int | None) -> None:
         if timeout.index == self.index or not self._genuine.of_timeout(timeout):
             return
-        self._pacemaker.note_word_of(timeout.index)
+        self._pacemaker.record_message_from(timeout.index)
         self._message_log.log_timeout(timeout)
         if timeout.qc.round > self.high_qc.round and not self._accept_qc(timeout.qc):
             return
@@ -487,8 +487,8 @@ class Core:
         self._check_own_messages()
 
     def _check_own_messages(self) -> None:
-        for word in self._message_log.pop_own_messages():
-            self._effects += self._voter.lock_out(word)
+        for message in self._message_log.pop_own_messages():
+            self._effects += self._voter.lock_out(message)
 
     def _answer_conflicting_voters(self, round_number: int) -> None:
         if self.index is None:
@@ -506,13 +506,13 @@ class Core:
             asked_at_ms=request.asked_at_ms,
             signing_state=LOCKED_OUT if self._voter.has_left else self._voter.signing_guard.signing_state,
             signed_round=self.last_voted_round,
-            word=self._message_log.newest(sender),
+            message=self._message_log.newest(sender),
             qc=self.high_qc,
             entered_by=self.entered_by,
         )
         self._effects.append(effects.SendTo(index=sender, message=answer))
 
-    def _on_words_answered(self, answer: LastSignedResponse, sender: int | None) -> None:
+    def _on_last_signed_response(self, answer: LastSignedResponse, sender: int | None) -> None:
         if sender == self.index or not self._genuine.has_producer(sender) or sender is None:
             return
         if not self._voter.signing_guard.is_answer(answer) or not self._accept_qc(answer.qc):
@@ -524,16 +524,16 @@ class Core:
         if not 0 <= answer.signed_round <= proven_round:
             return
         was_barred = self._voter.signing_guard.is_blocking
-        self._check_own_message(answer.word)
+        self._check_own_message(answer.message)
         self._effects += self._voter.take_answer(sender, answer)
         if was_barred and not self._voter.signing_guard.is_blocking:
             self._resume_signing()
 
-    def _check_own_message(self, word: SignedMessage | None) -> None:
-        if word is None or self.index is None or word.epoch != self.epoch:
+    def _check_own_message(self, message: SignedMessage | None) -> None:
+        if message is None or self.index is None or message.epoch != self.epoch:
             return
-        if not self._voter.remembers(word) and self._genuine.of_word(word, self.index):
-            self._effects += self._voter.lock_out(word)
+        if not self._voter.remembers(message) and self._genuine.of_message(message, self.index):
+            self._effects += self._voter.lock_out(message)
 
     # Leading
 

@@ -52,7 +52,7 @@ class NoticeReceived:
 
 @dataclass(frozen=True, slots=True)
 class LastSignedRequested:
-    """A restarted producer asks for its last words; `sender` is authenticated."""
+    """A restarted producer asks for its last messages; `sender` is authenticated."""
 
     request: LastSignedRequest
     sender: int | None

@@ -1,4 +1,4 @@
-"""A bounded log of producers' words: first per round for evidence (R30), newest for restarts (R33)."""
+"""A bounded log of producers' messages: first per round for evidence (R30), newest for restarts (R33)."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from consensus.chain.block import Block, Header, QuorumCertificate, TimeoutCertificate
-from consensus.chain.evidence import Evidence, is_genuine_word, make_evidence
-from consensus.chain.messages import WORD_PROPOSAL, WORD_TIMEOUT, WORD_VOTE, SignedMessage, Timeout, Vote
+from consensus.chain.evidence import Evidence, is_valid_message_signature, make_evidence
+from consensus.chain.messages import MESSAGE_PROPOSAL, MESSAGE_TIMEOUT, MESSAGE_VOTE, SignedMessage, Timeout, Vote
 from consensus.chain.schedule import Schedule
 from consensus.chain.signature_cache import SignatureCheck
-from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, WORD_CHECKS_MAX_COUNT
+from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, MESSAGE_CHECKS_MAX_COUNT
 
-_RANK = {WORD_PROPOSAL: 0, WORD_VOTE: 1, WORD_TIMEOUT: 2}
+_RANK = {MESSAGE_PROPOSAL: 0, MESSAGE_VOTE: 1, MESSAGE_TIMEOUT: 2}
 
 
 @dataclass(slots=True)
@@ -45,22 +45,22 @@ class MessageLog:
         return None if index is None else self._newest.get(index)
 
     def pop_own_messages(self) -> list[SignedMessage]:
-        words, self._own_messages = self._own_messages, []
-        return words
+        messages, self._own_messages = self._own_messages, []
+        return messages
 
-    # Words that might not be genuine
+    # Messages that might not be genuine
 
     def log_unverified_vote(self, vote: Vote, sender: int | None) -> list[Evidence]:
         """Log a vote, verifying only new information; `sender` is authenticated, isolating forgers (R31)."""
-        return self._log_unverified(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature, sender)
+        return self._log_unverified(MESSAGE_VOTE, vote.round, vote.index, vote.block_id, vote.signature, sender)
 
     def log_unverified_proposal(
         self, block: Block, header: Header, block_id: bytes, sender: int | None
     ) -> list[Evidence]:
-        """Log a block as its leader's word, ignoring body and certificates."""
+        """Log a block as its leader's message, ignoring body and certificates."""
         if header.epoch != self._schedule.epoch or not 0 <= header.producer < len(self._schedule.producers):
             return []
-        return self._log_unverified(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature, sender)
+        return self._log_unverified(MESSAGE_PROPOSAL, header.round, header.producer, block_id, block.signature, sender)
 
     def _log_unverified(
         self, kind: str, round_number: int, index: int, block_id: bytes, signature: bytes, sender: int | None
@@ -69,9 +69,9 @@ class MessageLog:
             return []
         heard = self._heard(kind, round_number, index)
         failed_count = heard.failed_counts.get(sender, 0)
-        if heard.block_id == block_id or heard.is_accused or failed_count >= WORD_CHECKS_MAX_COUNT:
+        if heard.block_id == block_id or heard.is_accused or failed_count >= MESSAGE_CHECKS_MAX_COUNT:
             return []
-        is_genuine = is_genuine_word(
+        is_genuine = is_valid_message_signature(
             kind,
             self._chain_id,
             self._schedule.epoch,
@@ -87,35 +87,35 @@ class MessageLog:
         return []
 
     def _heard(self, kind: str, round_number: int, index: int) -> _Heard:
-        words = self._rounds.get(round_number)
-        if words is None:
-            words = self._rounds[round_number] = {}
-        heard = words.get((kind, index))
+        messages = self._rounds.get(round_number)
+        if messages is None:
+            messages = self._rounds[round_number] = {}
+        heard = messages.get((kind, index))
         if heard is None:
-            heard = words[kind, index] = _Heard()
+            heard = messages[kind, index] = _Heard()
         return heard
 
     def find_conflicting_voters(self, round_number: int) -> tuple[bytes, list[int]]:
         """Return a round's first proposal and voters for another, each once (R39)."""
-        words = self._rounds.get(round_number, {})
-        held = words.get((WORD_PROPOSAL, self._schedule.leader(round_number)))
+        messages = self._rounds.get(round_number, {})
+        held = messages.get((MESSAGE_PROPOSAL, self._schedule.leader(round_number)))
         if held is None or not held.block_id:
             return b"", []
         named = []
-        for (kind, index), heard in words.items():
-            is_another = kind == WORD_VOTE and heard.block_id not in (b"", held.block_id)
+        for (kind, index), heard in messages.items():
+            is_another = kind == MESSAGE_VOTE and heard.block_id not in (b"", held.block_id)
             if is_another and not heard.is_confronted and index != self._own_index:
                 heard.is_confronted = True
                 named.append(index)
         return held.block_id, named
 
-    # Genuine words
+    # Genuine messages
 
     def log_vote(self, vote: Vote) -> list[Evidence]:
-        return self._note(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature)
+        return self._note(MESSAGE_VOTE, vote.round, vote.index, vote.block_id, vote.signature)
 
     def log_proposal(self, block: Block, header: Header, block_id: bytes) -> list[Evidence]:
-        return self._note(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature)
+        return self._note(MESSAGE_PROPOSAL, header.round, header.producer, block_id, block.signature)
 
     def log_timeout(self, timeout: Timeout) -> None:
         self._note_timeout(timeout.round, timeout.index, timeout.qc.round, timeout.signature)
@@ -127,20 +127,20 @@ class MessageLog:
     def log_qc(self, qc: QuorumCertificate) -> list[Evidence]:
         found: list[Evidence] = []
         for vote in qc.votes:
-            found += self._note(WORD_VOTE, qc.round, vote.index, qc.block_id, vote.signature)
+            found += self._note(MESSAGE_VOTE, qc.round, vote.index, qc.block_id, vote.signature)
         return found
 
     def log_blocks(self, blocks: Iterable[Block]) -> None:
         for block in blocks:
             header = block.header
             if header.epoch == self._schedule.epoch and header.round > 0:
-                self._note(WORD_PROPOSAL, header.round, header.producer, block.block_id, block.signature)
+                self._note(MESSAGE_PROPOSAL, header.round, header.producer, block.block_id, block.signature)
                 self.log_qc(header.qc)
                 if header.tc is not None:
                     self.log_tc(header.tc)
 
     def _note_timeout(self, round_number: int, index: int, qc_round: int, signature: bytes) -> None:
-        self._note_newest(WORD_TIMEOUT, round_number, index, b"", qc_round, signature)
+        self._note_newest(MESSAGE_TIMEOUT, round_number, index, b"", qc_round, signature)
 
     def _note(self, kind: str, round_number: int, index: int, block_id: bytes, signature: bytes) -> list[Evidence]:
         self._note_newest(kind, round_number, index, block_id, 0, signature)
@@ -163,7 +163,7 @@ class MessageLog:
         is_newer = known is None or (round_number, _RANK[kind]) > (known.round, _RANK[known.kind])
         if not is_newer and index != self._own_index:
             return
-        word = SignedMessage(
+        message = SignedMessage(
             kind=kind,
             epoch=self._schedule.epoch,
             round=round_number,
@@ -172,6 +172,6 @@ class MessageLog:
             signature=signature,
         )
         if is_newer:
-            self._newest[index] = word
+            self._newest[index] = message
         if index == self._own_index:
-            self._own_messages.append(word)
+            self._own_messages.append(message)

@@ -53,7 +53,7 @@ class Pacemaker:
         if all(timeout.index != leader for timeout in tc.timeouts):
             self._silent.add(leader)
 
-    def note_word_of(self, index: int) -> None:
+    def record_message_from(self, index: int) -> None:
         self._silent.discard(index)
 
     def note_qc(self, qc: QuorumCertificate) -> None:

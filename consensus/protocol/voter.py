@@ -15,7 +15,7 @@ from consensus.chain.journal_records import (
     encode_lockout_record,
 )
 from consensus.chain.messages import (
-    WORD_TIMEOUT,
+    MESSAGE_TIMEOUT,
     LastSignedResponse,
     Proposal,
     SignedMessage,
@@ -80,16 +80,16 @@ class Voter:
     def has_left(self) -> bool:
         return self.index is not None and self.newest_epoch > self._epoch
 
-    def remembers(self, word: SignedMessage) -> bool:
-        """R34: whether this word, or one of a later round, is remembered (R35)."""
-        if word.round != self.last_voted_round:
-            return word.round < self.last_voted_round
+    def remembers(self, message: SignedMessage) -> bool:
+        """R34: whether this message, or one of a later round, is remembered (R35)."""
+        if message.round != self.last_voted_round:
+            return message.round < self.last_voted_round
         vote, timeout = self.last_vote, self.last_timeout
-        voted_id = vote.block_id if vote is not None and vote.round == word.round else None
-        given_up = timeout.qc.round if timeout is not None and timeout.round == word.round else None
+        voted_id = vote.block_id if vote is not None and vote.round == message.round else None
+        given_up = timeout.qc.round if timeout is not None and timeout.round == message.round else None
         if voted_id is None and given_up is None:
             return True
-        return given_up == word.qc_round if word.kind == WORD_TIMEOUT else voted_id == word.block_id
+        return given_up == message.qc_round if message.kind == MESSAGE_TIMEOUT else voted_id == message.block_id
 
     # Its own memory
 
@@ -100,10 +100,10 @@ class Voter:
             return LockoutStatus(LOCKOUT_OUTDATED, until)
         return self.signing_guard.report
 
-    def lock_out(self, word: SignedMessage) -> list[Effect]:
-        """R34: an own word missing from the journal means lost memory."""
+    def lock_out(self, message: SignedMessage) -> list[Effect]:
+        """R34: an own message missing from the journal means lost memory."""
         lockout = self.signing_guard.lockout
-        return [] if self.remembers(word) else self._follow(lockout, self.signing_guard.lock_out(word.round))
+        return [] if self.remembers(message) else self._follow(lockout, self.signing_guard.lock_out(message.round))
 
     def take_answer(self, sender: int, answer: LastSignedResponse) -> list[Effect]:
         lockout = self.signing_guard.lockout
@@ -198,16 +198,16 @@ class Voter:
         self, round_number: int, high_qc_round: int, proposed: Block | None
     ) -> list[Proposal | Vote | Timeout]:
         """R13: return the last relevant messages byte for byte; `proposed` is `proposed_id`'s block."""
-        words: list[Proposal | Vote | Timeout] = []
+        messages: list[Proposal | Vote | Timeout] = []
         if self.index is None:
-            return words
+            return messages
         if proposed is not None and proposed.header.round == round_number:
-            words.append(Proposal(block=proposed))
+            messages.append(Proposal(block=proposed))
         if self.last_vote is not None and self.last_vote.round >= high_qc_round:
-            words.append(self.last_vote)
+            messages.append(self.last_vote)
         if self.last_timeout is not None and self.last_timeout.round == round_number:
-            words.append(self.last_timeout)
-        return words
+            messages.append(self.last_timeout)
+        return messages
 
     def snapshot(
         self, tree: list[BlockNode], high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None

@@ -56,7 +56,7 @@ class StaleCertificates(Behaviour):
         elif isinstance(message, LastSignedResponse):
             signed_round = 0 if old is None else old.round
             qc = message.qc if old is None else old
-            message = msgspec.structs.replace(message, word=None, signed_round=signed_round, qc=qc, entered_by=None)
+            message = msgspec.structs.replace(message, message=None, signed_round=signed_round, qc=qc, entered_by=None)
         super().send_to(index, self._bent(message))
 
     def _learn(self, message: Message) -> None:

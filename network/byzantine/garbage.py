@@ -107,7 +107,7 @@ class Garbage(Behaviour):
             asked_at_ms=self._chance.randint(-1, 1 << 44),
             signing_state=self._chance.choice(("signing", "locked-out", "")),
             signed_round=self._own.round + self._chance.randint(-1, _FAR_ROUNDS_COUNT),
-            word=None,
+            message=None,
             qc=self._strange_notice().qc,
             entered_by=None,
         )

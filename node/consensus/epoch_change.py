@@ -31,10 +31,10 @@ from consensus.primitives.hashing import sha256
 from node.p2p.wire import FrameKind
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 
-HANDOVER_TRIES_MAX_COUNT = 120
+ANNOUNCEMENTS_MAX_COUNT = 120
 ANSWER_INTERVAL_MS = 100
-KEPT_WORDS_OF_PEER_MAX_COUNT = 64
-KEPT_WORDS_OF_PEER_MAX_BYTES = 2 * 1024 * 1024
+BUFFERED_MESSAGES_PER_PEER_MAX_COUNT = 64
+BUFFERED_MESSAGES_PER_PEER_MAX_BYTES = 2 * 1024 * 1024
 
 log = structlog.get_logger(__name__)
 
@@ -108,7 +108,7 @@ def read_head(snapshot: LedgerSnapshot, genesis: Genesis) -> Head:
     return Head(start, block, certificate_of(decode(snapshot.finality, FinalityProof)))
 
 
-class Handover:
+class EpochTransition:
     """Brings producers into a new epoch; keeps its early messages. Event loop only."""
 
     def __init__(
@@ -132,17 +132,17 @@ class Handover:
         self._answered.clear()
         self._silent = set(producers)
         self._awaited |= self._silent
-        self._tries_left = HANDOVER_TRIES_MAX_COUNT
+        self._tries_left = ANNOUNCEMENTS_MAX_COUNT
         self._tell()
         kept, self._kept = self._kept, {}
-        return [(peer, kind, payload) for peer, words in kept.items() for kind, payload in words]
+        return [(peer, kind, payload) for peer, messages in kept.items() for kind, payload in messages]
 
     def stop(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
-    def note_word(self, peer: str) -> bool:
+    def record_message_from(self, peer: str) -> bool:
         """Note a peer's message in this epoch; return whether it just entered (R25)."""
         self._silent.discard(peer)
         is_first = peer in self._awaited
@@ -175,8 +175,8 @@ class Handover:
 
     def keep(self, peer: str, kind: FrameKind, payload: bytes) -> None:
         """Keep a next-epoch message; the same peer's oldest are evicted."""
-        words = self._kept.setdefault(peer, deque())
-        words.append((kind, payload))
-        size_bytes = sum(len(word) for _, word in words)
-        while len(words) > KEPT_WORDS_OF_PEER_MAX_COUNT or size_bytes > KEPT_WORDS_OF_PEER_MAX_BYTES:
-            size_bytes -= len(words.popleft()[1])
+        messages = self._kept.setdefault(peer, deque())
+        messages.append((kind, payload))
+        size_bytes = sum(len(message) for _, message in messages)
+        while len(messages) > BUFFERED_MESSAGES_PER_PEER_MAX_COUNT or size_bytes > BUFFERED_MESSAGES_PER_PEER_MAX_BYTES:
+            size_bytes -= len(messages.popleft()[1])

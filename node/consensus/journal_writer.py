@@ -23,7 +23,7 @@ log = structlog.get_logger(__name__)
 
 
 class VotingJournal(Protocol):
-    """Where records go before a word is spoken."""
+    """Where records go before a message is sent."""
 
     def append(self, record: bytes, kind: int = 0) -> int:
         """Append a record and return its sequence; durable only after `sync`."""

@@ -16,7 +16,7 @@ from node.storage.ledger_store import LedgerSnapshot
 SAY_AGAIN_MS = 5 * 60 * 1000
 SAY_AGAIN_BLOCKS = 500
 SAY_INTERVAL_MIN_MS = 10_000
-WORD_LIFETIME_MS = 60_000
+REPORT_LIFETIME_MS = 60_000
 SALT_SIZE_BYTES = 8
 
 log = structlog.get_logger(__name__)
@@ -58,16 +58,16 @@ class ReadinessReporter:
         if position is None or not self._is_due(reader, position.height, position.timestamp_ms):
             return False
         self._said_ms = now_ms
-        word = sign_transaction(
+        report = sign_transaction(
             self._key,
             chain_id=self._chain_id,
             contract=PRODUCERS,
             entry="ready",
             arguments=[position.height, position.state_root],
-            valid_until_ms=now_ms + WORD_LIFETIME_MS,
+            valid_until_ms=now_ms + REPORT_LIFETIME_MS,
             salt=self._randomness(SALT_SIZE_BYTES),
         )
-        (result,) = await self._pool.submit([word.wire])
+        (result,) = await self._pool.submit([report.wire])
         code = "" if result.error is None else result.error.code
         log.info("ready_said", height=position.height, refused=code)
         return not code

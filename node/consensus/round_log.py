@@ -23,20 +23,20 @@ class RoundLog:
         self._leader = leader
         self._rounds: OrderedDict[tuple[int, int], tuple[str | None, dict[str, int]]] = OrderedDict()
 
-    def note(self, epoch: int, round_number: int, word: str) -> None:
+    def note(self, epoch: int, round_number: int, kind: str) -> None:
         place = (epoch, round_number)
         known = self._rounds.get(place)
         if known is None:
             known = self._rounds[place] = (self._leader(epoch, round_number), {})
             if len(self._rounds) > ROUNDS_KEPT_COUNT:
                 self._rounds.popitem(last=False)
-        known[1].setdefault(word, self._clock())
+        known[1].setdefault(kind, self._clock())
 
     def describe(self) -> list[dict[str, Any]]:
         """Return JSON-ready rounds: epoch, round, leader, message times (ms since 1970)."""
         return [
-            {"epoch": epoch, "round": number, "leader": leader, "messages": words}
-            for (epoch, number), (leader, words) in self._rounds.items()
+            {"epoch": epoch, "round": number, "leader": leader, "messages": kinds}
+            for (epoch, number), (leader, kinds) in self._rounds.items()
         ]
 
 

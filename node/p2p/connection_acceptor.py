@@ -15,7 +15,7 @@ from pages.listening import accept_each, open_listener, share_of_descriptors
 
 HANDSHAKE_TIMEOUT_MS = 5_000
 SHUTDOWN_TIMEOUT_MS = 1_000
-"""For how long a closed connection may wait for the other side's word that it is closed."""
+"""For how long a closed connection may wait for the other side to confirm."""
 HANDSHAKE_US = 3_000
 HANDSHAKES_OPEN_MAX_COUNT, HANDSHAKES_OF_ADDRESS_MAX_COUNT = 64, 32
 HANDSHAKE_ALLOWANCE = Allowance(us_per_s=20 * HANDSHAKE_US, burst_us=60 * HANDSHAKE_US)

@@ -28,7 +28,7 @@ from consensus.protocol.events import (
 from node.budgets.token_buckets import Allowance, Budgets, Source, over_budget
 from node.budgets.work_costs import FRAME_COSTS, Lane
 from node.consensus.engine import Engine
-from node.consensus.epoch_change import EpochStart, Handover, verify_following
+from node.consensus.epoch_change import EpochStart, EpochTransition, verify_following
 from node.mempool.gossip import AGAIN_MAX_BYTES, Gossip, batches, oldest_within
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_intake import Outcome, TransactionIntake
@@ -70,7 +70,7 @@ _KINDS: dict[type[Message], FrameKind] = {
     LastSignedRequest: FrameKind.LAST_SIGNED_REQUEST,
     LastSignedResponse: FrameKind.LAST_SIGNED_RESPONSE,
 }
-_WORDS = frozenset(_KINDS.values())
+_CONSENSUS_FRAME_KINDS = frozenset(_KINDS.values())
 
 log = structlog.get_logger(__name__)
 
@@ -142,7 +142,7 @@ class Peers:
         self._clock = clock
         self._own_name = name
         self._epoch = start
-        self._handover = Handover(start=start, ledger=ledger, send=self._send)
+        self._epoch_transition = EpochTransition(start=start, ledger=ledger, send=self._send)
         self.name_producers()
         self._unsettled: dict[str, dict[bytes, int]] = {}
         self._fetching: set[asyncio.Task[None]] = set()
@@ -156,7 +156,7 @@ class Peers:
 
     async def stop(self) -> None:
         self.gossip.stop()
-        self._handover.stop()
+        self._epoch_transition.stop()
         self._requests.stop()
         for timer in self._hints.values():
             timer.cancel()
@@ -176,25 +176,25 @@ class Peers:
         self._epoch = start
         self.name_producers()
         self.announce_height(self.finalized_height())
-        for peer, kind, payload in self._handover.begin(start, set(self._indexes) - {self._own_name}):
-            self._take_word(peer, kind, payload)
+        for peer, kind, payload in self._epoch_transition.begin(start, set(self._indexes) - {self._own_name}):
+            self._receive_consensus_message(peer, kind, payload)
 
-    def _take_word(self, peer: str, kind: FrameKind, payload: bytes) -> None:
+    def _receive_consensus_message(self, peer: str, kind: FrameKind, payload: bytes) -> None:
         event, epoch = self._event_of(peer, kind, payload)
         if epoch == self._epoch.number:
-            self._note_word(peer)
+            self._note_peer_active(peer)
             self._engine.submit(event)
         elif epoch < self._epoch.number:
-            self._handover.answer(peer, epoch)
+            self._epoch_transition.answer(peer, epoch)
         else:
             if epoch == self._epoch.number + 1:
-                self._handover.keep(peer, kind, payload)
+                self._epoch_transition.keep(peer, kind, payload)
             self._follow_later(peer, epoch)
 
-    def _note_word(self, peer: str) -> None:
+    def _note_peer_active(self, peer: str) -> None:
         """R25: a producer first heard in this epoch may have missed its messages."""
         index = self._indexes.get(peer)
-        if self._handover.note_word(peer) and index is not None:
+        if self._epoch_transition.record_message_from(peer) and index is not None:
             self._engine.submit(PeerConnected(index=index, now_ms=self._clock()))
 
     def _event_of(self, peer: str, kind: FrameKind, payload: bytes) -> tuple[Event, int]:
@@ -239,9 +239,9 @@ class Peers:
 
     def _note_height(self, peer: str, notice: HeightNotice) -> None:
         if notice.epoch < self._epoch.number:
-            self._handover.answer(peer, notice.epoch)
+            self._epoch_transition.answer(peer, notice.epoch)
         else:
-            self._note_word(peer)
+            self._note_peer_active(peer)
         if notice.epoch > self._epoch.number:
             self._follow_later(peer, notice.epoch)
         self._sync.note_height(peer, notice.finalized_height, notice.earliest_height)
@@ -332,8 +332,8 @@ class Peers:
         if cost.lane is Lane.CONTROL and not self._control.take(peer, cost.us):
             self.note_over(Source("peer", peer), self._control.wait_s(peer, cost.us))
             return
-        if kind in _WORDS:
-            self._take_word(peer, kind, payload)
+        if kind in _CONSENSUS_FRAME_KINDS:
+            self._receive_consensus_message(peer, kind, payload)
         elif kind is FrameKind.TRANSACTIONS:
             self._take_transactions(peer, decode(payload, TransactionBatch).transactions)
         elif kind is FrameKind.HEIGHT:

@@ -15,7 +15,7 @@ LIAR = "node-4"
 PROVABLE = ("equivocate", "double-vote")
 """What leaves two signatures of one round behind."""
 REWRITING = ("wrong-roots", "stale-certificates", "forged-certificates", "wrong-epochs")
-"""What signs another block than its journal says: made honest, it may say the journal's last words again, and be caught."""
+"""What signs another block than its journal holds: made honest it may send the journal's last messages, and be caught."""
 
 
 async def _seat(story: Story) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from node.consensus.epoch_change import KEPT_WORDS_OF_PEER_MAX_BYTES, KEPT_WORDS_OF_PEER_MAX_COUNT
+from node.consensus.epoch_change import BUFFERED_MESSAGES_PER_PEER_MAX_BYTES, BUFFERED_MESSAGES_PER_PEER_MAX_COUNT
 from node.p2p.wire import BlockBatch, FrameKind, HeightNotice, RequestKind
 from tests.unit.node.small_nodes import SmallNodes, make_genesis
 from tests.virtual_time import in_virtual_time, virtual_now_ms
@@ -106,9 +106,9 @@ async def test_words_of_epochs_that_are_not_fill_no_memory_and_stop_nobody_from_
             assert not node.sync.closes_gap
             await crowd.finalize("a", _call(crowd))
             await asyncio.sleep(0.1)
-    words = node.peers._handover._kept["liar"]
-    assert len(words) <= KEPT_WORDS_OF_PEER_MAX_COUNT
-    assert sum(len(payload) for _, payload in words) <= KEPT_WORDS_OF_PEER_MAX_BYTES
+    words = node.peers._epoch_transition._kept["liar"]
+    assert len(words) <= BUFFERED_MESSAGES_PER_PEER_MAX_COUNT
+    assert sum(len(payload) for _, payload in words) <= BUFFERED_MESSAGES_PER_PEER_MAX_BYTES
     assert 1 <= asked.count(RequestKind.FINALIZED) <= 2 + (virtual_now_ms() - started_ms) // 1_000
     assert {node.core.epoch for node in crowd.nodes.values()} == {0}
     assert node.is_ready()

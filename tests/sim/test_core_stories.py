@@ -11,7 +11,7 @@ DELAY_MS = 10
 
 
 def even(cluster, delay_ms=DELAY_MS):
-    """Every message takes the same time, so that delays can be counted; all have asked for their last words (R33)."""
+    """Every message takes the same time, so that delays can be counted; all have asked for their last messages (R33)."""
     cluster.links = Links(delay_min=delay_ms, delay_max=delay_ms)
     cluster.execution_ms = 0.0
     cluster.start()

@@ -163,7 +163,7 @@ def _words_answer(target: Target) -> bytes:
         asked_at_ms=time.time_ns() // 1_000_000,
         signing_state="signing",
         signed_round=_near(target),
-        word=None,
+        message=None,
         qc=_qc(target, _near(target)),
         entered_by=None,
     )

@@ -274,7 +274,7 @@ class OneCore(Peers):
         self,
         peer: int,
         *,
-        word: SignedMessage | None = None,
+        message: SignedMessage | None = None,
         signing_state: str = SIGNING,
         signed_round: int = 0,
         qc: QuorumCertificate | None = None,
@@ -286,7 +286,7 @@ class OneCore(Peers):
             asked_at_ms=self.now_ms,
             signing_state=signing_state,
             signed_round=signed_round,
-            word=word,
+            message=message,
             qc=qc or self.root_qc,
             entered_by=entered_by,
         )

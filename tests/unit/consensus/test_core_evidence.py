@@ -9,7 +9,7 @@ from consensus.chain.evidence import make_evidence, verify_evidence
 from consensus.chain.messages import Proposal, Vote
 from consensus.chain.signature_cache import SignatureCache
 from consensus.errors import BlockRobotError
-from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, WORD_CHECKS_MAX_COUNT
+from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, MESSAGE_CHECKS_MAX_COUNT
 from consensus.primitives.encoding import encode
 from consensus.protocol.effects import EvidenceFound, SendTo
 from consensus.protocol.events import ProposalReceived, VoteReceived
@@ -123,12 +123,12 @@ def test_an_extra_signature_is_looked_at_no_more_than_so_often():
     node = OneCore()
     hear(node, PEERS.vote(0, ONE))
     node.core._message_log._check = Counting()
-    for number in range(10 * WORD_CHECKS_MAX_COUNT):
+    for number in range(10 * MESSAGE_CHECKS_MAX_COUNT):
         hear(node, msgspec.structs.replace(PEERS.vote(0, OTHER), signature=bytes([number]) * 64))
-    assert 0 < len(checks) <= WORD_CHECKS_MAX_COUNT
+    assert 0 < len(checks) <= MESSAGE_CHECKS_MAX_COUNT
 
 
-def forged(word, count=10 * WORD_CHECKS_MAX_COUNT):
+def forged(word, count=10 * MESSAGE_CHECKS_MAX_COUNT):
     """Words of which no signature is genuine, each about another block."""
     if isinstance(word, Vote):
         return [msgspec.structs.replace(word, block_id=bytes([n]) * 32, signature=bytes(64)) for n in range(count)]
@@ -160,7 +160,7 @@ def test_rubbish_hides_neither_a_second_vote_nor_a_second_block():
 
 def test_genuine_words_use_nothing_up_and_words_far_from_the_round_are_not_remembered():
     node = OneCore()
-    for block in (ONE, *[PEERS.block(1, timestamp_ms=NOW_MS + 1 + n) for n in range(WORD_CHECKS_MAX_COUNT)]):
+    for block in (ONE, *[PEERS.block(1, timestamp_ms=NOW_MS + 1 + n) for n in range(MESSAGE_CHECKS_MAX_COUNT)]):
         hear(node, PEERS.vote(0, block), sender=0)
     assert node.core._message_log._rounds[1]["vote", 0].failed_counts == {}
     node = OneCore()

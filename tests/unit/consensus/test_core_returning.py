@@ -135,12 +135,12 @@ def test_a_producer_tells_another_one_the_newest_word_that_it_heard_of_it():
         node.vote_from(3, block)
     node.timeout_from(2, 1)
     request = LastSignedRequest(epoch=0, asked_at_ms=5)
-    for asker, word in [(3, ("vote", 2)), (2, ("timeout", 1)), (1, None)]:
+    for asker, message in [(3, ("vote", 2)), (2, ("timeout", 1)), (1, None)]:
         (answer,) = told(
             node.handle(LastSignedRequested(request=request, sender=asker, now_ms=NOW_MS)), asker, LastSignedResponse
         )
         assert (answer.asked_at_ms, answer.signing_state, answer.qc) == (5, SIGNING, node.core.high_qc)
-        assert (None if answer.word is None else (answer.word.kind, answer.word.round)) == word
+        assert (None if answer.message is None else (answer.message.kind, answer.message.round)) == message
 
 
 def test_a_word_is_remembered_out_of_certificates_and_over_a_restart():
@@ -151,9 +151,9 @@ def test_a_word_is_remembered_out_of_certificates_and_over_a_restart():
     after = node.restarted()
     request = LastSignedRequest(epoch=0, asked_at_ms=5)
     (answer,) = told(after.handle(LastSignedRequested(request=request, sender=3, now_ms=NOW_MS)), 3, LastSignedResponse)
-    assert (answer.word.kind, answer.word.round) == ("vote", 1)
+    assert (answer.message.kind, answer.message.round) == ("vote", 1)
     (answer,) = told(after.handle(LastSignedRequested(request=request, sender=2, now_ms=NOW_MS)), 2, LastSignedResponse)
-    assert (answer.word.kind, answer.word.round) == ("proposal", 2)
+    assert (answer.message.kind, answer.message.round) == ("proposal", 2)
 
 
 def test_nobody_is_told_about_anybody_else_nor_in_another_epoch():
@@ -179,17 +179,17 @@ def test_an_old_journal_forgets_a_word_that_the_others_hold():
     # The journal has the vote of round 1, and not the timeout of round 1 that came after it.
     node = OneCore()
     node.receive(ONE)
-    for word, reason in [(timeout_word(1), "outdated"), (vote_word(OTHER), "outdated")]:
+    for message, reason in [(timeout_word(1), "outdated"), (vote_word(OTHER), "outdated")]:
         after = OneCore(journal=node.journal, answered=False)
-        after.answer_from(0, word=word)
+        after.answer_from(0, message=message)
         assert after.core.lockout.reason == reason
 
 
-@pytest.mark.parametrize("word", [vote_word(ONE), timeout_word(1), timeout_word(7)])
-def test_a_word_that_is_newer_than_the_journal_silences_its_producer(word):
+@pytest.mark.parametrize("message", [vote_word(ONE), timeout_word(1), timeout_word(7)])
+def test_a_word_that_is_newer_than_the_journal_silences_its_producer(message):
     node = OneCore(answered=False)
     node.answer_from(0)
-    effects = node.answer_from(1, word=word)
+    effects = node.answer_from(1, message=message)
     assert node.core.lockout.reason == "outdated"
     assert read_journal(node.journal, 0).lockout == SigningLockout("outdated", 0, None)
     assert of_type(effects, LockoutChanged)[0].reason == "outdated"
@@ -203,7 +203,7 @@ def test_a_word_that_the_journal_knows_or_that_is_forged_silences_nobody():
     node.receive(ONE)
     stranger = vote_word(PEERS.block(2, ONE), index=2)
     proposal = SignedMessage("proposal", 0, 9, ONE.block_id, 0, bytes(64))
-    for word in (
+    for message in (
         vote_word(ONE),
         stranger,
         proposal,
@@ -211,9 +211,9 @@ def test_a_word_that_the_journal_knows_or_that_is_forged_silences_nobody():
         SignedMessage("vote", 0, -1, b"", 0, b""),
     ):
         after = OneCore(journal=node.journal, answered=False)
-        after.answer_from(0, word=word)
+        after.answer_from(0, message=message)
         after.answer_from(1)
-        assert after.core.lockout is None, word
+        assert after.core.lockout is None, message
 
 
 def test_a_forgotten_timeout_or_word_in_a_certificate_is_as_good_as_told():

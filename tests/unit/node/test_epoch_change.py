@@ -38,7 +38,7 @@ async def test_a_change_of_settings_begins_an_epoch_on_all_nodes_and_the_chain_g
     await _go_on(crowd, "b", "c")
     assert virtual_now_ms() - changed_ms < 2_000
     assert len(crowd.newest_common()) == 1
-    assert not any(node.peers._handover.silent for node in crowd.nodes.values())
+    assert not any(node.peers._epoch_transition.silent for node in crowd.nodes.values())
     with crowd.ledgers["d"].snapshot() as snapshot:
         data = snapshot.epoch_proof(1)
         assert data is not None
@@ -64,12 +64,12 @@ async def test_a_producer_that_missed_two_epochs_is_brought_into_the_third() -> 
         await _change(crowd, base_timeout_ms=base_timeout_ms)
         await _go_on(crowd, "b")
     assert crowd.nodes["d"].core.epoch == 0
-    assert crowd.nodes["a"].peers._handover.silent == {"d"}
+    assert crowd.nodes["a"].peers._epoch_transition.silent == {"d"}
     crowd.heal()
     await crowd.wait_epoch(2, timeout_s=10)
     await _go_on(crowd, "d", "c")
     assert len(crowd.newest_common()) == 1
-    assert crowd.nodes["a"].peers._handover.silent == set()
+    assert crowd.nodes["a"].peers._epoch_transition.silent == set()
     await crowd.stop()
 
 

@@ -197,7 +197,7 @@ def test_a_node_that_came_back_is_lied_to_about_what_it_said(name: str) -> None:
         with pytest.raises(BlockRobotError):
             verify_qc(answer.qc, SCHEDULE, CHAIN_ID, GENESIS.block_id)
     else:
-        assert answer.word is None
+        assert answer.message is None
 
 
 def test_garbage_is_bounded_in_rate_and_never_ends_its_node() -> None:

@@ -1,4 +1,4 @@
-"""R30, R33: evidence is found just when two genuine words differ; who came back never speaks below what peers hold."""
+"""R30, R33: evidence is found just when two genuine messages differ; who came back never speaks below what peers hold."""
 
 from __future__ import annotations
 
@@ -31,26 +31,30 @@ forged_votes = st.builds(
     st.integers(0, 2),
     st.one_of(st.just(b""), st.binary(min_size=64, max_size=64)),
 )
-words = st.one_of(genuine_votes, forged_votes, st.sampled_from(BLOCKS))
+messages = st.one_of(genuine_votes, forged_votes, st.sampled_from(BLOCKS))
 
 
-def place_of(word):
-    """Return (kind, round, producer index, id) of a genuine word, None for a forged one."""
-    if isinstance(word, Vote):
-        block = next(block for block in BLOCKS if block.block_id == word.block_id)
-        return ("vote", word.round, word.index, word.block_id) if word == PEERS.vote(word.index, block) else None
-    return "proposal", word.header.round, word.header.producer, word.block_id
+def place_of(message):
+    """Return (kind, round, producer index, id) of a genuine message, None for a forged one."""
+    if isinstance(message, Vote):
+        block = next(block for block in BLOCKS if block.block_id == message.block_id)
+        return (
+            ("vote", message.round, message.index, message.block_id)
+            if message == PEERS.vote(message.index, block)
+            else None
+        )
+    return "proposal", message.header.round, message.header.producer, message.block_id
 
 
-@given(st.lists(words, max_size=12))
+@given(st.lists(messages, max_size=12))
 def test_evidence_is_found_just_when_two_genuine_words_of_one_place_differ(script):
     node = OneCore(OWN)
     found = []
-    for word in script:
-        if isinstance(word, Vote):
-            event = VoteReceived(vote=word, now_ms=NOW_MS)
+    for message in script:
+        if isinstance(message, Vote):
+            event = VoteReceived(vote=message, now_ms=NOW_MS)
         else:
-            event = ProposalReceived(proposal=Proposal(block=word), sender=None, now_ms=NOW_MS)
+            event = ProposalReceived(proposal=Proposal(block=message), sender=None, now_ms=NOW_MS)
         found += [effect.evidence for effect in of_type(node.executed(node.handle(event)), EvidenceFound)]
     places = {place for place in map(place_of, script) if place is not None}
     guilty = {first[:3] for first, second in combinations(places, 2) if first[:3] == second[:3]}
@@ -61,7 +65,7 @@ def test_evidence_is_found_just_when_two_genuine_words_of_one_place_differ(scrip
     assert set(named) == guilty
 
 
-held_words = st.one_of(
+held_messages = st.one_of(
     st.none(),
     st.sampled_from([block for block in BLOCKS if block.header.producer != OWN]).map(
         lambda block: SignedMessage("vote", 0, block.header.round, block.block_id, 0, PEERS.vote(OWN, block).signature)
@@ -73,35 +77,35 @@ held_words = st.one_of(
 steps = st.one_of(
     st.tuples(st.just("block"), st.sampled_from(BLOCKS)),
     st.tuples(st.just("timeout"), st.just(None)),
-    st.tuples(st.just("answer"), st.tuples(st.integers(0, 2), held_words, st.integers(0, 1))),
+    st.tuples(st.just("answer"), st.tuples(st.integers(0, 2), held_messages, st.integers(0, 1))),
     st.tuples(st.just("restart"), st.booleans()),
 )
 
 
-@given(st.lists(st.tuples(st.integers(0, 2), held_words), max_size=3), st.lists(steps, max_size=15))
+@given(st.lists(st.tuples(st.integers(0, 2), held_messages), max_size=3), st.lists(steps, max_size=15))
 def test_a_producer_never_speaks_at_or_below_a_round_in_which_peers_hold_a_word_that_it_forgot(first, script):
     """Whatever it was told before it spoke, in whichever life, binds it."""
     node = OneCore(OWN, answered=False)
     node.work()
     told: set[int] = set()
     spoke: dict[int, set[str]] = {}
-    answers = [("answer", (peer, word, 0)) for peer, word in first]
+    answers = [("answer", (peer, message, 0)) for peer, message in first]
     for kind, what in [*answers, *script]:
         if kind == "block":
             effects = node.receive(what)
         elif kind == "timeout":
             effects = node.fire("round")
         elif kind == "answer":
-            peer, word, signed_round = what
-            if word is not None and not node.core._voter.remembers(word) and node.core.lockout is not None:
-                told.add(word.round)
-            effects = node.answer_from(peer, word=word, signed_round=signed_round)
+            peer, message, signed_round = what
+            if message is not None and not node.core._voter.remembers(message) and node.core.lockout is not None:
+                told.add(message.round)
+            effects = node.answer_from(peer, message=message, signed_round=signed_round)
         else:
             journal = list(node.core.journal_snapshot()) if what else node.journal
             node = OneCore(OWN, journal=journal, answered=False)
             effects = [*node.work()]
         for message in [*said(effects, Vote), *said(effects, Timeout)]:
-            words_of_round = spoke.setdefault(message.round, set())
-            words_of_round.add("timeout" if isinstance(message, Timeout) else message.block_id.hex())
+            messages_of_round = spoke.setdefault(message.round, set())
+            messages_of_round.add("timeout" if isinstance(message, Timeout) else message.block_id.hex())
             assert all(message.round > number for number in told), (message, told)
-    assert all(len(words_of_round - {"timeout"}) <= 1 for words_of_round in spoke.values())
+    assert all(len(messages_of_round - {"timeout"}) <= 1 for messages_of_round in spoke.values())
