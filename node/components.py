@@ -39,7 +39,8 @@ from node.execution.block_executor import ExecutedBlock, Executor, genesis_block
 from node.execution.execution_machines import Machine
 from node.ledger.ledger_writer import FinalityFeed, LedgerWriter
 from node.ledger.pruning import Pruner
-from node.mempool.byte_budget import ByteBudgets
+from node.limits.account_byte_limiter import AccountByteLimiter
+from node.limits.refusal_log import RefusalLog
 from node.mempool.call_check import CallCheck
 from node.mempool.mempool import Mempool
 from node.mempool.quarantine import Quarantine
@@ -48,7 +49,6 @@ from node.mempool.transaction_intake import TransactionIntake
 from node.metrics import NodeMetrics
 from node.p2p.network import PeerHandler
 from node.p2p.peers import Network, Peers
-from node.p2p.refusals import Refusals
 from node.storage.ledger_store import LedgerStore, Position
 from node.sync.block_sync import LAG_TOLERATED_BLOCKS, Synchroniser
 
@@ -162,10 +162,10 @@ class NodeComponents:
             check_admission=self._check_admission,
             is_spent=self._is_spent,
             account_of=lambda transaction: find_account(self.executor.reader, transaction),
-            byte_budgets=ByteBudgets(asyncio.get_running_loop().time),
+            byte_budgets=AccountByteLimiter(asyncio.get_running_loop().time),
         )
-        self.over_budget = Refusals("over_budget")
-        self.intake = TransactionIntake(self.mempool, now_ms, self.note_over)
+        self.over_budget = RefusalLog("over_budget")
+        self.intake = TransactionIntake(self.mempool, now_ms, self.on_over_budget)
         self.feed = FinalityFeed(core.finalized.height)
         self.writer = LedgerWriter(around.ledger)
         self.engine = Engine(
@@ -188,7 +188,7 @@ class NodeComponents:
             intake=self.intake,
             ledger=around.ledger,
             clock=now_ms,
-            note_over=self.note_over,
+            on_over_budget=self.on_over_budget,
         )
         self.network = around.open_network(self.peers)
         self.sync = Synchroniser(
@@ -216,13 +216,13 @@ class NodeComponents:
         self.stall_detector = StallDetector(around.stopwatch, lambda: self.engine.epoch.epoch.settings)
         self._metrics = NodeMetrics(_gauges_of(self), now_ms)
         self.custody = self._make_custody()
-        self.upkeep = self._make_upkeep()
+        self.custody_admin = self._make_custody_admin()
         self.pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)
         self.pruner.add_listener(self.peers.forget_blocks)
-        self._candidacy = self._make_candidacy()
-        self.accuser = self._make_accuser()
+        self._readiness_reporter = self._make_readiness_reporter()
+        self.evidence_submitter = self._make_evidence_submitter()
 
-    def _make_candidacy(self) -> ReadinessReporter | None:
+    def _make_readiness_reporter(self) -> ReadinessReporter | None:
         around = self.surroundings
         if around.key is None:
             return None
@@ -237,11 +237,11 @@ class NodeComponents:
             randomness=around.randomness,
         )
 
-    def _make_accuser(self) -> EvidenceSubmitter | None:
+    def _make_evidence_submitter(self) -> EvidenceSubmitter | None:
         around = self.surroundings
         if around.key is None:
             return None
-        accuser = EvidenceSubmitter(
+        evidence_submitter = EvidenceSubmitter(
             key=around.key,
             chain_id=self.genesis.chain_id,
             pool=self.pool,
@@ -249,8 +249,8 @@ class NodeComponents:
             schedule=lambda: self.engine.epoch.schedule,
             clock=around.clock,
         )
-        self.engine.add_evidence_listener(accuser.note)
-        return accuser
+        self.engine.add_evidence_listener(evidence_submitter.note)
+        return evidence_submitter
 
     def _make_custody(self) -> CustodyCoordinator | None:
         around, place = self.surroundings, self.surroundings.custody
@@ -280,7 +280,7 @@ class NodeComponents:
         level = 1 + sum(self.sync.is_level_with(peer) for peer in self.network.connected)
         return level >= self.engine.epoch.schedule.quorum
 
-    def _make_upkeep(self) -> CustodyAdmin | None:
+    def _make_custody_admin(self) -> CustodyAdmin | None:
         around, place, custody = self.surroundings, self.surroundings.custody, self.custody
         if place is None or custody is None:
             return None
@@ -323,7 +323,7 @@ class NodeComponents:
         stack.push_async_callback(self.network.stop)
         wrap = self.surroundings.wrap_outbox
         self.engine.start(self.peers if wrap is None else wrap(self.peers))
-        housekeeping = asyncio.get_running_loop().create_task(self._keep_house(), name="housekeeping")
+        housekeeping = asyncio.get_running_loop().create_task(self._run_housekeeping(), name="housekeeping")
         stack.push_async_callback(_cancel, housekeeping)
         if self.custody is not None:
             await self.custody.start()
@@ -339,7 +339,7 @@ class NodeComponents:
 
     # What the parts ask of the whole
 
-    def note_over(self, source: str, error: BlockRobotError) -> None:
+    def on_over_budget(self, source: str, error: BlockRobotError) -> None:
         self.over_budget.note(source, error, self.surroundings.clock.now_ms(), source.rpartition(" ")[0])
 
     def _name_of_producer(self, key: bytes) -> str | None:
@@ -381,7 +381,7 @@ class NodeComponents:
     def _after_stored(self, _blocks: list[ExecutedBlock], _proof: FinalityProof, _position: Position) -> None:
         self.peers.retry_unsettled()
 
-    async def _keep_house(self) -> None:
+    async def _run_housekeeping(self) -> None:
         announced = -1
         while True:
             await asyncio.sleep(HOUSEKEEPING_INTERVAL_MS / 1000)
@@ -391,12 +391,12 @@ class NodeComponents:
             self.stall_detector.look(len(self.mempool))
             self.peers.retry_unsettled()
             self.engine.note_work()
-            self.sync.look_again()
+            self.sync.recheck()
             await self.pruner.run_once()
-            if self._candidacy is not None:
-                await self._candidacy.submit_if_due()
-            if self.accuser is not None:
-                await self.accuser.submit_if_due()
+            if self._readiness_reporter is not None:
+                await self._readiness_reporter.submit_if_due()
+            if self.evidence_submitter is not None:
+                await self.evidence_submitter.submit_if_due()
             if self.feed.height != announced:
                 announced = self.feed.height
                 self.peers.announce_height(announced)
@@ -434,7 +434,7 @@ class NodeComponents:
             "lockout": None if core.lockout is None else core.lockout._asdict(),
             "finality": self.stall_detector.describe(),
             "suspended_height": self._suspended_height(),
-            "accused": describe_accused(self.accuser, self.directory, self.executor.reader),
+            "accused": describe_accused(self.evidence_submitter, self.directory, self.executor.reader),
             "version": version("blockrobot"),
             "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
         }

@@ -10,7 +10,7 @@ from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.chain.genesis import Genesis, genesis_from_json, require_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from node.budgets.disk_reserve import RESERVE_DEFAULT_MIB
+from node.limits.disk_reserve import RESERVE_DEFAULT_MIB
 
 CONFIG_FILE = "node.toml"
 KEEP_BLOCKS_MIN_COUNT = 256

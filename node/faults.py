@@ -14,7 +14,7 @@ import msgspec
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from node.consensus.journal_disk import Disk, DiskFile
-from node.p2p.shaping import LinkFault, Shaper
+from node.p2p.link_faults import LinkFault, LinkFaultShaper
 
 TOKEN_FILE_NAME = "operator.token"  # noqa: S105 - a file's name
 STATE_FILE_NAME = "faults.json"
@@ -59,7 +59,7 @@ class FaultSwitch:
         self._path = folder / STATE_FILE_NAME
         self._clock = clock
         self._full: frozenset[str] = frozenset()
-        self.shaper = Shaper(own_name)
+        self.shaper = LinkFaultShaper(own_name)
         if self._path.exists():
             self._restore()
 

@@ -42,7 +42,7 @@ def create_operator_listener(
     status: NodeStatus,
     faults: FaultSwitch | None = None,
     token: str = "",
-    upkeep: CustodyAdmin | None = None,
+    custody_admin: CustodyAdmin | None = None,
     *,
     reading_token: str = "",
 ) -> web.Application:
@@ -64,7 +64,7 @@ def create_operator_listener(
 
     async def metrics(request: web.Request) -> web.Response:
         _require_token(request, token, reading_token)
-        uploads = b"" if upkeep is None else await upkeep.metrics()
+        uploads = b"" if custody_admin is None else await custody_admin.metrics()
         return web.Response(body=status.metrics() + uploads, headers={"Content-Type": METRICS_CONTENT_TYPE})
 
     async def take_faults(request: web.Request) -> web.Response:
@@ -81,7 +81,7 @@ def create_operator_listener(
             return _problem(error)
 
     application = web.Application(client_max_size=FAULT_REQUEST_MAX_BYTES, middlewares=[_guard])
-    add_custody_routes(application, upkeep, lambda request: _require_token(request, token))
+    add_custody_routes(application, custody_admin, lambda request: _require_token(request, token))
     application.router.add_get("/faults", take_faults)
     application.router.add_post("/faults", take_faults)
     application.router.add_get("/livez", live)

@@ -19,7 +19,6 @@ from consensus.primitives.keys import PrivateKey
 from node.api import ApiServices, create_api
 from node.api.node_services import EngineRounds, WallClock
 from node.api.server import serve_api
-from node.budgets.disk_reserve import DiskReserve
 from node.components import Environment, NodeComponents, begin_ledger
 from node.config import OPERATOR_HOST, READING_TOKEN_FILE_NAME, NodeConfig, load_genesis, load_key
 from node.consensus.engine import Outbox
@@ -35,6 +34,7 @@ from node.directory.node_directory import Directory
 from node.execution.sandboxed_contracts import open_contracts
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.ledger.pruning import answer_requests
+from node.limits.disk_reserve import DiskReserve
 from node.mempool.transaction_intake import ClientPool
 from node.operator_listener import create_operator_listener, serve_operator
 from node.p2p.connection_acceptor import bind_listener
@@ -269,11 +269,11 @@ class Node:
             else ConsentReceipts(self._custodian_key, parts.sync.peers_with_block),
             rounds=rounds,
             public_explorer=config.public_explorer,
-            note_over=parts.note_over,
+            on_over_budget=parts.on_over_budget,
             peers_with_block=parts.sync.peers_with_block,
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
         reading = read_or_make_token(config.data_dir, READING_TOKEN_FILE_NAME)
-        operator = create_operator_listener(self, self._faults, self._token, parts.upkeep, reading_token=reading)
+        operator = create_operator_listener(self, self._faults, self._token, parts.custody_admin, reading_token=reading)
         await stack.enter_async_context(serve_operator(operator, operator_socket, HTTP_STOP_MS))
         log.info("node_started", name=config.name, height=parts.feed.height)

@@ -20,7 +20,7 @@ import msgspec
 
 from network.cluster_monitor import STUCK_AFTER_S, NodeObservation, NodeRow, Observer, Picture
 from network.console.node_polling import Counts, NodePoll
-from node.p2p.shaping import LinkFault
+from node.p2p.link_faults import LinkFault
 
 CLOCK_STEP_MS = 100
 ConsoleSnapshot = dict[str, Any]

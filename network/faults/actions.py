@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from consensus.errors import BlockRobotError
 from network.byzantine import check_behaviour
 from node.faults import CLOCK_OFFSET_MAX_MS, DISKS, SEED_MAX
-from node.p2p.shaping import BANDWIDTH_MAX_BYTES_PER_S, SOUND, LinkFault
+from node.p2p.link_faults import BANDWIDTH_MAX_BYTES_PER_S, SOUND, LinkFault
 from pages.time_format import UNITS_MS, parse_duration
 
 _LINK = re.compile(r"\s*(\S+?)\s*(<->|->)\s*(\S+?)\s*")

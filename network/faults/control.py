@@ -36,7 +36,7 @@ from network.faults.actions import (
 from node.api.node_services import WallClock
 from node.config import OPERATOR_HOST
 from node.faults import TOKEN_FILE_NAME, FaultRequest, FaultSwitch
-from node.p2p.shaping import SOUND, LinkFault
+from node.p2p.link_faults import SOUND, LinkFault
 
 REQUEST_TIMEOUT_S = 2.0
 STARTING_TIMEOUT_S = 20.0

@@ -51,7 +51,7 @@ from network.faults.actions import (
     read_duration,
 )
 from node.faults import SEED_MAX
-from node.p2p.shaping import SOUND
+from node.p2p.link_faults import SOUND
 
 STEPS_MAX_COUNT = 1_000
 PLAN_MAX_MS = 24 * 3_600_000

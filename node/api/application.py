@@ -18,7 +18,14 @@ from aiohttp import web
 from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
 from node.api.access.metering import Meter, Metered, Readings
-from node.api.access.rate_limit import ChargedBudgets, FairQueue, RateLimiter, RefusalDelay, is_over_budget, source_of
+from node.api.access.request_rate_limiter import (
+    ChargedBudgets,
+    FairQueue,
+    RefusalDelay,
+    RequestRateLimiter,
+    is_over_budget,
+    source_of,
+)
 from node.api.access.route_access import Access
 from node.api.access.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
 from node.api.bodies import Bodies
@@ -30,7 +37,7 @@ from node.api.routes.openapi import DOCUMENT_KEY
 from node.api.routing import Call, Route
 from node.api.server import STRAY_KEY, meet_expectation, name_server, require_expectation
 from node.api.services import ApiServices
-from node.budgets.work_costs import ROUTE_COSTS, STRAY_US, bytes_cost_us
+from node.limits.work_costs import ROUTE_COSTS, STRAY_US, bytes_cost_us
 
 OPEN_REQUESTS_MAX_COUNT = 4096
 _log = logging.getLogger("node.api")
@@ -52,10 +59,10 @@ def require_rules(routes: Iterable[Route]) -> None:
 class _Gate:
     def __init__(self, services: ApiServices) -> None:
         self._services = services
-        self._limiter = RateLimiter(services.note_over)
+        self._limiter = RequestRateLimiter(services.on_over_budget)
         self._sessions = SessionTable(services.genesis.chain_id, services.node_name, services.clock, services.ledger)
-        self._turns = FairQueue(services.note_over)
-        self._bodies = Bodies(services.note_over)
+        self._turns = FairQueue(services.on_over_budget)
+        self._bodies = Bodies(services.on_over_budget)
         self._refusals = RefusalDelay()
         self._readings = Readings(services.ledger)
         self._open_count = 0

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from consensus.errors import BlockRobotError
 from consensus.limits import MIB_BYTES
-from node.budgets.token_buckets import Source, over_budget
+from node.limits.token_buckets import Source, over_budget
 
 BODIES_MAX_BYTES = 256 * MIB_BYTES
 BODIES_OF_SOURCE_MAX_BYTES = 64 * MIB_BYTES
@@ -25,8 +25,8 @@ Hold = Callable[[int], None]
 class Bodies:
     """Bodies of all open requests, complete or not."""
 
-    def __init__(self, note_over: Callable[[str, BlockRobotError], None]) -> None:
-        self._note_over = note_over
+    def __init__(self, on_over_budget: Callable[[str, BlockRobotError], None]) -> None:
+        self._on_over_budget = on_over_budget
         self._held: Counter[Source] = Counter()
         self._total_bytes = 0
 
@@ -40,7 +40,7 @@ class Bodies:
             is_over_part = bool(source.part) and self._held[source] + count > BODIES_OF_VISIT_KEY_MAX_BYTES
             if is_over_part or self._held[source.shared] + count > most:
                 error = over_budget(str(source), 1.0)
-                self._note_over(str(source), error)
+                self._on_over_budget(str(source), error)
                 raise error
             if self._total_bytes + count > BODIES_MAX_BYTES:
                 raise BlockRobotError(

@@ -26,7 +26,7 @@ from node.api.explorer_documents import (
     SeatDocument,
     TimeoutDocument,
 )
-from node.api.services import BlockHead, LedgerSnapshot, RoundWatch
+from node.api.services import BlockHead, LedgerView, RoundWatch
 
 MISSED_SHOWN_MAX_COUNT = 32
 
@@ -34,7 +34,7 @@ MISSED_SHOWN_MAX_COUNT = 32
 class HeaderReader:
     """Reads headers of one snapshot; caches the epochs' schedules."""
 
-    def __init__(self, snapshot: LedgerSnapshot, genesis: Genesis, watch: RoundWatch | None = None) -> None:
+    def __init__(self, snapshot: LedgerView, genesis: Genesis, watch: RoundWatch | None = None) -> None:
         self._snapshot = snapshot
         self._watch = watch
         self._genesis = genesis
@@ -114,7 +114,7 @@ def _timeout(tc: TimeoutCertificate) -> TimeoutDocument:
     return TimeoutDocument(epoch=tc.epoch, round=tc.round, voters=voters, highest_qc_round=tc.highest_qc_round)
 
 
-def describe_epoch(reader: HeaderReader, snapshot: LedgerSnapshot, genesis: Genesis, number: int) -> EpochDocument:
+def describe_epoch(reader: HeaderReader, snapshot: LedgerView, genesis: Genesis, number: int) -> EpochDocument:
     """Return an epoch with its seats' names. Raises NOT_FOUND."""
     schedule = reader.schedule(number)
     leading = set(range(len(schedule.producers))) - set(schedule.leaderless) or set(range(len(schedule.producers)))
@@ -130,14 +130,14 @@ def describe_epoch(reader: HeaderReader, snapshot: LedgerSnapshot, genesis: Gene
     )
 
 
-def _name_of(snapshot: LedgerSnapshot, genesis: Genesis, key: bytes) -> str:
+def _name_of(snapshot: LedgerView, genesis: Genesis, key: bytes) -> str:
     candidate = CANDIDATE.at(snapshot, key)
     if candidate is not None:
         return candidate.name
     return next((node.name for node in genesis.nodes if node.producer_key == key), "")
 
 
-def describe_producers(snapshot: LedgerSnapshot) -> ProducersAnswer:
+def describe_producers(snapshot: LedgerView) -> ProducersAnswer:
     epoch = EPOCH.read(snapshot)
     seats = {} if epoch is None else {key: index for index, key in enumerate(epoch.producers)}
     rows = {key: CANDIDATE.at(snapshot, key) for key in KEYS.read(snapshot) or []}
@@ -163,7 +163,7 @@ def _producer(key: bytes, row: CandidateRow, seat: int | None) -> ProducerDocume
     return describe(ProducerDocument, row, key=key.hex(), seat=seat, evidence=evidence)
 
 
-def count_all(snapshot: LedgerSnapshot) -> CountsDocument:
+def count_all(snapshot: LedgerView) -> CountsDocument:
     """Count what the chain governs, never people; cached for each state."""
     root = snapshot.header.state_root
     counts = _counted.get(root)
@@ -177,7 +177,7 @@ def count_all(snapshot: LedgerSnapshot) -> CountsDocument:
 _counted: dict[bytes, CountsDocument] = {}
 
 
-def _count(snapshot: LedgerSnapshot) -> CountsDocument:
+def _count(snapshot: LedgerView) -> CountsDocument:
     epoch = EPOCH.read(snapshot)
     return CountsDocument(
         organisations=len(active_organisations(snapshot)),

@@ -13,17 +13,17 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.merkle import merkle_proof
 from node.api.access.metering import Steps
-from node.api.services import LedgerSnapshot, TransactionPlace
+from node.api.services import LedgerView, TransactionPlace
 
 _HEADERS_MAX_COUNT = 2 * UNFINALIZED_BLOCKS_MAX_COUNT
 
 
-def _header(snapshot: LedgerSnapshot, height: int) -> tuple[bytes, Header] | None:
+def _header(snapshot: LedgerView, height: int) -> tuple[bytes, Header] | None:
     data = snapshot.header_bytes(height)
     return None if data is None else (data, decode(data, Header))
 
 
-def _proof_from_headers(snapshot: LedgerSnapshot, header_bytes: bytes, header: Header) -> FinalityProof | None:
+def _proof_from_headers(snapshot: LedgerView, header_bytes: bytes, header: Header) -> FinalityProof | None:
     if header.is_boundary:
         data = snapshot.epoch_proof(header.epoch + 1)
         return None if data is None else decode(data, EpochProof).finality
@@ -38,7 +38,7 @@ def _proof_from_headers(snapshot: LedgerSnapshot, header_bytes: bytes, header: H
     return FinalityProof(header_bytes=header_bytes, child_header_bytes=child_bytes, child_qc=qc)
 
 
-def _climb(snapshot: LedgerSnapshot, height: int) -> Steps[tuple[list[bytes], Finality]]:
+def _climb(snapshot: LedgerView, height: int) -> Steps[tuple[list[bytes], Finality]]:
     headers: list[bytes] = []
     current = _header(snapshot, height)
     while current is not None and len(headers) < _HEADERS_MAX_COUNT:
@@ -54,7 +54,7 @@ def _climb(snapshot: LedgerSnapshot, height: int) -> Steps[tuple[list[bytes], Fi
     raise BlockRobotError("NOT_FOUND", "This node no longer holds what proves the transaction final.")
 
 
-def build_evidence(snapshot: LedgerSnapshot, place: TransactionPlace) -> Steps[TransactionEvidence]:
+def build_evidence(snapshot: LedgerView, place: TransactionPlace) -> Steps[TransactionEvidence]:
     """Return a transaction's evidence. Raises NOT_FOUND if block or proof is missing."""
     headers, finality = yield from _climb(snapshot, place.height)
     receipts = snapshot.receipt_bytes(place.height)

@@ -15,10 +15,10 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
 from node.api.explorer_documents import RoundDocument
 from node.api.services import BlockHead, Clock, PoolStatus, SubmitResult, TransactionPlace
-from node.budgets.token_buckets import OWN, Source
 from node.consensus.engine import Engine
 from node.execution.block_executor import ExecutedBlock
 from node.ledger.ledger_writer import FinalityFeed
+from node.limits.token_buckets import OWN, Source
 from node.mempool.call_check import CallCheck
 from node.mempool.gossip import Gossip
 from node.mempool.mempool import Mempool

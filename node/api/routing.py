@@ -17,12 +17,12 @@ from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import EXACT_INTEGER_END
 from node.api.access.metering import Meter, Readings, Steps
-from node.api.access.rate_limit import ChargedBudgets
+from node.api.access.request_rate_limiter import ChargedBudgets
 from node.api.access.route_access import Access
 from node.api.access.sessions import Session, SessionTable
 from node.api.bodies import Hold
-from node.api.services import ApiServices, LedgerSnapshot
-from node.budgets.token_buckets import Source
+from node.api.services import ApiServices, LedgerView
+from node.limits.token_buckets import Source
 from pages.listening import NO_KEY, Connection, awaiting_body
 
 JSON = "application/json"
@@ -92,7 +92,7 @@ class Call:
     def source(self) -> Source:
         return self.tab.source
 
-    async def read(self, work: Callable[[LedgerSnapshot], Steps[T]]) -> T:
+    async def read(self, work: Callable[[LedgerView], Steps[T]]) -> T:
         """Run work on the newest finalized snapshot, in slices off the event loop.
 
         Raises RATE_LIMITED in debt, and as the work.

@@ -14,7 +14,7 @@ from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 from node.api.explorer_documents import RoundDocument
-from node.budgets.token_buckets import OWN, Source
+from node.limits.token_buckets import OWN, Source
 
 PoolStatus = Literal["pending", "unknown", "expired"]
 PeersWithBlock = Callable[[int], Sequence[str]]
@@ -45,7 +45,7 @@ class BlockHead:
     transactions_count: int | None
 
 
-class LedgerSnapshot(Protocol):
+class LedgerView(Protocol):
     """The ledger at one finalized block; immutable while open."""
 
     @property
@@ -107,7 +107,7 @@ class LedgerSnapshot(Protocol):
 class LedgerReader(Protocol):
     """The finalized ledger."""
 
-    def snapshot(self) -> AbstractContextManager[LedgerSnapshot]:
+    def snapshot(self) -> AbstractContextManager[LedgerView]:
         """Open the newest finalized snapshot; close soon (it holds a reader slot)."""
         ...
 
@@ -120,7 +120,7 @@ class ViewRunner(Protocol):
     """Runs the read-only entries of contracts."""
 
     async def run_view(
-        self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any], source: Source = OWN
+        self, snapshot: LedgerView, contract: str, view: str, arguments: list[Any], source: Source = OWN
     ) -> bytes:
         """Return a view's encoded result; the snapshot stays open until then.
 
@@ -224,7 +224,7 @@ class SignedReceipt:
 class ReceiptIssuer(Protocol):
     """Signs receipts of consent statements."""
 
-    def issue(self, snapshot: LedgerSnapshot, txid: bytes, caller: bytes) -> SignedReceipt:
+    def issue(self, snapshot: LedgerView, txid: bytes, caller: bytes) -> SignedReceipt:
         """Return the signed receipt of a caller's own final consent statement.
 
         Raises CONSENT_RECEIPT_ELSEWHERE, NOT_FOUND, BLOCK_PRUNED, CONSENT_WORD_MISSING, CONSENT_RECEIPT_INVALID,
@@ -272,7 +272,7 @@ def _ignore(_source: str, _error: BlockRobotError) -> None: ...
 class ApiServices:
     """What `create_api` needs; `custody` and `receipts`: None without a custodian.
 
-    `note_over` gets sources over budget; `peers_with_block` names peers with a height's body.
+    `on_over_budget` gets sources over budget; `peers_with_block` names peers with a height's body.
     """
 
     genesis: Genesis
@@ -285,11 +285,11 @@ class ApiServices:
     receipts: ReceiptIssuer | None = None
     rounds: RoundWatch | None = None
     public_explorer: bool = False
-    note_over: Callable[[str, BlockRobotError], None] = _ignore
+    on_over_budget: Callable[[str, BlockRobotError], None] = _ignore
     peers_with_block: PeersWithBlock = lambda _: ()
 
 
-def require_not_pruned(snapshot: LedgerSnapshot, height: int, peers_with_block: PeersWithBlock) -> None:
+def require_not_pruned(snapshot: LedgerView, height: int, peers_with_block: PeersWithBlock) -> None:
     """Raise BLOCK_PRUNED, naming keepers, if this block's body is not here."""
     earliest = snapshot.earliest_height
     if height < earliest:

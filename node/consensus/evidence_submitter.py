@@ -149,9 +149,9 @@ def suspended_height(state: LedgerSnapshot, producer: bytes) -> int | None:
 
 
 def describe_accused(
-    accuser: EvidenceSubmitter | None, directory: Directory, state: LedgerSnapshot
+    evidence_submitter: EvidenceSubmitter | None, directory: Directory, state: LedgerSnapshot
 ) -> list[dict[str, Any]]:
-    pending = () if accuser is None else accuser.pending
+    pending = () if evidence_submitter is None else evidence_submitter.pending
     names = {name for each in pending if (name := directory.name_of_producer(each.producer)) is not None}
     rows: list[dict[str, Any]] = [{"name": name, "state": "evidence", "height": None} for name in sorted(names)]
     for name, node in sorted(directory.content.active.items()):

@@ -42,8 +42,8 @@ from contracts.execution.genesis import open_genesis
 from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.execution.validity import RecentTransactions, check_block_transactions, select_valid
 from contracts.state.view import Overlay, StateView
-from node.execution.execution_attempts import Attempts
-from node.execution.execution_machines import Machine, Outcome, RemoteMachine
+from node.execution.execution_machines import BlockExecutionResult, Machine, RemoteMachine
+from node.execution.execution_retries import ExecutionRetries
 from node.mempool.mempool import Mempool
 from node.mempool.quarantine import Quarantine
 from node.mempool.transaction_cache import TransactionCache
@@ -132,7 +132,7 @@ class Executor:
         self._chain_id = genesis.chain_id
         self._ledger = ledger
         self._machine = machine
-        self._attempts = Attempts(machine, self.quarantine)
+        self._retries = ExecutionRetries(machine, self.quarantine)
         self._cache = cache
         self._key = key
         self._blocks: dict[bytes, ExecutedBlock] = {}
@@ -215,13 +215,13 @@ class Executor:
         transactions = [self._cache.verified(wire) for wire in block.transactions]
         checked = CheckedBlock(block, block_id, header, tuple(transactions))
         if not certified:
-            self._attempts.require_hope(checked, parent)
+            self._retries.require_not_failed_before(checked, parent)
         parent_id = header.parent_id
         executed = self.execute_final(
             checked, parent, self._time_of(parent_id), self._recent(parent_id), certified=certified
         )
         if header.gives_up_change and not certified:
-            executed.withheld = not may_give_up_change(header, self.schedule) and self._attempts.can_change(
+            executed.withheld = not may_give_up_change(header, self.schedule) and self._retries.can_change(
                 parent, header
             )
         self._blocks[block_id] = executed
@@ -239,7 +239,7 @@ class Executor:
         parent: StateView,
         parent_time_ms: int,
         recent: RecentTransactions,
-        result: Outcome | None = None,
+        result: BlockExecutionResult | None = None,
         *,
         certified: bool = True,
     ) -> ExecutedBlock:
@@ -258,12 +258,12 @@ class Executor:
         if header.is_closing:
             result = _unchanged(parent)
         elif result is None:
-            result = self._attempts.verify(checked, parent, certified=certified)
+            result = self._retries.verify(checked, parent, certified=certified)
         following = next_epoch(result.writes, header.epoch)
         _require_equal(header, result, following)
         return _executed(checked.block, checked.block_id, header, transactions, parent, result, following)
 
-    def execute_ahead(self, parent: StateView, blocks: Sequence[CheckedBlock]) -> Sequence[Outcome]:
+    def execute_ahead(self, parent: StateView, blocks: Sequence[CheckedBlock]) -> Sequence[BlockExecutionResult]:
         """Return results of the first of these blocks, maybe none; roots unchecked."""
         if not isinstance(self._machine, RemoteMachine) or len(blocks) < 2:
             return ()
@@ -319,7 +319,7 @@ class Executor:
         else:
             lost_rounds = request.round - request.qc.round - 1
             is_hopeless = lost_rounds >= 2 * lost_rounds_before_giving_up(self.schedule)
-            result, faulty, gives_up_change = self._attempts.build(
+            result, faulty, gives_up_change = self._retries.build(
                 parent, request.height, timestamp_ms, transactions, is_hopeless=is_hopeless
             )
         included = {receipt.txid for receipt in result.receipts}
@@ -391,7 +391,7 @@ class Executor:
         self._reader = self._ledger.snapshot()
 
 
-def _unchanged(parent: StateView) -> Outcome:
+def _unchanged(parent: StateView) -> BlockExecutionResult:
     return BlockResult((), {}, {}, parent.state_root, compute_receipts_root(()), 0)
 
 
@@ -401,7 +401,7 @@ def _executed(
     header: Header,
     transactions: list[Transaction],
     parent: StateView,
-    result: Outcome,
+    result: BlockExecutionResult,
     following: Epoch | None,
 ) -> ExecutedBlock:
     return ExecutedBlock(
@@ -416,7 +416,7 @@ def _executed(
     )
 
 
-def _require_equal(header: Header, result: Outcome, following: Epoch | None) -> None:
+def _require_equal(header: Header, result: BlockExecutionResult, following: Epoch | None) -> None:
     """Raises BLOCK_INVALID."""
     if result.left_out:
         raise BlockRobotError("BLOCK_INVALID", "The block holds a transaction that does not fit into it.")

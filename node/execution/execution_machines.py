@@ -11,7 +11,7 @@ from contracts.execution.results import ExpectedBlock
 from contracts.state.view import StateView
 
 
-class Outcome(Protocol):
+class BlockExecutionResult(Protocol):
     """A block's execution result. `left_out` are the txids without a receipt."""
 
     @property
@@ -44,7 +44,7 @@ class Machine(Protocol):
         transactions: Sequence[Transaction],
         *,
         gives_up_change: bool = False,
-    ) -> tuple[Outcome, list[bytes]]:
+    ) -> tuple[BlockExecutionResult, list[bytes]]:
         """Execute what fits into a block, in order; return it and failed txids. Raises ExecutionFault."""
         ...
 
@@ -57,7 +57,7 @@ class Machine(Protocol):
         *,
         gives_up_change: bool = False,
         effort: int = 0,
-    ) -> Outcome:
+    ) -> BlockExecutionResult:
         """Execute exactly these; `effort` allows more memory and time. Raises BLOCK_INVALID, ExecutionFault."""
         ...
 
@@ -66,6 +66,6 @@ class Machine(Protocol):
 class RemoteMachine(Machine, Protocol):
     """A machine that is slow to reach: it takes several blocks at once."""
 
-    def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> Sequence[Outcome]:
+    def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> Sequence[BlockExecutionResult]:
         """Return what `verify` gives for the first of consecutive blocks, maybe none."""
         ...

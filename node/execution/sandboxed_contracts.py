@@ -21,10 +21,10 @@ from contracts.execution.views import ContractViews
 from contracts.lifecycle.registry import check_contracts
 from contracts.worker.wire import Begin, SandboxFeature
 from contracts.worker.worker_machine import Hold, WorkerMachine, WorkerSpec, WorkerViews, missing_parts
-from node.api.services import LedgerSnapshot, ViewRunner
-from node.budgets.token_buckets import OWN, Source, over_budget
+from node.api.services import LedgerView, ViewRunner
 from node.config import CONTRACT_MEMORY_MIB, NodeConfig
 from node.execution.execution_machines import Machine
+from node.limits.token_buckets import OWN, Source, over_budget
 from node.storage.ledger_store import LedgerStore
 from node.storage.lmdb_reader import LedgerFile
 
@@ -154,7 +154,7 @@ class InProcessContracts:
 
     async def run_view(
         self,
-        snapshot: LedgerSnapshot,
+        snapshot: LedgerView,
         contract: str,
         view: str,
         arguments: list[Any],
@@ -190,7 +190,7 @@ class SandboxedContracts:
         _require_sandbox(self._mode, parts)
 
     async def run_view(
-        self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any], source: Source = OWN
+        self, snapshot: LedgerView, contract: str, view: str, arguments: list[Any], source: Source = OWN
     ) -> bytes:
         """See `node.api.services.ViewRunner`; also raises RATE_LIMITED, VIEWS_BUSY, CONTRACT_WORKER_FAILED."""
         header = snapshot.header

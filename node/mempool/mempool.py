@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.state.layout import RESERVED_CALLS, RESERVED_CONTRACTS
 from contracts.execution.sender_admission import Account
-from node.mempool.byte_budget import ByteBudgets
+from node.limits.account_byte_limiter import AccountByteLimiter
 from node.mempool.eviction import EvictionPlan
 from node.mempool.lane import Lane
 from node.mempool.transaction_cache import TransactionCache
@@ -82,7 +82,7 @@ class Mempool:
         max_bytes: int = POOL_MAX_BYTES,
         sender_max_count: int = SENDER_MAX_COUNT,
         sender_max_bytes: int = SENDER_MAX_BYTES,
-        byte_budgets: ByteBudgets | None = None,
+        byte_budgets: AccountByteLimiter | None = None,
     ) -> None:
         """`is_spent`: whether a txid is on the branch or final; `account_of`: whose turns count."""
         self._chain_id = chain_id
@@ -94,7 +94,7 @@ class Mempool:
         self._ordinary_max_bytes = max_bytes - max_bytes // RESERVED_DIVISOR
         self._sender_max_count = sender_max_count
         self._sender_max_bytes = sender_max_bytes
-        self._byte_budgets = byte_budgets or ByteBudgets()
+        self._byte_budgets = byte_budgets or AccountByteLimiter()
         self._entries: dict[bytes, _Entry] = {}
         self._ordinary: Lane[_Entry] = Lane()
         self._reserved: Lane[_Entry] = Lane()

@@ -18,8 +18,8 @@ from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from contracts.execution.sender_admission import is_registration
 from node.api.services import PoolStatus, SubmitResult, TransactionPool
-from node.budgets.token_buckets import OWN, Allowance, Budgets, Receipt, Source, SourceKind, over_budget
-from node.budgets.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
+from node.limits.token_buckets import OWN, Allowance, Charge, Source, SourceKind, TokenBuckets, over_budget
+from node.limits.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool, Screened
 
 SLICE_MAX_US = 2_000
@@ -107,8 +107,8 @@ class _Paid:
     """Payments by source and sender for one transaction; one is refunded."""
 
     item: Screened
-    by_bringer: list[Receipt]
-    by_sender: Receipt | None = None
+    by_bringer: list[Charge]
+    by_sender: Charge | None = None
 
 
 @dataclass(slots=True)
@@ -134,17 +134,17 @@ class TransactionIntake:
         self,
         mempool: Mempool,
         clock: Callable[[], int],
-        note_over: Callable[[str, BlockRobotError], None] = lambda _source, _error: None,
+        on_over_budget: Callable[[str, BlockRobotError], None] = lambda _source, _error: None,
     ) -> None:
-        """`clock` gives ms since 1970; `note_over` gets sources over their budget."""
+        """`clock` gives ms since 1970; `on_over_budget` gets sources over their budget."""
         self._loop = asyncio.get_running_loop()
         self._mempool = mempool
         self._clock = clock
-        self._note_over = note_over
-        self._sources: Budgets[Source] = Budgets(lambda source: _ALLOWANCES[source.kind], self._loop.time)
-        self._senders: Budgets[bytes] = Budgets(lambda _sender: SENDER_ALLOWANCE, self._loop.time)
-        self._parts: Budgets[Source] = Budgets(lambda _part: VISIT_KEY_ALLOWANCE, self._loop.time)
-        self._trials: Budgets[tuple[Source, bytes]] = Budgets(lambda _pair: TRIAL_ALLOWANCE, self._loop.time)
+        self._on_over_budget = on_over_budget
+        self._sources: TokenBuckets[Source] = TokenBuckets(lambda source: _ALLOWANCES[source.kind], self._loop.time)
+        self._senders: TokenBuckets[bytes] = TokenBuckets(lambda _sender: SENDER_ALLOWANCE, self._loop.time)
+        self._parts: TokenBuckets[Source] = TokenBuckets(lambda _part: VISIT_KEY_ALLOWANCE, self._loop.time)
+        self._trials: TokenBuckets[tuple[Source, bytes]] = TokenBuckets(lambda _pair: TRIAL_ALLOWANCE, self._loop.time)
         self._rings: tuple[OrderedDict[Source, _Queue], ...] = (OrderedDict(), OrderedDict())
         self._turn = 0
         self._task: asyncio.Task[None] | None = None
@@ -176,10 +176,10 @@ class TransactionIntake:
         """Process a client's transactions; return when all are checked. Raises RATE_LIMITED beforehand."""
         if len(wires) > INLINE_MAX_COUNT and source != OWN:
             cost_us = len(wires) * TRANSACTION_SCREENING_US
-            receipt = self._sources.take(source.shared, cost_us)
-            if receipt is None:
+            charge = self._sources.take(source.shared, cost_us)
+            if charge is None:
                 self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
-            receipt.give_back()  # paid for one by one as they are looked at
+            charge.give_back()  # paid for one by one as they are looked at
         began_s, is_refused = self._loop.time(), False
 
         def on_outcomes(outcomes: list[Outcome]) -> None:
@@ -212,7 +212,7 @@ class TransactionIntake:
             queue is None and len(ring) >= QUEUES_MAX_COUNT
         ):
             self.dropped_count += len(job.wires)
-            self._note_over(str(job.source), over_budget(str(job.source), 1.0))
+            self._on_over_budget(str(job.source), over_budget(str(job.source), 1.0))
             return False
         if queue is None:
             queue = ring[job.source.shared] = _Queue()
@@ -274,9 +274,9 @@ class TransactionIntake:
             wire, transaction = job.take(), None
             weight_us += TRANSACTION_SCREENING_US
             try:
-                receipt = self._pay(job.source, TRANSACTION_SCREENING_US)
+                charge = self._pay(job.source, TRANSACTION_SCREENING_US)
                 transaction, is_verified = self._mempool.read(wire)
-                paid, cost_us = self._screen(job, receipt, transaction, now_ms, is_verified=is_verified)
+                paid, cost_us = self._screen(job, charge, transaction, now_ms, is_verified=is_verified)
             except BlockRobotError as error:
                 outcomes.append(Outcome(wire, transaction, is_new=False, error=error))
                 continue
@@ -288,10 +288,10 @@ class TransactionIntake:
         return screened, outcomes
 
     def _screen(
-        self, job: _Job, receipt: Receipt, transaction: Transaction, now_ms: int, *, is_verified: bool
+        self, job: _Job, charge: Charge, transaction: Transaction, now_ms: int, *, is_verified: bool
     ) -> tuple[_Paid, int]:
         """Raises RATE_LIMITED."""
-        source, cost_us, receipts = job.source, 0, [receipt]
+        source, cost_us, receipts = job.source, 0, [charge]
         if is_registration(transaction) and not is_verified:
             cost_us = REGISTRATION_US
             receipts.append(self._pay(source, cost_us))
@@ -303,7 +303,7 @@ class TransactionIntake:
             raise
         paid = _Paid(item, receipts)
         if item.is_waiting:
-            receipt.give_back(TRANSACTION_SCREENING_US - KNOWN_US)
+            charge.give_back(TRANSACTION_SCREENING_US - KNOWN_US)
         elif not is_verified and not cost_us:
             cost_us = EC_OPERATION_US
             if source != OWN:
@@ -315,28 +315,28 @@ class TransactionIntake:
                     raise
         return paid, cost_us
 
-    def _pay(self, source: Source, cost_us: int) -> Receipt:
-        receipt = self._sources.take(source.shared, cost_us)
-        if receipt is None and source.part:
-            receipt = self._parts.take(source, cost_us)
-        return receipt or self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
+    def _pay(self, source: Source, cost_us: int) -> Charge:
+        charge = self._sources.take(source.shared, cost_us)
+        if charge is None and source.part:
+            charge = self._parts.take(source, cost_us)
+        return charge or self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
 
-    def _pay_as_sender(self, sender: bytes) -> Receipt:
-        receipt = self._senders.take(sender, EC_OPERATION_US + TRANSACTION_SCREENING_US)
-        return receipt or self._refuse(f"member {sender.hex()}", self._senders.wait_s(sender, EC_OPERATION_US))
+    def _pay_as_sender(self, sender: bytes) -> Charge:
+        charge = self._senders.take(sender, EC_OPERATION_US + TRANSACTION_SCREENING_US)
+        return charge or self._refuse(f"member {sender.hex()}", self._senders.wait_s(sender, EC_OPERATION_US))
 
-    def _pay_for_signature(self, source: Source, sender: bytes) -> Receipt:
+    def _pay_for_signature(self, source: Source, sender: bytes) -> Charge:
         """Charge the source, or the sender's small budget behind an exhausted address."""
         source = source.shared
-        receipt = self._sources.take(source, EC_OPERATION_US)
-        if receipt is None and source.kind != "peer":
-            receipt = self._trials.take((source, sender), EC_OPERATION_US)
-        return receipt or self._refuse(str(source), self._sources.wait_s(source, EC_OPERATION_US))
+        charge = self._sources.take(source, EC_OPERATION_US)
+        if charge is None and source.kind != "peer":
+            charge = self._trials.take((source, sender), EC_OPERATION_US)
+        return charge or self._refuse(str(source), self._sources.wait_s(source, EC_OPERATION_US))
 
     def _refuse(self, who: str, wait_s: float) -> NoReturn:
         self.dropped_count += 1
         error = over_budget(who, wait_s)
-        self._note_over(who, error)
+        self._on_over_budget(who, error)
         raise error
 
     def _settle(self, source: Source, paid: _Paid, error: BlockRobotError | None) -> Outcome:
@@ -345,8 +345,8 @@ class TransactionIntake:
         if not item.is_verified:
             self.signatures_checked_count += 1
             if is_signed:
-                for receipt in paid.by_bringer:
-                    receipt.give_back()
+                for charge in paid.by_bringer:
+                    charge.give_back()
             elif paid.by_sender is not None:
                 paid.by_sender.give_back()
         is_new = False

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from consensus.errors import BlockRobotError
-from node.budgets.token_buckets import Allowance, Budgets, Source, source_at
+from node.limits.token_buckets import Allowance, Source, TokenBuckets, source_at
 from pages.listening import accept_each, open_listener, share_of_descriptors
 
 HANDSHAKE_TIMEOUT_MS = 5_000
@@ -30,13 +30,13 @@ class ConnectionAcceptor:
         self,
         make: Callable[[], asyncio.Protocol],
         context: Callable[[], ssl.SSLContext],
-        note_over: Callable[[Source, float], None],
+        on_over_budget: Callable[[Source, float], None],
     ) -> None:
-        """`make` builds a connection's protocol; `note_over` gets addresses with too many handshakes."""
+        """`make` builds a connection's protocol; `on_over_budget` gets addresses with too many handshakes."""
         self._make = make
         self._context = context
-        self._note_over = note_over
-        self._budgets: Budgets[str] = Budgets(lambda _host: HANDSHAKE_ALLOWANCE, time.monotonic)
+        self._on_over_budget = on_over_budget
+        self._budgets: TokenBuckets[str] = TokenBuckets(lambda _host: HANDSHAKE_ALLOWANCE, time.monotonic)
         self._open: Counter[str] = Counter()
         self._open_max_count = share_of_descriptors(HANDSHAKES_OPEN_MAX_COUNT, _DESCRIPTORS_PART)
         self._tasks: set[asyncio.Task[None]] = set()
@@ -50,7 +50,7 @@ class ConnectionAcceptor:
 
     async def _take(self, accepted: socket.socket, host: str) -> None:
         if self._open[host] >= HANDSHAKES_OF_ADDRESS_MAX_COUNT or not self._budgets.take(host, HANDSHAKE_US):
-            self._note_over(source_at(host), self._budgets.wait_s(host, HANDSHAKE_US))
+            self._on_over_budget(source_at(host), self._budgets.wait_s(host, HANDSHAKE_US))
             accepted.close()
         elif self._open.total() >= self._open_max_count:
             accepted.close()

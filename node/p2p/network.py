@@ -16,15 +16,15 @@ import structlog
 from consensus.chain.genesis import Genesis
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.primitives.encoding import decode, encode
-from node.budgets.token_buckets import Allowance, Budgets, Source
-from node.budgets.work_costs import FRAME_COSTS, REFUSAL_US, Lane
 from node.config import NodeConfig
 from node.directory.node_directory import Directory
+from node.limits.peer_bans import PeerBans
+from node.limits.refusal_log import RefusalLog
+from node.limits.token_buckets import Allowance, Source, TokenBuckets
+from node.limits.work_costs import FRAME_COSTS, REFUSAL_US, Lane
 from node.p2p.connection import LinkShaper, PeerConnection
 from node.p2p.connection_acceptor import SHUTDOWN_TIMEOUT_MS, ConnectionAcceptor, bind_listener
 from node.p2p.identity import PROVEN_REFUSALS, identify_peer
-from node.p2p.penalties import Penalties
-from node.p2p.refusals import Refusals
 from node.p2p.tls import Credentials
 from node.p2p.traffic import Traffic
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, Refusal, RequestKind, encode_frame
@@ -108,7 +108,7 @@ class PeerHandler(Protocol):
 
     async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes: ...
 
-    def note_over(self, source: Source, wait_s: float) -> None: ...
+    def on_over_budget(self, source: Source, wait_s: float) -> None: ...
 
 
 class PeerNetwork:
@@ -136,15 +136,17 @@ class PeerNetwork:
         self._peers: dict[str, PeerConnection] = {}
         self._open: set[PeerConnection] = set()
         self._listener: socket.socket | None = None
-        self._accepting = ConnectionAcceptor(self._connection, lambda: self._credentials.listening, handler.note_over)
+        self._accepting = ConnectionAcceptor(
+            self._connection, lambda: self._credentials.listening, handler.on_over_budget
+        )
         self._greeting = Greeting(self._give_up)
-        self._links: Budgets[str] = Budgets(lambda _peer: LINK_ALLOWANCE, time.monotonic)
-        self._consensus: Budgets[str] = Budgets(lambda _peer: CONSENSUS_ALLOWANCE, time.monotonic)
-        self._penalties = Penalties()
+        self._links: TokenBuckets[str] = TokenBuckets(lambda _peer: LINK_ALLOWANCE, time.monotonic)
+        self._consensus: TokenBuckets[str] = TokenBuckets(lambda _peer: CONSENSUS_ALLOWANCE, time.monotonic)
+        self._peer_bans = PeerBans()
         self._dialling: dict[str, tuple[tuple[str, int], asyncio.Task[None]]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._refused = Refusals("peer_refused")
-        self._refused_by = Refusals("refused_by_peer")
+        self._refused = RefusalLog("peer_refused")
+        self._refused_by = RefusalLog("refused_by_peer")
         self._said_of_own: str | None = None
         self._credentials = Credentials(config.tls_certificate_path, config.tls_key_path, self._directory.content)
 
@@ -231,7 +233,7 @@ class PeerNetwork:
             backoff_ms = min(DIAL_BACKOFF_MAX_MS, backoff_ms * 2)
 
     def _may_dial(self, name: str) -> bool:
-        if self._penalties.is_paused(name):
+        if self._peer_bans.is_banned(name):
             return False
         return not self._credentials.own.facts.is_expired(self._clock())
 
@@ -335,7 +337,7 @@ class PeerNetwork:
         return {
             "certificate": self._credentials.own.describe(now_ms),
             "refused_peers": self._refused.describe(now_ms),
-            "cut_off_peers": self._penalties.describe(now_ms),
+            "cut_off_peers": self._peer_bans.describe(now_ms),
             "refused_by": self._refused_by.describe(now_ms),
             "problem": None
             if problem is None
@@ -354,7 +356,7 @@ class PeerNetwork:
         try:
             facts = identify_peer(connection.certificate, self._directory.content, self._clock())
             self._require_expected(connection, facts.name)
-            self._penalties.require_none(facts.name)
+            self._peer_bans.require_not_banned(facts.name)
         except BlockRobotError as error:
             self._refuse(connection, error)
             return
@@ -442,17 +444,17 @@ class PeerNetwork:
 
     def too_many_requests(self, peer: str) -> None:
         self._links.charge(peer, REFUSAL_US)
-        self._handler.note_over(Source("peer", peer), 1.0)
+        self._handler.on_over_budget(Source("peer", peer), 1.0)
 
     def wait_s(self, peer: str) -> float:
         wait_s = max(self._links.wait_s(peer), self._consensus.wait_s(peer))
         if wait_s > 0:
-            self._handler.note_over(Source("peer", peer), wait_s)
+            self._handler.on_over_budget(Source("peer", peer), wait_s)
         return wait_s
 
     def offended(self, connection: PeerConnection, error: BlockRobotError) -> None:
         if connection.greeted:
-            self._penalties.punish(connection.peer, error)
+            self._peer_bans.ban(connection.peer, error)
             connection.abort()
         else:
             log.warning("peer_message_refused", peer=connection.peer, code=error.code, detail=error.detail)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from consensus.chain.block import Block
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
-from node.budgets.token_buckets import Allowance, Budgets, Source, over_budget
-from node.budgets.work_costs import REQUEST_COSTS, bytes_cost_us
+from node.limits.token_buckets import Allowance, Source, TokenBuckets, over_budget
+from node.limits.work_costs import REQUEST_COSTS, bytes_cost_us
 from node.p2p.wire import BlockBatch, BranchRequest, FinalizedRequest, RequestKind
 from node.storage.ledger_store import LedgerStore
 from node.sync.block_ranges import read_range
@@ -37,11 +37,11 @@ class _Kept:
 class PeerRequests:
     """Requests of all peers; on the event loop except for reading."""
 
-    def __init__(self, ledger: LedgerStore, note_over: Callable[[str, BlockRobotError], None]) -> None:
+    def __init__(self, ledger: LedgerStore, on_over_budget: Callable[[str, BlockRobotError], None]) -> None:
         self._ledger = ledger
-        self._note_over = note_over
+        self._on_over_budget = on_over_budget
         self._loop = asyncio.get_running_loop()
-        self._budgets: Budgets[str] = Budgets(lambda _peer: REQUEST_ALLOWANCE, self._loop.time)
+        self._budgets: TokenBuckets[str] = TokenBuckets(lambda _peer: REQUEST_ALLOWANCE, self._loop.time)
         self._turns: dict[tuple[str, bool], asyncio.Semaphore] = {}
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="answers")
         self._kept: OrderedDict[FinalizedRequest, _Kept] = OrderedDict()
@@ -61,7 +61,7 @@ class PeerRequests:
             if wait_s > WAIT_MAX_S:
                 who = str(Source("peer", peer))
                 error = over_budget(who, wait_s)
-                self._note_over(who, error)
+                self._on_over_budget(who, error)
                 raise error
             if wait_s > 0:
                 await asyncio.sleep(wait_s)

@@ -25,10 +25,10 @@ from consensus.protocol.events import (
     TimeoutReceived,
     VoteReceived,
 )
-from node.budgets.token_buckets import Allowance, Budgets, Source, over_budget
-from node.budgets.work_costs import FRAME_COSTS, Lane
 from node.consensus.engine import Engine
 from node.consensus.epoch_change import EpochStart, EpochTransition, verify_following
+from node.limits.token_buckets import Allowance, Source, TokenBuckets, over_budget
+from node.limits.work_costs import FRAME_COSTS, Lane
 from node.mempool.gossip import AGAIN_MAX_BYTES, Gossip, batches, oldest_within
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_intake import Outcome, TransactionIntake
@@ -126,16 +126,18 @@ class Peers:
         intake: TransactionIntake,
         ledger: LedgerStore,
         clock: Callable[[], int],
-        note_over: Callable[[str, BlockRobotError], None] = lambda _source, _error: None,
+        on_over_budget: Callable[[str, BlockRobotError], None] = lambda _source, _error: None,
     ) -> None:
         """`start` is the current epoch's; `name_of_producer` maps producer keys to nodes."""
         self._chain_id = chain_id
         self._name_of_producer = name_of_producer
         self._mempool = mempool
         self._intake = intake
-        self._note_over = note_over
-        self._control: Budgets[str] = Budgets(lambda _peer: CONTROL_ALLOWANCE, asyncio.get_running_loop().time)
-        self._requests = PeerRequests(ledger, note_over)
+        self._on_over_budget = on_over_budget
+        self._control: TokenBuckets[str] = TokenBuckets(
+            lambda _peer: CONTROL_ALLOWANCE, asyncio.get_running_loop().time
+        )
+        self._requests = PeerRequests(ledger, on_over_budget)
         self._ledger = ledger
         with ledger.snapshot() as view:
             self._earliest_height = view.earliest_height
@@ -323,14 +325,14 @@ class Peers:
         self._intake.forget(Source("peer", peer))
         self._unsettled.pop(peer, None)
 
-    def note_over(self, source: Source, wait_s: float) -> None:
-        self._note_over(str(source), over_budget(str(source), wait_s))
+    def on_over_budget(self, source: Source, wait_s: float) -> None:
+        self._on_over_budget(str(source), over_budget(str(source), wait_s))
 
     def peer_frame(self, peer: str, kind: FrameKind, payload: bytes) -> None:
         """Raises ENCODING_*, PROOF_INVALID, CERTIFICATE_INVALID; drops heights and requests over budget."""
         cost = FRAME_COSTS[kind]
         if cost.lane is Lane.CONTROL and not self._control.take(peer, cost.us):
-            self.note_over(Source("peer", peer), self._control.wait_s(peer, cost.us))
+            self.on_over_budget(Source("peer", peer), self._control.wait_s(peer, cost.us))
             return
         if kind in _CONSENSUS_FRAME_KINDS:
             self._receive_consensus_message(peer, kind, payload)

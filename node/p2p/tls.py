@@ -20,8 +20,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from consensus.errors import BlockRobotError
-from node.budgets.work_costs import RECORD_US
 from node.directory.node_directory import DirectoryContent
+from node.limits.work_costs import RECORD_US
 from node.p2p.identity import CertificateFacts, load_authorities, read_facts
 from pages.time_format import format_utc_time
 

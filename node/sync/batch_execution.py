@@ -11,7 +11,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
 from contracts.state.view import Overlay
 from node.execution.block_executor import ExecutedBlock, Executor
-from node.execution.execution_machines import Outcome
+from node.execution.execution_machines import BlockExecutionResult
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 from node.sync.block_ranges import CheckedBlock, CheckedRange
 
@@ -76,7 +76,7 @@ class CatchUp:
     def _view(self) -> Overlay:
         return Overlay(self._snapshot, self._writes, self._pages, self._root)
 
-    def _execute_one(self, checked: CheckedBlock, made: _Run, result: Outcome | None) -> ExecutedBlock:
+    def _execute_one(self, checked: CheckedBlock, made: _Run, result: BlockExecutionResult | None) -> ExecutedBlock:
         parent, spent = self._view(), _Spent(self._txids, self._snapshot)
         executed = self._executor.execute_final(checked, parent, self._time_ms, spent, result)
         overlay, header = executed.overlay, checked.header

@@ -143,7 +143,7 @@ class Synchroniser:
         if height > self._writer.queued_height + LAG_TOLERATED_BLOCKS:
             self._begin()
 
-    def look_again(self) -> None:
+    def recheck(self) -> None:
         """Close a short gap that stayed `STANDSTILL_MS`; call periodically."""
         reached = self._writer.queued_height
         if not self.lag_blocks:

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from network.faults.actions import Heal, Pause, Resume, SetLink, link_profile
-from node.p2p.shaping import LinkFault
+from node.p2p.link_faults import LinkFault
 from tests.cluster.story import Story
 
 CUT_S = 8.0

@@ -42,7 +42,9 @@ async def no_uploads(_timestamp_ms: int, *, counts_held: bool) -> UploadReport:
     return UploadReport([], {}, 0, None, None, uploads_paused=False, days_until_reserve=None)
 
 
-def make_upkeep(house: House, state: State, note: Callable[[bytes], None] = lambda _prefix: None) -> CustodyAdmin:
+def make_custody_admin(
+    house: House, state: State, note: Callable[[bytes], None] = lambda _prefix: None
+) -> CustodyAdmin:
     class Ledger:
         def snapshot(self) -> Snapshot:
             return Snapshot(state, note)
@@ -56,11 +58,11 @@ def make_upkeep(house: House, state: State, note: Callable[[bytes], None] = lamb
 async def test_who_owes_which_receipt_and_which_of_them_are_overdue(opened: House) -> None:
     state = State()
     state.erasure(record_clip(), receipts=[CUSTODIAN], time=NOW_MS - 121_000)
-    status = await make_upkeep(opened, state).status()
+    status = await make_custody_admin(opened, state).status()
     overdue = [{"erasure_id": ERASURE_ID.hex(), "age_s": 121, "records": 1}]
     assert msgspec.to_builtins(status.waiting_for) == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": overdue}}
     state.erasure(record_clip(), receipts=[CUSTODIAN], time=NOW_MS - 119_000)
-    status = await make_upkeep(opened, state).status()
+    status = await make_custody_admin(opened, state).status()
     assert msgspec.to_builtins(status.waiting_for) == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": []}}
 
 
@@ -73,7 +75,7 @@ async def test_what_everybody_confirmed_costs_no_search_in_the_audit_and_nothing
         prefixes.append(prefix)
 
     state.erasure(record_clip(), receipts=[CUSTODIAN, OTHER_CUSTODIAN])
-    assert (await make_upkeep(opened, state, note).status()).waiting_for == {}
+    assert (await make_custody_admin(opened, state, note).status()).waiting_for == {}
     assert prefixes == [b"erasure\x00erasure/"]
     assert threading.get_ident() not in threads
 

@@ -16,7 +16,6 @@ from consensus.limits import DAY_MS, MIB_BYTES
 from consensus.records.clips import ClipUpload
 from consensus.state.settings import UploadQuotas
 from network.custody.custody_text import find_upload_problems
-from node.budgets.disk_reserve import DiskReserve
 from node.custody.coordination.custody_answers import UploadReport
 from node.custody.coordination.upload_admission import (
     UPLOADS_OF_CONTENT_MAX_COUNT,
@@ -27,6 +26,7 @@ from node.custody.coordination.upload_report import LATELY_S, RefusedUploads, de
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.upload_usage import DayUse, UploadTerms, Use, find_day, require_quota
 from node.ledger.ledger_writer import FinalityFeed
+from node.limits.disk_reserve import DiskReserve
 from node.storage.memory_store import MemoryStore
 from tests.offchain.house import ERASURE_ID, House, refused
 from tests.offchain.small_chain import ALICE, START_MS, erasure, record_clip, recorded

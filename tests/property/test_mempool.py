@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from contracts.execution.sender_admission import Account
-from node.mempool.byte_budget import ByteBudgets
+from node.limits.account_byte_limiter import AccountByteLimiter
 from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, transaction
 
 SENDERS, NUMBERS = 12, 12
@@ -35,7 +35,7 @@ TRANSACTIONS = {
 class PoolMachine(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
-        self.budgets = ByteBudgets(lambda: 0.0, bytes_per_s=1, burst_bytes=BURST_BYTES)
+        self.budgets = AccountByteLimiter(lambda: 0.0, bytes_per_s=1, burst_bytes=BURST_BYTES)
         self.pool = make_pool(
             max_bytes=POOL_MAX_BYTES,
             sender_max_count=SENDER_MAX_COUNT,

@@ -7,9 +7,9 @@ import asyncio
 from consensus.errors import BlockRobotError
 from contracts.worker.worker_machine import WorkerSpec
 from node.api.node_services import FinalizedLedger
-from node.budgets.token_buckets import Source
 from node.execution.sandboxed_contracts import VIEWS_OF_SOURCE_MAX_COUNT, VIEWS_WAITING_MAX_COUNT, SandboxedContracts
 from node.ledger.ledger_writer import FinalityFeed
+from node.limits.token_buckets import Source
 from tests.worker.written_blocks import Chain
 
 

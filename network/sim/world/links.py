@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from consensus.errors import BlockRobotError
 from network.sim.world.cpu import COSTS, charge
 from network.sim.world.virtual_time import Owner, SimLoop
+from node.limits.peer_bans import PeerBans
 from node.p2p.connection import REQUESTS_SERVED_MAX_COUNT
 from node.p2p.network import REQUEST_TIMEOUT_MS, PeerHandler
-from node.p2p.penalties import Penalties
 from node.p2p.wire import FrameKind, RequestKind, encode_frame
 
 REDIAL_MS = 50.0
@@ -192,7 +192,7 @@ class SimNetwork:
         self.handler = handler
         self.lives: dict[str, Owner] = {}
         self.before_send: Callable[[], None] = _nothing
-        self._penalties = Penalties(lambda: int(wires.loop.now_ms))
+        self._peer_bans = PeerBans(lambda: int(wires.loop.now_ms))
         self._greeted: set[str] = set()
         self._serving: dict[str, int] = {}
         self._requests: dict[int, asyncio.Future[bytes]] = {}
@@ -256,13 +256,13 @@ class SimNetwork:
 
     def cut_off(self, peer: str, error: BlockRobotError) -> None:
         if peer in self._greeted:
-            self._penalties.punish(peer, error)
+            self._peer_bans.ban(peer, error)
             self.wires.on_cut_off(self.name, peer, error.code)
             self.wires.break_connection(self.name, peer)
 
     def unheard_until_ms(self, peer: str) -> int:
         """Return until when a cut-off peer is ignored (0: never cut off)."""
-        return self._penalties.until_ms(peer)
+        return self._peer_bans.until_ms(peer)
 
     def receive(self, peer: str, kind: FrameKind, payload: bytes) -> None:
         if peer not in self._greeted:

@@ -9,9 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from typing import Any, Generic, TypeVar
 
-from node.api.access.rate_limit import ChargedBudgets
-from node.api.services import LedgerReader, LedgerSnapshot
-from node.budgets.token_buckets import Source
+from node.api.access.request_rate_limiter import ChargedBudgets
+from node.api.services import LedgerReader, LedgerView
+from node.limits.token_buckets import Source
 
 HTTP_US = 250
 """What one request and its answer take besides its own slices: parsing, routing, writing."""
@@ -82,12 +82,12 @@ class Metered(Generic[T]):
 class _Reading(Generic[T]):
     """One piece of work on a snapshot, run in the readers' thread."""
 
-    def __init__(self, ledger: LedgerReader, work: Callable[[LedgerSnapshot], Steps[T]]) -> None:
+    def __init__(self, ledger: LedgerReader, work: Callable[[LedgerView], Steps[T]]) -> None:
         self._steps = self._run(ledger, work)
         self.spent_us = 0.0
 
     @staticmethod
-    def _run(ledger: LedgerReader, work: Callable[[LedgerSnapshot], Steps[T]]) -> Steps[T]:
+    def _run(ledger: LedgerReader, work: Callable[[LedgerView], Steps[T]]) -> Steps[T]:
         with ledger.snapshot() as snapshot:
             return (yield from work(snapshot))
 
@@ -119,7 +119,7 @@ class Readings:
     def stop(self) -> None:
         self._thread.shutdown(wait=True, cancel_futures=True)
 
-    async def read(self, source: Source, meter: Meter, work: Callable[[LedgerSnapshot], Steps[T]]) -> T:
+    async def read(self, source: Source, meter: Meter, work: Callable[[LedgerView], Steps[T]]) -> T:
         """Run work on the newest finalized snapshot. Raises RATE_LIMITED in debt, and as `work`."""
         async with self._turn(source), self._one:
             meter.require()

@@ -14,7 +14,7 @@ from consensus.state.keys import flat_prefix
 from consensus.state.membership import MEMBERSHIP
 from consensus.state.records import EMPTY_FRAME, decided_root
 from contracts.execution.sender_admission import name_grantees, name_key
-from node.api.services import LedgerSnapshot
+from node.api.services import LedgerView
 
 SessionKind = Literal["member", "owner", "grantee", "former-grantee"]
 ROLE_ADMIN = "admin"
@@ -33,7 +33,7 @@ class Principal:
     account: bytes = field(default=b"", compare=False)
 
 
-def resolve_principal(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"") -> Principal | None:
+def resolve_principal(snapshot: LedgerView, key: bytes, grant_id: bytes = b"") -> Principal | None:
     """Return what this 33-byte key stands for, or None.
 
     With a grant's id: only as its grantee, whatever else the key is.
@@ -59,7 +59,7 @@ def resolve_principal(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"
     return None
 
 
-def _find_grantee_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes) -> Principal | None:
+def _find_grantee_standing(snapshot: LedgerView, key: bytes, grant_id: bytes) -> Principal | None:
     now_ms = snapshot.header.timestamp_ms
     grant = grant_of(snapshot, grant_id, key, now_ms)
     if grant is None:
@@ -69,7 +69,7 @@ def _find_grantee_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes
 
 
 def require_readable(
-    snapshot: LedgerSnapshot, standing: SessionKind, reader: bytes, grant_id: bytes, keys: Iterable[bytes]
+    snapshot: LedgerView, standing: SessionKind, reader: bytes, grant_id: bytes, keys: Iterable[bytes]
 ) -> None:
     """Raise NOT_PERMITTED for a grantee reading state outside their visit.
 

@@ -18,7 +18,7 @@ from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routes.proofs import prove_keys
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import LedgerSnapshot
+from node.api.services import LedgerView
 
 
 def _item(number: int, data: bytes) -> AnnouncementItem:
@@ -29,7 +29,7 @@ def _item(number: int, data: bytes) -> AnnouncementItem:
     return describe(AnnouncementItem, row, number=number, root=row.root.hex() or None)
 
 
-def _read_page(snapshot: LedgerSnapshot, first: int, limit: int) -> Steps[web.Response]:
+def _read_page(snapshot: LedgerView, first: int, limit: int) -> Steps[web.Response]:
     count = ANNOUNCEMENT_COUNT.read(snapshot) or 0
     keys = [ANNOUNCEMENT_COUNT.flat]
     keys += [ANNOUNCEMENT.key(number) for number in range(first, min(first + limit, count))]

@@ -12,7 +12,7 @@ from consensus.primitives.hashing import sha256
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import BlockHead, LedgerSnapshot, PeersWithBlock, require_not_pruned
+from node.api.services import BlockHead, LedgerView, PeersWithBlock, require_not_pruned
 
 
 def _summary(head: BlockHead) -> BlockSummary:
@@ -21,9 +21,7 @@ def _summary(head: BlockHead) -> BlockSummary:
     return describe(BlockSummary, header, block_id=block_id, transaction_count=head.transactions_count or 0)
 
 
-def _read_page(
-    snapshot: LedgerSnapshot, peers_with_block: PeersWithBlock, first: int, limit: int
-) -> Steps[web.Response]:
+def _read_page(snapshot: LedgerView, peers_with_block: PeersWithBlock, first: int, limit: int) -> Steps[web.Response]:
     head = snapshot.header.height
     require_not_pruned(snapshot, first, peers_with_block)
     blocks: list[BlockSummary] = []
@@ -35,7 +33,7 @@ def _read_page(
     return json_answer(BlocksAnswer(head=head, earliest_height=snapshot.earliest_height, blocks=blocks))
 
 
-def _read_block(snapshot: LedgerSnapshot, peers_with_block: PeersWithBlock, height: int) -> Steps[web.Response]:
+def _read_block(snapshot: LedgerView, peers_with_block: PeersWithBlock, height: int) -> Steps[web.Response]:
     require_not_pruned(snapshot, height, peers_with_block)
     head, block = snapshot.head(height), snapshot.block_bytes(height)
     if head is None or block is None:

@@ -13,14 +13,14 @@ from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import LedgerSnapshot, require_not_pruned
+from node.api.services import LedgerView, require_not_pruned
 
 SCAN_MAX_COUNT = 1_000
 SCAN_AT_ONCE_COUNT = 100
 PLACE_PATTERN = "^[0-9]{1,15}:[0-9]{1,9}$"
 
 
-def _read_place(text: str | None, snapshot: LedgerSnapshot) -> tuple[int, int]:
+def _read_place(text: str | None, snapshot: LedgerView) -> tuple[int, int]:
     if text is None:
         return snapshot.earliest_height, 0
     height, _, index = text.partition(":")
@@ -29,7 +29,7 @@ def _read_place(text: str | None, snapshot: LedgerSnapshot) -> tuple[int, int]:
     return int(height), int(index)
 
 
-def _scan(snapshot: LedgerSnapshot, height: int, index: int) -> Iterator[tuple[int, int, ContractEvent] | None]:
+def _scan(snapshot: LedgerView, height: int, index: int) -> Iterator[tuple[int, int, ContractEvent] | None]:
     place, left = (height, index), SCAN_MAX_COUNT
     while left > 0:
         yield None
@@ -41,7 +41,7 @@ def _scan(snapshot: LedgerSnapshot, height: int, index: int) -> Iterator[tuple[i
         place, left = (rows[-1][0], rows[-1][1] + 1), left - count
 
 
-def _read_page(call: Call, snapshot: LedgerSnapshot) -> Steps[EventsPage]:
+def _read_page(call: Call, snapshot: LedgerView) -> Steps[EventsPage]:
     """Raises BLOCK_PRUNED."""
     height, index = _read_place(call.http.query.get("from"), snapshot)
     require_not_pruned(snapshot, height, call.services.peers_with_block)
@@ -71,7 +71,7 @@ def _read_page(call: Call, snapshot: LedgerSnapshot) -> Steps[EventsPage]:
     )
 
 
-def _items(snapshot: LedgerSnapshot, found: list[tuple[int, int, ContractEvent]]) -> Steps[list[EventItem]]:
+def _items(snapshot: LedgerView, found: list[tuple[int, int, ContractEvent]]) -> Steps[list[EventItem]]:
     txids: dict[int, list[str]] = {}
     for height in sorted({at for at, _, _ in found}):
         txids[height] = [one.txid.hex() for one in snapshot.receipts(height) or () for _ in one.events]

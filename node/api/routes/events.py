@@ -12,8 +12,8 @@ from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routing import SSE, Answer, Call, Parameter, Route
-from node.api.services import LedgerSnapshot, PeersWithBlock, require_not_pruned
-from node.budgets.work_costs import bytes_cost_us
+from node.api.services import LedgerView, PeersWithBlock, require_not_pruned
+from node.limits.work_costs import bytes_cost_us
 
 KEEP_ALIVE_MS = 10_000
 BLOCKS_PER_PART_COUNT = 64
@@ -39,7 +39,7 @@ class _Part:
     is_behind: bool
 
 
-def _read_part(snapshot: LedgerSnapshot, peers_with_block: PeersWithBlock, height: int, after: int) -> Steps[_Part]:
+def _read_part(snapshot: LedgerView, peers_with_block: PeersWithBlock, height: int, after: int) -> Steps[_Part]:
     """Raises BLOCK_PRUNED and NOT_FOUND."""
     head, size = snapshot.header.height, 0
     messages: list[bytes] = []

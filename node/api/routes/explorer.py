@@ -20,7 +20,7 @@ from node.api.explorer_documents import (
 )
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import BYTES, JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import ApiServices, LedgerSnapshot
+from node.api.services import ApiServices, LedgerView
 from node.explorer.page import answer_own, answer_shared
 
 _BUDGET = "A budget of the call was spent"
@@ -63,7 +63,7 @@ _NAME_PATTERN = "^[A-Za-z][A-Za-z0-9_-]{0,63}\\.[a-z]{2,4}$"
 _HTML = "text/html"
 
 
-def _status(services: ApiServices, snapshot: LedgerSnapshot) -> ExplorerStatusAnswer:
+def _status(services: ApiServices, snapshot: LedgerView) -> ExplorerStatusAnswer:
     return ExplorerStatusAnswer(
         node=services.node_name,
         network=services.genesis.network,
@@ -91,11 +91,11 @@ async def _get_status(call: Call) -> web.StreamResponse:
         return json_answer(_status(services, snapshot))
 
 
-def _reader(call: Call, snapshot: LedgerSnapshot) -> HeaderReader:
+def _reader(call: Call, snapshot: LedgerView) -> HeaderReader:
     return HeaderReader(snapshot, call.services.genesis, call.services.rounds)
 
 
-def _read_headers(call: Call, snapshot: LedgerSnapshot, first: int, limit: int) -> Steps[web.Response]:
+def _read_headers(call: Call, snapshot: LedgerView, first: int, limit: int) -> Steps[web.Response]:
     head, earliest = snapshot.header.height, snapshot.earliest_height
     reader, headers = _reader(call, snapshot), []
     for height in range(first, min(first + limit, head + 1)):

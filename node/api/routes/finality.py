@@ -18,7 +18,7 @@ from consensus.api_documents import (
 from node.api.access.metering import Steps
 from node.api.access.route_access import ANYONE, READER
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import LedgerSnapshot
+from node.api.services import LedgerView
 
 
 async def _get_finality(call: Call) -> web.StreamResponse:
@@ -38,7 +38,7 @@ async def _get_epochs(call: Call) -> web.StreamResponse:
     return json_answer(EpochsAnswer(epochs=epochs))
 
 
-def _read_headers(snapshot: LedgerSnapshot, first: int, limit: int) -> Steps[web.Response]:
+def _read_headers(snapshot: LedgerView, first: int, limit: int) -> Steps[web.Response]:
     headers: list[str] = []
     for height in range(first, min(first + limit, snapshot.header.height + 1)):
         header = snapshot.header_bytes(height)

@@ -12,10 +12,10 @@ from node.api.access.metering import Steps
 from node.api.access.principals import require_readable
 from node.api.access.route_access import READER
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
-from node.api.services import LedgerSnapshot
+from node.api.services import LedgerView
 
 
-def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> Steps[list[KeyProof]]:
+def prove_keys(snapshot: LedgerView, keys: Iterable[bytes]) -> Steps[list[KeyProof]]:
     proofs = []
     for key in keys:
         value = snapshot.get(key)
@@ -28,7 +28,7 @@ def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> Steps[list[Ke
     return proofs
 
 
-def answer_proofs(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> Steps[web.Response]:
+def answer_proofs(snapshot: LedgerView, keys: Iterable[bytes]) -> Steps[web.Response]:
     proofs = yield from prove_keys(snapshot, keys)
     return json_answer(ProofsAnswer(finality=finality_document(snapshot.finality), proofs=proofs))
 
@@ -38,7 +38,7 @@ async def _prove(call: Call) -> web.StreamResponse:
     keys = [bytes.fromhex(key) for key in asked.keys]
     session = call.session
 
-    def prove(snapshot: LedgerSnapshot) -> Steps[web.Response]:
+    def prove(snapshot: LedgerView) -> Steps[web.Response]:
         if session is not None:
             require_readable(snapshot, session.kind, session.public_key, session.grant_id, keys)
         return (yield from answer_proofs(snapshot, keys))

@@ -21,7 +21,7 @@ async def _query(call: Call) -> web.StreamResponse:
             result = await call.services.views.run_view(snapshot, asked.contract, asked.view, arguments, call.source)
         except BlockRobotError as error:
             if error.code == "RATE_LIMITED":
-                call.services.note_over(str(call.source), error)
+                call.services.on_over_budget(str(call.source), error)
             raise
         return json_answer(QueryAnswer(result=result.hex(), height=snapshot.header.height))
 

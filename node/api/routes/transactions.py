@@ -17,7 +17,7 @@ from node.api.access.route_access import ANYONE
 from node.api.evidence import build_evidence
 from node.api.problems import problem_document
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, json_answer
-from node.api.services import LedgerSnapshot, PeersWithBlock, SubmitResult, require_not_pruned
+from node.api.services import LedgerView, PeersWithBlock, SubmitResult, require_not_pruned
 
 BATCH_MAX_COUNT = 256
 BATCH_MAX_BYTES = 1024 * 1024
@@ -44,7 +44,7 @@ async def _submit(call: Call) -> web.StreamResponse:
 
 
 def _find(
-    snapshot: LedgerSnapshot, peers_with_block: PeersWithBlock, txid: bytes, *, with_evidence: bool
+    snapshot: LedgerView, peers_with_block: PeersWithBlock, txid: bytes, *, with_evidence: bool
 ) -> Steps[TransactionState | None]:
     place = snapshot.locate(txid)
     if place is None:

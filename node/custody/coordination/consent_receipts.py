@@ -26,7 +26,7 @@ from consensus.rights.notices import (
 )
 from consensus.state.consent import GIVEN, NOTICE, NOTICE_TEXT
 from consensus.state.identity import CUSTODIAN, organisation_of
-from node.api.services import LedgerSnapshot, PeersWithBlock, SignedReceipt, require_not_pruned
+from node.api.services import LedgerView, PeersWithBlock, SignedReceipt, require_not_pruned
 
 
 class ConsentReceipts:
@@ -36,7 +36,7 @@ class ConsentReceipts:
         self._key = key
         self._keepers = peers_with_block
 
-    def issue(self, snapshot: LedgerSnapshot, txid: bytes, caller: bytes) -> SignedReceipt:
+    def issue(self, snapshot: LedgerView, txid: bytes, caller: bytes) -> SignedReceipt:
         """Return the signed receipt of a caller's own statement.
 
         Raises CONSENT_RECEIPT_ELSEWHERE (other organisation), NOT_FOUND (not final or not theirs), BLOCK_PRUNED,
@@ -71,7 +71,7 @@ class ConsentReceipts:
             transaction=transaction.wire,
         )
 
-    def _organisation(self, snapshot: LedgerSnapshot, caller: bytes) -> str:
+    def _organisation(self, snapshot: LedgerView, caller: bytes) -> str:
         """Raises CONSENT_RECEIPT_ELSEWHERE."""
         custodian = CUSTODIAN.at(snapshot, self._key.public_key)
         if custodian is None or custodian.org != organisation_of(snapshot, caller):
@@ -79,12 +79,12 @@ class ConsentReceipts:
         return custodian.org
 
 
-def _value(snapshot: LedgerSnapshot, key: bytes) -> Any:
+def _value(snapshot: LedgerView, key: bytes) -> Any:
     data = snapshot.get(key)
     return None if data is None else decode_value(data)
 
 
-def find_notice(snapshot: LedgerSnapshot, organisation: str, statement: ConsentStatement) -> PublishedNotice | None:
+def find_notice(snapshot: LedgerView, organisation: str, statement: ConsentStatement) -> PublishedNotice | None:
     """Return the notice in force at a statement, or None. Raises NOTICE_INVALID."""
     row = read_row(organisation, _value(snapshot, NOTICE.key(organisation)))
     following = None

@@ -24,8 +24,8 @@ TELL_EVERY_S = 0.2
 HEARTBEAT_S = 10.0
 Work = Callable[[Tell], Awaitable[Document]]
 _ROUTE_WORK: dict[str, Callable[[CustodyAdmin], Work]] = {
-    "/custody/scrub": lambda upkeep: upkeep.scrub,
-    "/custody/rebuild": lambda upkeep: upkeep.rebuild,
+    "/custody/scrub": lambda custody_admin: custody_admin.scrub,
+    "/custody/rebuild": lambda custody_admin: custody_admin.rebuild,
 }
 
 log = structlog.get_logger(__name__)
@@ -40,15 +40,15 @@ def _answer(document: Document, status: int = 200) -> web.Response:
 
 
 def add_custody_routes(
-    application: web.Application, upkeep: CustodyAdmin | None, require: Callable[[web.Request], None]
+    application: web.Application, custody_admin: CustodyAdmin | None, require: Callable[[web.Request], None]
 ) -> None:
     """Add the routes; `require` raises unless the request is the operator's."""
 
     def permitted(request: web.Request) -> CustodyAdmin:
         require(request)
-        if upkeep is None:
+        if custody_admin is None:
             raise BlockRobotError("CUSTODY_ELSEWHERE")
-        return upkeep
+        return custody_admin
 
     async def status(request: web.Request) -> web.StreamResponse:
         try:

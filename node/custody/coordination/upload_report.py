@@ -15,9 +15,9 @@ from prometheus_client import CollectorRegistry, Gauge, generate_latest
 from consensus.errors import BlockRobotError
 from consensus.limits import MIB_BYTES
 from consensus.state.settings import UploadQuotas
-from node.budgets.disk_reserve import DiskReserve
 from node.custody.coordination.custody_answers import RobotUploads, UploadReport
 from node.custody.upload_usage import USAGE_KEPT_DAYS, DayUse, UploadAccount, Use, find_day
+from node.limits.disk_reserve import DiskReserve
 
 log = structlog.get_logger(__name__)
 

@@ -15,7 +15,7 @@ from node.consensus.journal import Journal
 from node.consensus.journal_disk import SystemDisk
 from node.custody.stores.sqlite_store import SqliteStore
 from node.faults import STATE_FILE_NAME, TOKEN_FILE_NAME, FaultSwitch, FillableDisk, read_or_make_token
-from node.p2p.shaping import LinkFault
+from node.p2p.link_faults import LinkFault
 
 
 def _switch(folder: Path, clock: WallClock | None = None) -> FaultSwitch:

@@ -17,8 +17,8 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import recover
 from contracts.execution.sender_admission import find_admission_error
-from node.budgets.token_buckets import Source, SourceKind
-from node.budgets.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
+from node.limits.token_buckets import Source, SourceKind
+from node.limits.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_intake import LOOPBACK_ALLOWANCE, PEER_ALLOWANCE, Outcome, TransactionIntake
 from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, transaction

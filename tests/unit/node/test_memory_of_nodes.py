@@ -93,7 +93,7 @@ async def test_a_producer_that_votes_twice_is_suspended_on_the_chain() -> None:
         for block_id in (sha256(b"one block"), sha256(b"another")):
             vote = sign_vote(producer_key("e"), crowd.genesis.chain_id, epoch, round_number, block_id, index)
             crowd.nodes[name].peers.peer_frame("e", FrameKind.VOTE, encode(vote))
-    assert all(len(crowd.nodes[name].accuser.pending) == 1 for name in NAMES)
+    assert all(len(crowd.nodes[name].evidence_submitter.pending) == 1 for name in NAMES)
     await crowd.wait_epoch(1)
     key = b"producers\x00candidate/" + producer_key("e").public_key
     with crowd.nodes["b"].finalized.snapshot() as snapshot:
@@ -102,7 +102,7 @@ async def test_a_producer_that_votes_twice_is_suspended_on_the_chain() -> None:
         entry = decode_stored_value(data)
     assert (entry["status"], entry["evidence"]["round"]) == ("suspended", round_number)
     assert producer_key("e").public_key not in node.engine.epoch.schedule.producers
-    await _until(lambda: not any(crowd.nodes[name].accuser.pending for name in NAMES))
+    await _until(lambda: not any(crowd.nodes[name].evidence_submitter.pending for name in NAMES))
     await _work(crowd, "c")
     await crowd.stop()
 

@@ -14,7 +14,7 @@ from consensus.primitives.keys import GROUP_ORDER
 from consensus.state.layout import RESERVED_CALLS, RESERVED_CONTRACTS
 from contracts.execution.sender_admission import Account
 from contracts.lifecycle.registry import load_contracts
-from node.mempool.byte_budget import ACCOUNT_BYTES_PER_S, ByteBudgets
+from node.limits.account_byte_limiter import ACCOUNT_BYTES_PER_S, AccountByteLimiter
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_cache import TransactionCache
 from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, take_all, transaction
@@ -281,7 +281,7 @@ def test_nobody_takes_room_from_accounts_as_large_as_the_own() -> None:
 def test_an_account_has_a_budget_of_bytes_that_time_fills_up() -> None:
     """Also what became final counts: it is kept for a year. The wall clock, which may be put back, fills nothing."""
     size, now = len(transaction(1).wire), {"s": 5.0}
-    pool = make_pool(byte_budgets=ByteBudgets(lambda: now["s"], bytes_per_s=size, burst_bytes=3 * size))
+    pool = make_pool(byte_budgets=AccountByteLimiter(lambda: now["s"], bytes_per_s=size, burst_bytes=3 * size))
     for number in range(3):
         pool.admit(transaction(number).wire, NOW_MS)
         pool.remove([transaction(number).txid])
@@ -315,7 +315,7 @@ def test_what_is_refused_evicts_nothing_and_pays_nothing() -> None:
 
 def test_what_is_evicted_and_comes_again_is_paid_once() -> None:
     size = len(transaction(1).wire) + 2
-    budgets = ByteBudgets(lambda: 0.0, bytes_per_s=1, burst_bytes=17 * size)
+    budgets = AccountByteLimiter(lambda: 0.0, bytes_per_s=1, burst_bytes=17 * size)
     pool = make_pool(max_bytes=20 * size, byte_budgets=budgets)
     waiting = [transaction(number, by=0) for number in range(17)]
     for item in waiting:
@@ -395,7 +395,7 @@ def test_a_member_cannot_fill_disks_with_junk() -> None:
     """The budget of a day is less than a hundredth of what blocks could hold, and more than a robot records."""
     day_bytes = 24 * 3600 * ACCOUNT_BYTES_PER_S
     assert 24 * 3600 * 1024 < day_bytes < 24 * 3600 * BLOCK_SIZE_MAX_BYTES // 100
-    pool = make_pool(byte_budgets=ByteBudgets(lambda: 0.0, burst_bytes=64 * 1024))
+    pool = make_pool(byte_budgets=AccountByteLimiter(lambda: 0.0, burst_bytes=64 * 1024))
     junk = [transaction(number, contract="nothing", arguments=[bytes(15_900)]) for number in range(5)]
     for each in junk[:4]:
         pool.admit(each.wire, NOW_MS)

@@ -11,7 +11,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from node.budgets.token_buckets import Allowance
+from node.limits.token_buckets import Allowance
 from node.p2p.peer_requests import PeerRequests
 from node.p2p.wire import FinalizedRequest, FrameKind, HeightNotice, RequestKind, TransactionBatch
 from node.storage.memory_store import MemoryStore

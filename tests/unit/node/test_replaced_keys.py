@@ -19,7 +19,7 @@ from contracts.execution.sender_admission import find_account, is_admitted
 from contracts.state.view import MemoryState
 from node.api.access.principals import resolve_principal
 from node.custody.upload_usage import DayUse, UploadTerms, require_quota
-from node.mempool.byte_budget import VISITS_PART, ByteBudgets
+from node.limits.account_byte_limiter import VISITS_PART, AccountByteLimiter
 from node.mempool.mempool import Mempool, Screened
 from node.mempool.transaction_cache import TransactionCache
 from node.mempool.transaction_intake import payer_of
@@ -45,7 +45,7 @@ class Story:
 
     def __init__(self) -> None:
         self.hospital = Hospital()
-        self.budgets = ByteBudgets(lambda: 0.0, burst_bytes=BURST_BYTES)
+        self.budgets = AccountByteLimiter(lambda: 0.0, burst_bytes=BURST_BYTES)
         self.anna = self.hospital.enrol("anna")
         self.visit = self.hospital.open_visit(self.anna)
         self.transfers = 0

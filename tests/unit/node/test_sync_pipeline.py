@@ -148,10 +148,10 @@ def test_a_short_gap_is_closed_once_it_has_stayed_for_a_while(missed: int) -> No
         await behind.catch_up({"b": missed})
         for _ in range(3):
             behind.assert_equal_to(0)
-            behind.sync.look_again()
+            behind.sync.recheck()
             await asyncio.sleep(1)
         behind.assert_equal_to(missed)
-        behind.sync.look_again()
+        behind.sync.recheck()
         assert not behind.sync.is_running
 
     story(missed, tell)
@@ -176,7 +176,7 @@ def test_a_peer_that_boasts_of_a_block_is_not_asked_for_it_again_and_again() -> 
     async def tell(behind: Behind) -> None:
         await behind.catch_up({"boaster": 6})
         for _ in range(60):
-            behind.sync.look_again()
+            behind.sync.recheck()
             await asyncio.sleep(1)
         behind.assert_equal_to(5)
         assert len(behind.asked) < 4

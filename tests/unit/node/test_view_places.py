@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.budgets.token_buckets import Source
 from node.execution.sandboxed_contracts import (
     VIEWS_OF_SOURCE_MAX_COUNT,
     VIEWS_OF_VISIT_KEY_MAX_COUNT,
     VIEWS_WAITING_MAX_COUNT,
     ViewPlaces,
 )
+from node.limits.token_buckets import Source
 
 GREEDY, MODEST = Source("session", "greedy"), Source("session", "modest")
 

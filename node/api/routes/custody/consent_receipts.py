@@ -9,7 +9,7 @@ from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
-from node.api.services import LedgerSnapshot, SignedReceipt
+from node.api.services import LedgerView, SignedReceipt
 
 
 async def _issue(call: Call) -> web.StreamResponse:
@@ -19,7 +19,7 @@ async def _issue(call: Call) -> web.StreamResponse:
         raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
     txid, caller = bytes.fromhex(asked.txid), call.caller
 
-    def issue(snapshot: LedgerSnapshot) -> Steps[SignedReceipt]:
+    def issue(snapshot: LedgerView) -> Steps[SignedReceipt]:
         yield
         return issuer.issue(snapshot, txid, caller)
 

@@ -8,7 +8,7 @@ import pytest
 
 from network.console.node_polling import METRICS_MAX_BYTES, _read_whole, _Span, parse_counts
 from network.console.snapshots import ConsoleSnapshot, SnapshotBuilder, link_state
-from node.p2p.shaping import SOUND, LinkFault
+from node.p2p.link_faults import SOUND, LinkFault
 from tests.unit.network.console.polls import poll, polls, stopped
 
 WALL_MS = 1_700_000_000_000

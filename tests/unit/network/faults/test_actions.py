@@ -21,7 +21,7 @@ from network.faults.actions import (
     make_link_fault,
     read_duration,
 )
-from node.p2p.shaping import SOUND, LinkFault
+from node.p2p.link_faults import SOUND, LinkFault
 
 READER = ActionReader(("node-1", "node-2", "node-3", "node-4"))
 

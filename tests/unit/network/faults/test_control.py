@@ -31,7 +31,7 @@ from network.faults.plan import parse_plan
 from network.faults.requested import StepDone, run_plan
 from network.provisioning.network_layout import create_network
 from node.faults import STATE_FILE_NAME, TOKEN_FILE_NAME
-from node.p2p.shaping import LinkFault
+from node.p2p.link_faults import LinkFault
 
 HALVES = Partition((("node-1", "node-2"), ("node-3",)))
 EVERY_ACTION: tuple[Action, ...] = (

@@ -7,7 +7,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from network.faults.actions import FillDisk, GoByzantine, Heal, Kill, Partition, Pause, Restart, Resume, SetLink, Skew
 from network.faults.plan import RANDOM_KINDS, parse_plan
-from node.p2p.shaping import LinkFault
+from node.p2p.link_faults import LinkFault
 
 NAMES = ("node-1", "node-2", "node-3", "node-4")
 

@@ -10,7 +10,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from network.sim.world.links import REDIAL_MS, SimNetwork, Wires
 from network.sim.world.virtual_time import Owner, SimLoop
-from node.p2p.penalties import PAUSE_FIRST_MS, PAUSE_MAX_MS
+from node.limits.peer_bans import BAN_FIRST_MS, BAN_MAX_MS
 
 LIE = BlockRobotError("SIGNATURE_INVALID")
 SOON_MS = 2 * REDIAL_MS
@@ -57,7 +57,7 @@ class Pair:
 def test_a_peer_that_lied_is_away_on_both_sides_for_the_whole_pause() -> None:
     pair = Pair()
     pair.a.cut_off("b", LIE)
-    pair.run(PAUSE_FIRST_MS)
+    pair.run(BAN_FIRST_MS)
     assert pair.a.connected == pair.b.connected == []
     pair.run(SOON_MS)
     assert (pair.a.connected, pair.b.connected) == (["b"], ["a"])
@@ -69,10 +69,10 @@ def test_each_pause_is_twice_as_long_up_to_five_minutes() -> None:
     for _ in range(10):
         at_ms = pair.loop.now_ms
         pair.a.cut_off("b", LIE)
-        pair.run(PAUSE_MAX_MS + SOON_MS)
+        pair.run(BAN_MAX_MS + SOON_MS)
         came_ms = next(when for what, _, when in pair.handlers["a"].seen if what == "came" and when > at_ms)
         pauses_ms.append(came_ms - at_ms)
-    expected = [min(PAUSE_FIRST_MS << number, PAUSE_MAX_MS) for number in range(10)]
+    expected = [min(BAN_FIRST_MS << number, BAN_MAX_MS) for number in range(10)]
     for pause_ms, least_ms in zip(pauses_ms, expected, strict=True):
         assert least_ms - 1 <= pause_ms <= least_ms + SOON_MS
 
@@ -84,7 +84,7 @@ def test_a_second_lie_during_a_pause_and_a_lie_of_who_is_not_there_count_for_not
     pair.run(0)
     pair.a.cut_off("b", LIE)
     pair.a.cut_off("c", LIE)
-    pair.run(PAUSE_FIRST_MS + SOON_MS)
+    pair.run(BAN_FIRST_MS + SOON_MS)
     assert pair.a.connected == ["b"]
 
 
@@ -92,7 +92,7 @@ def test_neither_new_links_nor_another_pause_but_a_new_life_ends_a_pause() -> No
     pair = Pair()
     pair.a.cut_off("b", LIE)
     pair.wires.reconnect_all()
-    pair.run(PAUSE_FIRST_MS - 1)
+    pair.run(BAN_FIRST_MS - 1)
     assert pair.a.connected == []
     pair = Pair()
     pair.a.cut_off("b", LIE)

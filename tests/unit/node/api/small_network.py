@@ -37,9 +37,9 @@ from consensus.state.identity import MemberRow
 from consensus.state.records import RecordRow, VisitRow
 from contracts.state.view import MemoryState
 from node.api.node_services import FinalizedLedger
-from node.api.services import ApiServices, LedgerSnapshot, PoolStatus, SubmitResult
-from node.budgets.token_buckets import OWN, Source
+from node.api.services import ApiServices, LedgerView, PoolStatus, SubmitResult
 from node.ledger.ledger_writer import FinalityFeed
+from node.limits.token_buckets import OWN, Source
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore
 from tests.state_rows import row_of
@@ -309,7 +309,7 @@ class EchoViews:
     """`echo.back` returns its arguments; every other call is refused or unknown."""
 
     async def run_view(
-        self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any], _source: Source = OWN
+        self, snapshot: LedgerView, contract: str, view: str, arguments: list[Any], _source: Source = OWN
     ) -> bytes:
         if (contract, view) == ("echo", "back"):
             return encode_value(arguments)

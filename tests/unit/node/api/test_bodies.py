@@ -19,7 +19,7 @@ from node.api.bodies import (
     BODIES_OF_VISIT_KEY_MAX_BYTES,
     Bodies,
 )
-from node.budgets.token_buckets import Source
+from node.limits.token_buckets import Source
 from tests.unit.node.api.small_network import SmallLedger, SmallNode
 
 STRANGER = Source("address", "192.0.2.7")

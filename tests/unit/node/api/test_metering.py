@@ -20,15 +20,15 @@ from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.hashing import sha256
 from network.bench.flood.flood_routes import CostlyTargets, make_read, read_kinds
 from node.api import create_api
-from node.api.access import rate_limit
+from node.api.access import request_rate_limiter
 from node.api.access.metering import SLICE_US, Steps
 from node.api.access.route_access import ANYONE
 from node.api.routes import ROUTES
 from node.api.routing import Call, Route
 from node.api.server import serve_api
-from node.api.services import LedgerSnapshot
-from node.budgets.token_buckets import Allowance
-from node.budgets.work_costs import ROUTE_COSTS, STRAY_US
+from node.api.services import LedgerView
+from node.limits.token_buckets import Allowance
+from node.limits.work_costs import ROUTE_COSTS, STRAY_US
 from tests.unit.node.api.small_network import SUBJECT, SmallLedger, SmallNode
 
 DEAR_US = 30_000
@@ -57,7 +57,7 @@ async def after_a_while(_call: Call) -> web.StreamResponse:
 
 
 async def in_the_readers_thread(call: Call) -> web.StreamResponse:
-    def work(_snapshot: LedgerSnapshot) -> Steps[None]:
+    def work(_snapshot: LedgerView) -> Steps[None]:
         for _ in range(60):
             burn(DEAR_US / 60)
             yield
@@ -84,7 +84,7 @@ async def node(named: Named, is_named: asyncio.Event) -> SmallNode:
         named.append(who)
         is_named.set()
 
-    return replace(node, services=replace(node.services, note_over=note))
+    return replace(node, services=replace(node.services, on_over_budget=note))
 
 
 @pytest.fixture
@@ -105,8 +105,8 @@ async def test_every_route_pays_for_what_its_answer_turns_out_to_take(
     named: Named,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", ONE_DEAR)
-    monkeypatch.setattr(rate_limit, "REFUSAL_DELAY_S", 0)
+    monkeypatch.setattr(request_rate_limiter, "LOOPBACK_ALLOWANCE", ONE_DEAR)
+    monkeypatch.setattr(request_rate_limiter, "REFUSAL_DELAY_S", 0)
     async with serve(replace(route, access=ANYONE, handler=handler)) as api:
         first = await api.request(route.method, path_of(route))
         assert first.status in {200, 404}
@@ -119,8 +119,8 @@ async def test_every_route_pays_for_what_its_answer_turns_out_to_take(
 async def test_what_is_asked_all_at_once_is_not_all_begun_for_its_price(
     handler: Any, serve: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", ONE_DEAR)
-    monkeypatch.setattr(rate_limit, "REFUSAL_DELAY_S", 0)
+    monkeypatch.setattr(request_rate_limiter, "LOOPBACK_ALLOWANCE", ONE_DEAR)
+    monkeypatch.setattr(request_rate_limiter, "REFUSAL_DELAY_S", 0)
     route = next(route for route in ROUTES if route.operation == "getGenesis")
     async with serve(replace(route, handler=handler)) as api:
         answers = await asyncio.gather(*(api.get(route.path) for _ in range(16)))
@@ -150,7 +150,7 @@ async def test_a_client_that_goes_while_its_answer_is_read_leaves_no_snapshot_op
     begun, closed = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
 
-    def work(_snapshot: LedgerSnapshot) -> Steps[None]:
+    def work(_snapshot: LedgerView) -> Steps[None]:
         try:
             while True:
                 loop.call_soon_threadsafe(begun.set)
@@ -200,8 +200,8 @@ async def test_what_is_of_no_route_is_paid_and_its_sender_is_named(
     named: Named,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 2 * STRAY_US + 100))
-    monkeypatch.setattr(rate_limit, "REFUSAL_DELAY_S", 0)
+    monkeypatch.setattr(request_rate_limiter, "LOOPBACK_ALLOWANCE", Allowance(1, 2 * STRAY_US + 100))
+    monkeypatch.setattr(request_rate_limiter, "REFUSAL_DELAY_S", 0)
     async with serve() as api:
         assert (await stray_asks(api, 4, method, path, headers))[0] == status
         assert await stray_asks(api, 1, method, path, headers) == [429]
@@ -211,8 +211,8 @@ async def test_what_is_of_no_route_is_paid_and_its_sender_is_named(
 async def test_what_is_no_http_is_paid_and_its_sender_is_named(
     node: SmallNode, named: Named, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 2 * STRAY_US))
-    monkeypatch.setattr(rate_limit, "REFUSAL_DELAY_S", 0)
+    monkeypatch.setattr(request_rate_limiter, "LOOPBACK_ALLOWANCE", Allowance(1, 2 * STRAY_US))
+    monkeypatch.setattr(request_rate_limiter, "REFUSAL_DELAY_S", 0)
 
     async def ask(place: tuple[str, int]) -> bytes:
         reader, writer = await asyncio.open_connection(*place)
@@ -247,9 +247,9 @@ async def test_a_stream_pays_for_what_it_carries_and_waits_where_it_cannot(
 ) -> None:
     """A stream from the beginning is opened for one price; then its session can ask nothing more."""
     monkeypatch.setattr(
-        rate_limit, "SESSION_ALLOWANCE", Allowance(us_per_s=1, burst_us=ROUTE_COSTS["streamEvents"] + 500)
+        request_rate_limiter, "SESSION_ALLOWANCE", Allowance(us_per_s=1, burst_us=ROUTE_COSTS["streamEvents"] + 500)
     )
-    monkeypatch.setattr(rate_limit, "REFUSAL_DELAY_S", 0)
+    monkeypatch.setattr(request_rate_limiter, "REFUSAL_DELAY_S", 0)
     events = tuple(
         ContractEvent(contract="records", name="one", data=encode_value({"n": bytes(500)})) for _ in range(50)
     )

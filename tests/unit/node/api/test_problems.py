@@ -13,11 +13,11 @@ from consensus.chain.session_message import sign_session
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from node.api import create_api
-from node.api.access import rate_limit
-from node.api.access.rate_limit import RateLimiter, source_of
+from node.api.access import request_rate_limiter
+from node.api.access.request_rate_limiter import RequestRateLimiter, source_of
 from node.api.access.sessions import Session
-from node.budgets.token_buckets import Allowance
-from node.budgets.work_costs import ROUTE_DEFAULT_US
+from node.limits.token_buckets import Allowance
+from node.limits.work_costs import ROUTE_DEFAULT_US
 from tests.unit.node.api.small_network import OWNER, ROBOT, SUBJECT, SmallNode
 
 
@@ -115,19 +115,20 @@ async def test_callers_without_a_session_are_slowed_down_and_a_session_is_not_wi
     api: Any, monkeypatch: pytest.MonkeyPatch, open_session: Any
 ) -> None:
     headers = await open_session(SUBJECT)
-    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 2 * ROUTE_DEFAULT_US + ROUTE_DEFAULT_US // 2))
+    allowance = Allowance(1, 2 * ROUTE_DEFAULT_US + ROUTE_DEFAULT_US // 2)
+    monkeypatch.setattr(request_rate_limiter, "LOOPBACK_ALLOWANCE", allowance)
     assert [(await api.get("/v1/genesis")).status for _ in range(3)] == [200, 200, 429]
     answer = await api.get("/v1/finality", headers={"Authorization": f"Bearer {'00' * 32}"})
     assert (answer.status, answer.headers["Retry-After"]) == (429, "60")
-    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 0))
+    monkeypatch.setattr(request_rate_limiter, "LOOPBACK_ALLOWANCE", Allowance(1, 0))
     assert (await api.get("/v1/genesis")).status == 429
     assert (await api.get("/v1/finality", headers=headers)).status == 200
 
 
 def test_a_bucket_fills_again_and_addresses_do_not_share_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rate_limit, "ADDRESS_ALLOWANCE", Allowance(20 * ROUTE_DEFAULT_US, ROUTE_DEFAULT_US))
+    monkeypatch.setattr(request_rate_limiter, "ADDRESS_ALLOWANCE", Allowance(20 * ROUTE_DEFAULT_US, ROUTE_DEFAULT_US))
     now, over = {"s": 0.0}, []
-    limiter = RateLimiter(lambda source, _error: over.append(source), lambda: now["s"])
+    limiter = RequestRateLimiter(lambda source, _error: over.append(source), lambda: now["s"])
     first, second = source_of("192.0.2.1", None), source_of("192.0.2.2", None)
     limiter.take(first)
     limiter.take(second)
@@ -139,9 +140,9 @@ def test_a_bucket_fills_again_and_addresses_do_not_share_one(monkeypatch: pytest
 
 
 def test_a_session_behind_a_loud_address_has_a_budget_of_its_own() -> None:
-    limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)
+    limiter = RequestRateLimiter(lambda _source, _error: None, lambda: 0.0)
     loud = source_of("192.0.2.1", None)
-    for _ in range(rate_limit.ADDRESS_ALLOWANCE.burst_us // ROUTE_DEFAULT_US):
+    for _ in range(request_rate_limiter.ADDRESS_ALLOWANCE.burst_us // ROUTE_DEFAULT_US):
         limiter.take(loud)
     with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
         limiter.take(loud)
@@ -149,9 +150,9 @@ def test_a_session_behind_a_loud_address_has_a_budget_of_its_own() -> None:
 
 
 def test_the_keys_of_visits_at_one_address_share_a_budget(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rate_limit, "VISIT_KEYS_ALLOWANCE", Allowance(1, 10 * ROUTE_DEFAULT_US))
-    monkeypatch.setattr(rate_limit, "VISIT_KEY_ALLOWANCE", Allowance(1, 0))
-    limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)
+    monkeypatch.setattr(request_rate_limiter, "VISIT_KEYS_ALLOWANCE", Allowance(1, 10 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(request_rate_limiter, "VISIT_KEY_ALLOWANCE", Allowance(1, 0))
+    limiter = RequestRateLimiter(lambda _source, _error: None, lambda: 0.0)
     keys = [OWNER.public_key, *(bytes([2, number]) + bytes(31) for number in range(10))]
     for key in keys[:10]:
         limiter.take(source_of("192.0.2.1", Session(key, "owner", frozenset(), 0)))
@@ -163,10 +164,10 @@ def test_the_keys_of_visits_at_one_address_share_a_budget(monkeypatch: pytest.Mo
 
 def test_a_visit_that_floods_keeps_no_other_at_its_address_from_asking(monkeypatch: pytest.MonkeyPatch) -> None:
     """All patients of a hospital may stand behind one address, and one of them used up what all of them had."""
-    monkeypatch.setattr(rate_limit, "VISIT_KEYS_ALLOWANCE", Allowance(1, 100 * ROUTE_DEFAULT_US))
-    monkeypatch.setattr(rate_limit, "VISIT_KEY_ALLOWANCE", Allowance(1, 5 * ROUTE_DEFAULT_US))
-    monkeypatch.setattr(rate_limit, "VISIT_KEYS_RESERVE", Allowance(1, 20 * ROUTE_DEFAULT_US))
-    limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)
+    monkeypatch.setattr(request_rate_limiter, "VISIT_KEYS_ALLOWANCE", Allowance(1, 100 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(request_rate_limiter, "VISIT_KEY_ALLOWANCE", Allowance(1, 5 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(request_rate_limiter, "VISIT_KEYS_RESERVE", Allowance(1, 20 * ROUTE_DEFAULT_US))
+    limiter = RequestRateLimiter(lambda _source, _error: None, lambda: 0.0)
 
     def ask(number: int) -> int:
         """Ask until it is refused; return how often it was not."""
@@ -183,11 +184,13 @@ def test_a_visit_that_floods_keeps_no_other_at_its_address_from_asking(monkeypat
 
 
 def test_who_is_refused_for_want_of_the_common_reserve_has_paid_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rate_limit, "VISIT_KEYS_ALLOWANCE", Allowance(1, 0))
-    monkeypatch.setattr(rate_limit, "VISIT_KEY_ALLOWANCE", Allowance(1, 2 * ROUTE_DEFAULT_US))
-    monkeypatch.setattr(rate_limit, "VISIT_KEYS_RESERVE", Allowance(2 * ROUTE_DEFAULT_US, 2 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(request_rate_limiter, "VISIT_KEYS_ALLOWANCE", Allowance(1, 0))
+    monkeypatch.setattr(request_rate_limiter, "VISIT_KEY_ALLOWANCE", Allowance(1, 2 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(
+        request_rate_limiter, "VISIT_KEYS_RESERVE", Allowance(2 * ROUTE_DEFAULT_US, 2 * ROUTE_DEFAULT_US)
+    )
     now = {"s": 0.0}
-    limiter = RateLimiter(lambda _source, _error: None, lambda: now["s"])
+    limiter = RequestRateLimiter(lambda _source, _error: None, lambda: now["s"])
     loud, quiet = (
         source_of("192.0.2.1", Session(bytes([2, number]) + bytes(31), "owner", frozenset(), 0)) for number in (1, 2)
     )
@@ -201,8 +204,8 @@ def test_who_is_refused_for_want_of_the_common_reserve_has_paid_nothing(monkeypa
 
 
 def test_the_table_of_buckets_stays_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rate_limit, "SOURCES_MAX_COUNT", 3)
-    limiter = RateLimiter(lambda _source, _error: None, lambda: 0.0)
+    monkeypatch.setattr(request_rate_limiter, "SOURCES_MAX_COUNT", 3)
+    limiter = RequestRateLimiter(lambda _source, _error: None, lambda: 0.0)
     for number in range(10):
         limiter.take(source_of(f"192.0.2.{number}", None))
     assert len(limiter) == 3

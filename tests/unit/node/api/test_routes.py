@@ -18,7 +18,7 @@ from consensus.primitives.encoding import decode, decode_value, encode, encode_v
 from consensus.primitives.hashing import sha256
 from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, check_clip_upload
-from node.budgets.token_buckets import Source, over_budget
+from node.limits.token_buckets import Source, over_budget
 from tests.unit.node.api.small_network import (
     ACCESS_ID,
     NOW_MS,
@@ -202,7 +202,7 @@ async def test_who_asks_more_views_at_once_than_may_wait_of_one_source_is_named(
 
     over: list[str] = []
     monkeypatch.setattr(node.services.views, "run_view", run_view)
-    object.__setattr__(node.services, "note_over", lambda source, _error: over.append(source))
+    object.__setattr__(node.services, "on_over_budget", lambda source, _error: over.append(source))
     document = {"contract": "echo", "view": "back", "args": encode_value([]).hex()}
     answer = await api.post("/v1/queries", json=document, headers=await open_session(SUBJECT))
     assert (await answer.json())["code"] == "RATE_LIMITED"

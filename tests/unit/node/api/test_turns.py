@@ -7,8 +7,8 @@ import asyncio
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.api.access.rate_limit import TURN_MAX_US, WAITING_MAX_COUNT, WAITING_OF_SOURCE_MAX_COUNT, FairQueue
-from node.budgets.token_buckets import Source
+from node.api.access.request_rate_limiter import TURN_MAX_US, WAITING_MAX_COUNT, WAITING_OF_SOURCE_MAX_COUNT, FairQueue
+from node.limits.token_buckets import Source
 
 
 async def test_a_visit_that_floods_takes_not_all_places_and_turns_of_its_address() -> None:

@@ -23,12 +23,12 @@ from consensus.primitives.keys import PrivateKey
 from consensus.state.producers import CANDIDATE, EPOCH, KEYS, CandidateRow, EpochRow
 from contracts.vm.model.faults import VM_CODES
 from node.api import create_api, server
-from node.api.access import rate_limit
+from node.api.access import request_rate_limiter
 from node.api.explorer_documents import RoundDocument
 from node.api.node_services import DecodedSnapshot
 from node.api.routes.explorer import MACHINE_MEANINGS, explain_refusal
-from node.budgets.token_buckets import Allowance
-from node.budgets.work_costs import ROUTE_DEFAULT_US
+from node.limits.token_buckets import Allowance
+from node.limits.work_costs import ROUTE_DEFAULT_US
 from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerSnapshot
 from tests.state_rows import stored
@@ -231,7 +231,7 @@ def test_a_block_that_is_damaged_on_the_medium_is_said_to_be() -> None:
 async def test_strangers_who_ask_too_much_are_slowed_down_at_every_route_of_the_explorer(
     public: Public, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, ROUTE_DEFAULT_US))
+    monkeypatch.setattr(request_rate_limiter, "LOOPBACK_ALLOWANCE", Allowance(1, ROUTE_DEFAULT_US))
     for path in ("/explorer/", "/explorer/api.js", "/explorer/shared/dom.js", "/v1/explorer/status"):
         application = create_api(public.node.services)
         async with TestClient(TestServer(application)) as client:
@@ -243,7 +243,7 @@ async def test_a_member_is_not_slowed_down_with_the_strangers_of_her_address(
     public: Public, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tokens = [await session_of(public, key) for key in (SUBJECT, OWNER)]
-    monkeypatch.setattr(rate_limit, "LOOPBACK_ALLOWANCE", Allowance(1, 0))
+    monkeypatch.setattr(request_rate_limiter, "LOOPBACK_ALLOWANCE", Allowance(1, 0))
     codes = [
         (await public.client.get("/v1/explorer/status", headers={"Authorization": f"Bearer {token}"})).status
         for token in (*tokens, "00" * 32)

@@ -15,9 +15,9 @@ from consensus.chain.genesis import Genesis
 from consensus.primitives.encoding import encode_value
 from consensus.state.membership import NODE, ORGANISATION, REVOKED
 from network.provisioning.certificate_authority import Authority, create_authority, issue_node_certificate
-from node.budgets.token_buckets import Source
 from node.config import NodeConfig
 from node.directory.node_directory import Directory, content_of_genesis
+from node.limits.token_buckets import Source
 from node.p2p.network import PeerNetwork, wall_now_ms
 from node.p2p.wire import FrameKind, RequestKind
 from tests.cluster.network_under_test import find_base_port
@@ -87,7 +87,7 @@ class Listener:
     async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         return body
 
-    def note_over(self, source: Source, _wait_s: float) -> None:
+    def on_over_budget(self, source: Source, _wait_s: float) -> None:
         self.over.append(str(source))
 
 

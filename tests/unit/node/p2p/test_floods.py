@@ -10,12 +10,12 @@ import pytest
 import pytest_asyncio
 
 from consensus.errors import BlockRobotError
-from node.budgets.token_buckets import Allowance
-from node.budgets.work_costs import bytes_cost_us
+from node.limits.peer_bans import BAN_FIRST_MS, BAN_MAX_MS, FORGOTTEN_AFTER_MS, PeerBans, monotonic_ms
+from node.limits.token_buckets import Allowance
+from node.limits.work_costs import bytes_cost_us
 from node.p2p import connection_acceptor
 from node.p2p import network as links
 from node.p2p.network import PeerNetwork
-from node.p2p.penalties import FORGOTTEN_AFTER_MS, PAUSE_FIRST_MS, PAUSE_MAX_MS, Penalties, monotonic_ms
 from node.p2p.wire import FrameKind, RequestKind, encode_request
 from tests.unit.node.p2p.linked_nodes import LinkedNodes, eventually
 
@@ -40,41 +40,41 @@ class Clock:
 
 def test_each_pause_is_twice_as_long_as_the_one_before_up_to_a_limit() -> None:
     clock, pauses = Clock(), []
-    penalties = Penalties(clock)
+    bans = PeerBans(clock)
     for wall_ms in range(0, 12_000, 1_000):
-        penalties.punish("b", LIE)
-        (row,) = penalties.describe(wall_ms)
+        bans.ban("b", LIE)
+        (row,) = bans.describe(wall_ms)
         pauses.append(row["until_ms"] - wall_ms)
         clock.now_ms += pauses[-1]
-    assert pauses[:3] == [PAUSE_FIRST_MS, 2 * PAUSE_FIRST_MS, 4 * PAUSE_FIRST_MS]
-    assert pauses[-1] == PAUSE_MAX_MS
-    assert penalties.describe(0)[0]["count"] == 12
+    assert pauses[:3] == [BAN_FIRST_MS, 2 * BAN_FIRST_MS, 4 * BAN_FIRST_MS]
+    assert pauses[-1] == BAN_MAX_MS
+    assert bans.describe(0)[0]["count"] == 12
 
 
 def test_what_still_arrives_in_a_pause_makes_it_no_longer_and_a_long_time_forgives() -> None:
     clock = Clock()
-    penalties = Penalties(clock)
-    penalties.punish("b", LIE)
+    bans = PeerBans(clock)
+    bans.ban("b", LIE)
     clock.now_ms = 10
-    penalties.punish("b", LIE)
-    assert penalties.describe(0)[0]["count"] == 1
-    clock.now_ms = PAUSE_FIRST_MS - 1
+    bans.ban("b", LIE)
+    assert bans.describe(0)[0]["count"] == 1
+    clock.now_ms = BAN_FIRST_MS - 1
     with pytest.raises(BlockRobotError, match="PEER_CUT_OFF"):
-        penalties.require_none("b")
-    clock.now_ms = PAUSE_FIRST_MS
-    penalties.require_none("b")
-    penalties.require_none("c")
-    clock.now_ms = late_ms = PAUSE_FIRST_MS + FORGOTTEN_AFTER_MS + 1
-    assert penalties.describe(0) == []
-    penalties.punish("b", LIE)
-    clock.now_ms = late_ms + PAUSE_FIRST_MS - 1
-    assert penalties.is_paused("b")
+        bans.require_not_banned("b")
+    clock.now_ms = BAN_FIRST_MS
+    bans.require_not_banned("b")
+    bans.require_not_banned("c")
+    clock.now_ms = late_ms = BAN_FIRST_MS + FORGOTTEN_AFTER_MS + 1
+    assert bans.describe(0) == []
+    bans.ban("b", LIE)
+    clock.now_ms = late_ms + BAN_FIRST_MS - 1
+    assert bans.is_banned("b")
     clock.now_ms += 1
-    assert not penalties.is_paused("b")
+    assert not bans.is_banned("b")
 
 
 def let_pauses_pass(node: PeerNetwork) -> None:
-    node._penalties.clock_ms = lambda: monotonic_ms() + PAUSE_FIRST_MS + 1
+    node._peer_bans.clock_ms = lambda: monotonic_ms() + BAN_FIRST_MS + 1
 
 
 async def _linked(crowd: LinkedNodes) -> tuple[PeerNetwork, PeerNetwork]:
@@ -91,7 +91,7 @@ async def test_a_peer_that_breaks_the_framing_is_cut_off_named_and_told_why(crow
     (row,) = first.describe()["cut_off_peers"]
     assert (row["peer"], row["code"], row["count"]) == ("b", "PEER_MESSAGE_INVALID", 1)
     assert not first._may_dial("b")
-    crowd.nodes["a"].clock_offset_ms += PAUSE_FIRST_MS + 1
+    crowd.nodes["a"].clock_offset_ms += BAN_FIRST_MS + 1
     assert not first._may_dial("b"), "setting the machine's clock ends no pause"
     let_pauses_pass(first)
     await eventually(lambda: first.connected == ["b"])

@@ -6,7 +6,7 @@ import asyncio
 from typing import Any, cast
 
 from node.p2p.connection import GOSSIP_ABOVE_BYTES, ConnectionOwner, PeerConnection
-from node.p2p.shaping import LinkFault, Shaper
+from node.p2p.link_faults import LinkFault, LinkFaultShaper
 from node.p2p.wire import FrameKind, encode_frame
 from tests.virtual_time import in_virtual_time
 
@@ -47,7 +47,7 @@ class _Owner:
         connection.peer = "node-2"
 
 
-def _connect(shaper: Shaper | None) -> tuple[PeerConnection, _Transport]:
+def _connect(shaper: LinkFaultShaper | None) -> tuple[PeerConnection, _Transport]:
     connection, transport = PeerConnection(cast("ConnectionOwner", _Owner()), shaper, None), _Transport()
     connection.connection_made(cast("asyncio.BaseTransport", cast("Any", transport)))
     return connection, transport
@@ -55,7 +55,7 @@ def _connect(shaper: Shaper | None) -> tuple[PeerConnection, _Transport]:
 
 @in_virtual_time
 async def test_gossip_that_waited_goes_through_the_shaper_too() -> None:
-    shaper = Shaper("node-1")
+    shaper = LinkFaultShaper("node-1")
     connection, transport = _connect(shaper)
     transport.unsent_bytes = GOSSIP_ABOVE_BYTES + 1
     connection.send(FrameKind.TRANSACTIONS, BATCH)
@@ -69,7 +69,7 @@ async def test_gossip_that_waited_goes_through_the_shaper_too() -> None:
 
 @in_virtual_time
 async def test_gossip_waits_for_a_narrow_link_and_goes_on_by_itself_when_there_is_room() -> None:
-    shaper = Shaper("node-1")
+    shaper = LinkFaultShaper("node-1")
     shaper.set_link("node-2", LinkFault(bandwidth_bytes_per_s=1_000_000))
     connection, transport = _connect(shaper)
     for _ in range(6):
@@ -82,7 +82,7 @@ async def test_gossip_waits_for_a_narrow_link_and_goes_on_by_itself_when_there_i
 
 @in_virtual_time
 async def test_a_connection_over_a_cut_is_not_made() -> None:
-    shaper = Shaper("node-1")
+    shaper = LinkFaultShaper("node-1")
     shaper.set_link("node-2", LinkFault(cut=True))
     connection, transport = _connect(shaper)
     connection.send(FrameKind.HELLO, HELLO)
@@ -95,7 +95,7 @@ async def test_a_connection_over_a_cut_is_not_made() -> None:
 
 @in_virtual_time
 async def test_what_was_on_its_way_when_the_connection_ended_is_not_written() -> None:
-    shaper = Shaper("node-1")
+    shaper = LinkFaultShaper("node-1")
     shaper.set_link("node-2", LinkFault(delay_ms=100))
     connection, transport = _connect(shaper)
     connection.send(FrameKind.VOTE, VOTE)

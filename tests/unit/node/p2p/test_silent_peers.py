@@ -12,7 +12,7 @@ import pytest
 import pytest_asyncio
 
 from consensus.primitives.encoding import encode
-from node.budgets.token_buckets import Allowance
+from node.limits.token_buckets import Allowance
 from node.p2p import connection
 from node.p2p import network as links
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.p2p.shaping import QUEUE_MAX_BYTES, LinkFault, Shaper
+from node.p2p.link_faults import QUEUE_MAX_BYTES, LinkFault, LinkFaultShaper
 from node.p2p.wire import FrameKind, encode_frame
 from tests.virtual_time import in_virtual_time
 
@@ -20,7 +20,7 @@ def numbered(number: int) -> bytes:
     return encode_frame(FrameKind.VOTE, number.to_bytes(4, "big"))
 
 
-async def carry(shaper: Shaper, frames: list[bytes], apart_s: float = 0.0) -> list[tuple[float, bytes]]:
+async def carry(shaper: LinkFaultShaper, frames: list[bytes], apart_s: float = 0.0) -> list[tuple[float, bytes]]:
     """Send frames to one peer and return (seconds from the start, frame) of what arrived."""
     loop = asyncio.get_running_loop()
     started = loop.time()
@@ -34,8 +34,8 @@ async def carry(shaper: Shaper, frames: list[bytes], apart_s: float = 0.0) -> li
 
 @in_virtual_time
 async def test_a_sound_link_sends_at_once_and_bandwidth_lets_frames_through_one_after_another() -> None:
-    assert await carry(Shaper("node-1"), [VOTE]) == [(0.0, VOTE)]
-    shaper = Shaper("node-1")
+    assert await carry(LinkFaultShaper("node-1"), [VOTE]) == [(0.0, VOTE)]
+    shaper = LinkFaultShaper("node-1")
     shaper.set_link("node-2", LinkFault(bandwidth_bytes_per_s=1_000))
     arrived = await carry(shaper, [VOTE] * 5)
     assert [round(at, 3) for at, _ in arrived] == [0.1, 0.2, 0.3, 0.4, 0.5]
@@ -43,7 +43,7 @@ async def test_a_sound_link_sends_at_once_and_bandwidth_lets_frames_through_one_
 
 @in_virtual_time
 async def test_a_delay_is_waited_and_jitter_never_changes_the_order() -> None:
-    shaper = Shaper("node-1", seed=3)
+    shaper = LinkFaultShaper("node-1", seed=3)
     shaper.set_link("node-2", LinkFault(delay_ms=40, jitter_ms=30))
     frames = [numbered(number) for number in range(50)]
     arrived = await carry(shaper, frames, apart_s=0.002)
@@ -56,7 +56,7 @@ async def test_a_delay_is_waited_and_jitter_never_changes_the_order() -> None:
 
 @in_virtual_time
 async def test_loss_takes_whole_frames_about_as_many_as_it_says_and_never_a_greeting() -> None:
-    shaper = Shaper("node-1", seed=1)
+    shaper = LinkFaultShaper("node-1", seed=1)
     shaper.set_link("node-2", LinkFault(loss=0.3))
     frames = [numbered(number) for number in range(1_000)]
     arrived = [frame for _, frame in await carry(shaper, frames)]
@@ -69,7 +69,7 @@ async def test_loss_takes_whole_frames_about_as_many_as_it_says_and_never_a_gree
 @in_virtual_time
 async def test_the_same_seed_loses_the_same_frames_and_each_link_its_own() -> None:
     async def lost(own: str, seed: int) -> list[bytes]:
-        shaper = Shaper(own, seed)
+        shaper = LinkFaultShaper(own, seed)
         shaper.set_link("node-2", LinkFault(loss=0.5))
         return [frame for _, frame in await carry(shaper, [numbered(number) for number in range(64)])]
 
@@ -80,7 +80,7 @@ async def test_the_same_seed_loses_the_same_frames_and_each_link_its_own() -> No
 
 @in_virtual_time
 async def test_seeding_again_begins_the_chance_of_a_link_anew() -> None:
-    shaper = Shaper("node-1", seed=7)
+    shaper = LinkFaultShaper("node-1", seed=7)
     shaper.set_link("node-2", LinkFault(loss=0.5))
     frames = [numbered(number) for number in range(64)]
     first = [frame for _, frame in await carry(shaper, frames)]
@@ -90,7 +90,7 @@ async def test_seeding_again_begins_the_chance_of_a_link_anew() -> None:
 
 @in_virtual_time
 async def test_a_cut_lets_nothing_through_not_even_what_is_on_its_way_and_refuses_connections() -> None:
-    shaper = Shaper("node-1")
+    shaper = LinkFaultShaper("node-1")
     shaper.set_link("node-2", LinkFault(delay_ms=100))
     arrived: list[bytes] = []
     shaper.deliver("node-2", VOTE, arrived.append)
@@ -109,7 +109,7 @@ async def test_a_cut_lets_nothing_through_not_even_what_is_on_its_way_and_refuse
 
 @in_virtual_time
 async def test_what_waits_keeps_its_turn_when_the_link_is_sound_again() -> None:
-    shaper = Shaper("node-1")
+    shaper = LinkFaultShaper("node-1")
     shaper.set_link("node-2", LinkFault(delay_ms=100))
     arrived: list[bytes] = []
     shaper.deliver("node-2", numbered(1), arrived.append)
@@ -121,7 +121,7 @@ async def test_what_waits_keeps_its_turn_when_the_link_is_sound_again() -> None:
 
 @in_virtual_time
 async def test_what_waits_is_counted_and_bounded() -> None:
-    shaper = Shaper("node-1")
+    shaper = LinkFaultShaper("node-1")
     shaper.set_link("node-2", LinkFault(delay_ms=1_000))
     large = encode_frame(FrameKind.RESPONSE, bytes(8 * 1024 * 1024 - 16))
     for _ in range(6):
@@ -135,7 +135,7 @@ async def test_what_waits_is_counted_and_bounded() -> None:
 
 @in_virtual_time
 async def test_one_direction_is_not_the_other() -> None:
-    shaper = Shaper("node-1")
+    shaper = LinkFaultShaper("node-1")
     shaper.set_link("node-2", LinkFault(cut=True))
     arrived: list[bytes] = []
     shaper.deliver("node-3", VOTE, arrived.append)
@@ -156,7 +156,7 @@ async def test_one_direction_is_not_the_other() -> None:
 )
 def test_figures_that_make_no_sense_are_refused(figures: dict[str, float]) -> None:
     with pytest.raises(BlockRobotError, match=r"^FAULT_INVALID:"):
-        Shaper("node-1").set_link("node-2", msgspec.structs.replace(LinkFault(), **figures))
+        LinkFaultShaper("node-1").set_link("node-2", msgspec.structs.replace(LinkFault(), **figures))
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from consensus.errors import BlockRobotError
 from node.api.access.sessions import Session
-from node.budgets.token_buckets import Allowance, Budgets, Source, over_budget, source_at
-from node.budgets.work_costs import ROUTE_DEFAULT_US
+from node.limits.token_buckets import Allowance, Source, TokenBuckets, over_budget, source_at
+from node.limits.work_costs import ROUTE_DEFAULT_US
 
 ADDRESS_ALLOWANCE = Allowance(us_per_s=40 * ROUTE_DEFAULT_US, burst_us=200 * ROUTE_DEFAULT_US)
 """A page of a public explorer takes about 2 ms a second, and 30 ms when it is opened."""
@@ -27,7 +27,7 @@ VISIT_KEY_ALLOWANCE = Allowance(us_per_s=2 * ROUTE_DEFAULT_US, burst_us=40 * ROU
 VISIT_KEYS_RESERVE = Allowance(us_per_s=400 * ROUTE_DEFAULT_US, burst_us=4_000 * ROUTE_DEFAULT_US)
 """How much that may come to at one address: 200 visits have to ask all they may until one is refused that asks little."""
 SOURCES_MAX_COUNT = 4096
-NoteOver = Callable[[str, BlockRobotError], None]
+OnOverBudget = Callable[[str, BlockRobotError], None]
 TURN_MAX_US = 2_000
 REFUSAL_DELAY_S = 0.5
 REFUSALS_DELAYED_MAX_COUNT = 512
@@ -56,8 +56,8 @@ class ChargedBudgets:
     """Who pays for one request, and from which budgets."""
 
     source: Source
-    budgets: tuple[tuple[Budgets[Source], Source], ...]
-    note_over: NoteOver
+    budgets: tuple[tuple[TokenBuckets[Source], Source], ...]
+    on_over_budget: OnOverBudget
 
     def charge(self, cost_us: float) -> None:
         for budgets, payer in self.budgets:
@@ -68,7 +68,7 @@ class ChargedBudgets:
 
     def note(self) -> BlockRobotError:
         error = over_budget(str(self.source), self.debt_s())
-        self.note_over(str(self.source), error)
+        self.on_over_budget(str(self.source), error)
         return error
 
     def require(self) -> None:
@@ -77,15 +77,17 @@ class ChargedBudgets:
             raise self.note()
 
 
-class RateLimiter:
+class RequestRateLimiter:
     """The budgets of all sources; the least recently seen are evicted."""
 
-    def __init__(self, note_over: NoteOver, clock_s: Callable[[], float] = time.monotonic) -> None:
-        """`note_over` gets sources over budget; `clock_s` is monotonic seconds."""
-        self._note_over = note_over
-        self._budgets = Budgets(_allowance_of, clock_s, SOURCES_MAX_COUNT)
-        self._parts: Budgets[Source] = Budgets(lambda _part: VISIT_KEY_ALLOWANCE, clock_s, SOURCES_MAX_COUNT)
-        self._reserves: Budgets[Source] = Budgets(lambda _shared: VISIT_KEYS_RESERVE, clock_s, SOURCES_MAX_COUNT)
+    def __init__(self, on_over_budget: OnOverBudget, clock_s: Callable[[], float] = time.monotonic) -> None:
+        """`on_over_budget` gets sources over budget; `clock_s` is monotonic seconds."""
+        self._on_over_budget = on_over_budget
+        self._budgets = TokenBuckets(_allowance_of, clock_s, SOURCES_MAX_COUNT)
+        self._parts: TokenBuckets[Source] = TokenBuckets(lambda _part: VISIT_KEY_ALLOWANCE, clock_s, SOURCES_MAX_COUNT)
+        self._reserves: TokenBuckets[Source] = TokenBuckets(
+            lambda _shared: VISIT_KEYS_RESERVE, clock_s, SOURCES_MAX_COUNT
+        )
 
     def __len__(self) -> int:
         return max(len(budgets) for budgets in (self._budgets, self._parts, self._reserves))
@@ -94,18 +96,18 @@ class RateLimiter:
         """Charge a source; return its tab. Raises RATE_LIMITED."""
         shared = source.shared
         if self._budgets.take(shared, cost_us):
-            return ChargedBudgets(source, ((self._budgets, shared),), self._note_over)
+            return ChargedBudgets(source, ((self._budgets, shared),), self._on_over_budget)
         if source.part and self._take_reserved(source, cost_us):
-            return ChargedBudgets(source, ((self._parts, source), (self._reserves, shared)), self._note_over)
+            return ChargedBudgets(source, ((self._parts, source), (self._reserves, shared)), self._on_over_budget)
         error = over_budget(str(source), self._budgets.wait_s(shared, cost_us))
-        self._note_over(str(source), error)
+        self._on_over_budget(str(source), error)
         raise error
 
     def _take_reserved(self, source: Source, cost_us: int) -> bool:
-        receipt = self._parts.take(source, cost_us)
-        if receipt is None or self._reserves.take(source.shared, cost_us):
-            return receipt is not None
-        receipt.give_back()
+        charge = self._parts.take(source, cost_us)
+        if charge is None or self._reserves.take(source.shared, cost_us):
+            return charge is not None
+        charge.give_back()
         return False
 
 
@@ -115,8 +117,8 @@ class FairQueue:
     Parts of one source share its turns; when full, the largest loses its newest.
     """
 
-    def __init__(self, note_over: NoteOver) -> None:
-        self._note_over = note_over
+    def __init__(self, on_over_budget: OnOverBudget) -> None:
+        self._on_over_budget = on_over_budget
         self._spent_us = 0
         self._waiting: OrderedDict[Source, OrderedDict[str, deque[tuple[int, asyncio.Future[None]]]]] = OrderedDict()
         self._counts: Counter[Source] = Counter()
@@ -131,7 +133,7 @@ class FairQueue:
         shared = source.shared
         if self._counts[shared] >= WAITING_OF_SOURCE_MAX_COUNT or self._count >= WAITING_MAX_COUNT:
             error = over_budget(str(source), 1.0)
-            self._note_over(str(source), error)
+            self._on_over_budget(str(source), error)
             self._make_place(source, error)
         future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(shared, OrderedDict()).setdefault(source.part, deque()).append((cost_us, future))

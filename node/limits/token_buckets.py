@@ -89,7 +89,7 @@ class TokenBucket:
 
 
 @dataclass(slots=True)
-class Receipt:
+class Charge:
     """A bucket's payment; refunds go to that bucket, up to its amount."""
 
     bucket: TokenBucket
@@ -101,7 +101,7 @@ class Receipt:
         self.bucket.level_us = min(float(self.bucket.allowance.burst_us), self.bucket.level_us + given_us)
 
 
-class Budgets(Generic[K]):
+class TokenBuckets(Generic[K]):
     """The buckets of one kind of sources; the least recently seen are evicted."""
 
     def __init__(
@@ -128,9 +128,9 @@ class Budgets(Generic[K]):
             self._buckets.move_to_end(source)
         return bucket, now_s
 
-    def take(self, source: K, cost_us: float) -> Receipt | None:
+    def take(self, source: K, cost_us: float) -> Charge | None:
         bucket, now_s = self._of(source)
-        return Receipt(bucket, cost_us) if bucket.take(cost_us, now_s) else None
+        return Charge(bucket, cost_us) if bucket.take(cost_us, now_s) else None
 
     def charge(self, source: K, cost_us: float) -> None:
         bucket, now_s = self._of(source)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from node.budgets.token_buckets import Allowance, Budgets, over_budget
+from node.limits.token_buckets import Allowance, TokenBuckets, over_budget
 
 ALLOWANCE = Allowance(us_per_s=1_000, burst_us=5_000)
 
@@ -17,8 +17,8 @@ class _Clock:
         return self.now_s
 
 
-def _budgets(clock: _Clock, max_count: int = 10) -> Budgets[str]:
-    return Budgets(lambda _source: ALLOWANCE, clock, max_count)
+def _budgets(clock: _Clock, max_count: int = 10) -> TokenBuckets[str]:
+    return TokenBuckets(lambda _source: ALLOWANCE, clock, max_count)
 
 
 def test_a_burst_is_there_at_once_and_then_work_goes_on_at_the_steady_rate() -> None:
@@ -43,11 +43,11 @@ def test_one_sources_debt_is_no_other_ones_and_a_refusal_says_when_to_try_again(
 def test_what_is_given_back_goes_to_the_bucket_that_paid_and_never_makes_more() -> None:
     clock = _Clock()
     budgets = _budgets(clock)
-    receipt = budgets.take("a", 4_000)
-    assert receipt is not None
-    receipt.give_back(1_000)
-    receipt.give_back()
-    receipt.give_back()
+    charge = budgets.take("a", 4_000)
+    assert charge is not None
+    charge.give_back(1_000)
+    charge.give_back()
+    charge.give_back()
     assert budgets.take("a", 5_000)
     late = budgets.take("b", 4_000)
     assert late is not None
@@ -56,20 +56,20 @@ def test_what_is_given_back_goes_to_the_bucket_that_paid_and_never_makes_more() 
     assert budgets.take("b", 5_000)
     assert not budgets.take("b", 100)
     budgets = _budgets(_Clock(), max_count=1)
-    receipt = budgets.take("a", 4_000)
-    assert receipt is not None
+    charge = budgets.take("a", 4_000)
+    assert charge is not None
     budgets.take("b", 5_000)
-    receipt.give_back()
+    charge.give_back()
     assert not budgets.take("b", 100)
 
 
 def test_one_receipt_gives_nothing_back_of_what_another_paid() -> None:
     budgets = _budgets(_Clock())
-    receipt, kept = budgets.take("a", 2_000), budgets.take("a", 3_000)
-    assert receipt is not None
+    charge, kept = budgets.take("a", 2_000), budgets.take("a", 3_000)
+    assert charge is not None
     assert kept is not None
     for _ in range(2):
-        receipt.give_back()
+        charge.give_back()
     assert budgets.take("a", 2_000)
     assert not budgets.take("a", 100)
 

@@ -45,7 +45,7 @@ class _Kind:
         return is_allowed
 
 
-class Refusals:
+class RefusalLog:
     """Newest refusal per claimed peer name, until that peer connects."""
 
     def __init__(self, event: str) -> None:

@@ -7,12 +7,12 @@ from consensus.chain.transaction import Transaction
 from contracts.execution.results import ExecutionFault
 from contracts.lifecycle.applying_changes import find_activation
 from contracts.state.view import StateView
-from node.execution.execution_machines import Machine, Outcome
+from node.execution.execution_machines import BlockExecutionResult, Machine
 from node.mempool.quarantine import Change, Quarantine
 from node.sync.block_ranges import CheckedBlock
 
 
-class Attempts:
+class ExecutionRetries:
     """One node's machine and its memory of failed executions."""
 
     def __init__(self, machine: Machine, quarantine: Quarantine) -> None:
@@ -27,7 +27,7 @@ class Attempts:
         transactions: list[Transaction],
         *,
         is_hopeless: bool,
-    ) -> tuple[Outcome, list[bytes], bool]:
+    ) -> tuple[BlockExecutionResult, list[bytes], bool]:
         """Return the outcome, failed txids, and whether a change is given up.
 
         R42: if it failed here, or `is_hopeless`. Raises ExecutionFault.
@@ -46,7 +46,7 @@ class Attempts:
             self._quarantine.note_failure(txid, "the execution of an own block failed on it")
         return result, faulty, gives_up
 
-    def verify(self, checked: CheckedBlock, parent: StateView, *, certified: bool) -> Outcome:
+    def verify(self, checked: CheckedBlock, parent: StateView, *, certified: bool) -> BlockExecutionResult:
         """Execute exactly this block, with more effort after failures. Raises ExecutionFault, BLOCK_INVALID."""
         header, block_id = checked.header, checked.block_id
         effort = self._quarantine.failures_of(block_id)
@@ -67,7 +67,7 @@ class Attempts:
             self._quarantine.forget_block(block_id)
         return result
 
-    def require_hope(self, checked: CheckedBlock, parent: StateView) -> None:
+    def require_not_failed_before(self, checked: CheckedBlock, parent: StateView) -> None:
         """R41: raise ExecutionFault for work that cost a worker before."""
         header = checked.header
         if not header.gives_up_change and self._failing_change(parent, header.height, header.timestamp_ms):

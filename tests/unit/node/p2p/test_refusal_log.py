@@ -5,13 +5,13 @@ from __future__ import annotations
 from structlog.testing import capture_logs
 
 from consensus.errors import BlockRobotError
-from node.p2p.refusals import LINES_OF_KIND_MAX_COUNT, REFUSALS_KEPT_COUNT, REPEAT_LOG_MS, Refusals
+from node.limits.refusal_log import LINES_OF_KIND_MAX_COUNT, REFUSALS_KEPT_COUNT, REPEAT_LOG_MS, RefusalLog
 
 REFUSAL = BlockRobotError("RATE_LIMITED")
 
 
 def test_many_addresses_push_no_peer_out() -> None:
-    refusals = Refusals("over_budget")
+    refusals = RefusalLog("over_budget")
     refusals.note("peer node-2", REFUSAL, 0, "peer")
     for number in range(10 * REFUSALS_KEPT_COUNT):
         refusals.note(f"address 192.0.2.{number}", REFUSAL, number, "address")
@@ -23,7 +23,7 @@ def test_many_addresses_push_no_peer_out() -> None:
 
 
 def test_a_flood_from_ever_new_addresses_makes_no_flood_of_lines() -> None:
-    refusals = Refusals("over_budget")
+    refusals = RefusalLog("over_budget")
     with capture_logs() as lines:
         for number in range(1_000):
             refusals.note(f"address 192.0.2.{number}", REFUSAL, 5_000, "address")

@@ -71,7 +71,7 @@ class _Link:
         self.queue: deque[tuple[float, bytes, Callable[[bytes], None]]] = deque()
 
 
-class Shaper:
+class LinkFaultShaper:
     """Every direction out of one node. On the event loop only."""
 
     def __init__(self, own_name: str, seed: int = 0) -> None:

@@ -32,7 +32,7 @@ class Stage:
         self.is_close = True
         self.schedule = Schedule(epoch=0, producers=(OTHER,))
         self.said: list[Transaction] = []
-        self.candidacy = ReadinessReporter(
+        self.reporter = ReadinessReporter(
             key=KEY,
             chain_id=bytes(32),
             pool=self,  # type: ignore[arg-type]
@@ -57,7 +57,7 @@ class Stage:
 
 async def test_a_candidate_says_with_its_producer_key_which_state_it_has_reached() -> None:
     stage = Stage()
-    assert await stage.candidacy.submit_if_due()
+    assert await stage.reporter.submit_if_due()
     (word,) = stage.said
     word.verify_sender()
     assert (word.body.sender, word.body.contract, word.body.entry) == (KEY.public_key, "producers", "ready")
@@ -78,24 +78,24 @@ async def test_a_node_without_cause_says_nothing(why: str) -> None:
         stage.position = None  # type: ignore[assignment]
     else:
         stage.entry["status"] = why
-    assert not await stage.candidacy.submit_if_due()
+    assert not await stage.reporter.submit_if_due()
     assert stage.said == []
 
 
 async def test_a_word_that_still_counts_is_not_said_again_and_an_old_one_is() -> None:
     stage = Stage()
     stage.entry = {"status": "candidate", "ready_ms": 900, "ready_height": 6}
-    assert not await stage.candidacy.submit_if_due()
+    assert not await stage.reporter.submit_if_due()
     stage.position = Position(7, bytes(32), ROOT, 900 + SAY_AGAIN_MS + 1)
-    assert await stage.candidacy.submit_if_due()
+    assert await stage.reporter.submit_if_due()
     stage.time_ms += SAY_INTERVAL_MIN_MS
     stage.position = Position(6 + SAY_AGAIN_BLOCKS + 1, bytes(32), ROOT, 1_000)
-    assert await stage.candidacy.submit_if_due()
+    assert await stage.reporter.submit_if_due()
 
 
 async def test_however_often_it_is_looked_at_the_word_is_said_at_a_bounded_rate() -> None:
     stage = Stage()
     for _ in range(100):
-        await stage.candidacy.submit_if_due()
+        await stage.reporter.submit_if_due()
         stage.time_ms += SAY_INTERVAL_MIN_MS // 10
     assert len(stage.said) == 10

@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 
 from contracts.execution.sender_admission import Account
-from node.budgets.token_buckets import over_budget
+from node.limits.token_buckets import over_budget
 
 ACCOUNT_BYTES_PER_S = 2 * 1024
 """About 180 MB a day, two records a second day and night; 65 GB in the year that blocks stay."""
@@ -18,7 +18,7 @@ VISITS_PART = 64
 person has many, and a robot that lies opens as many as it likes."""
 
 
-class ByteBudgets:
+class AccountByteLimiter:
     """Buckets of all accounts that are not full; evicts the least recently seen."""
 
     def __init__(
@@ -42,15 +42,15 @@ class ByteBudgets:
 
     def take(self, account: Account, size_bytes: int) -> None:
         """Take bytes from the account's buckets. Raises RATE_LIMITED with the time to wait."""
-        for name, part in _purses(account):
+        for name, part in _budgets_of(account):
             missing_bytes = size_bytes - self.level(name, part)
             if missing_bytes > 0:
                 raise over_budget("this account's bytes", missing_bytes * part / self._bytes_per_s)
-        for name, part in _purses(account):
+        for name, part in _budgets_of(account):
             self._set(name, self.level(name, part) - size_bytes)
 
     def refund(self, account: Account, size_bytes: int) -> None:
-        for name, part in _purses(account):
+        for name, part in _budgets_of(account):
             if name in self._buckets:
                 self._set(name, min(self._burst_bytes / part, self.level(name, part) + size_bytes))
 
@@ -61,7 +61,7 @@ class ByteBudgets:
             self._buckets.popitem(last=False)
 
 
-def _purses(account: Account) -> list[tuple[bytes, int]]:
+def _budgets_of(account: Account) -> list[tuple[bytes, int]]:
     """Return (bucket name, divisor) pairs that an account pays from."""
     if not account.origin:
         return [(account.name, 1)]
