@@ -66,9 +66,9 @@ async def confirm_with_quorum(client: HeaderClient, key: PrivateKey) -> bool:
 
 
 async def require_quorum(client: HeaderClient, key: PrivateKey) -> None:
-    """Require state at least as new as a quorum knows; guards against nodes serving old state. Raises QUORUM_UNHEARD."""
+    """Require state at least as new as a quorum knows; against nodes that serve old state. Raises QUORUM_UNREACHABLE."""
     if not await confirm_with_quorum(client, key):
-        raise BlockRobotError("QUORUM_UNHEARD")
+        raise BlockRobotError("QUORUM_UNREACHABLE")
 
 
 async def is_rejected_by_network(client: HeaderClient, key: PrivateKey) -> bool:

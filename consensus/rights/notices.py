@@ -247,14 +247,14 @@ def askable_pairs(notice: Notice) -> dict[str, list[str]]:
 def require_consent_asked(published: PublishedNotice, purposes: Sequence[str], sensors: Sequence[str]) -> None:
     """Check that consent is possible for these purposes and sensors. Refusals need no check.
 
-    Raises PURPOSE_NOT_TOLD, CONSENT_NOT_ASKED (other ground), SENSOR_NOT_TOLD.
+    Raises PURPOSE_NOT_IN_NOTICE, CONSENT_NOT_ASKED (other ground), SENSOR_NOT_IN_NOTICE.
     """
     named = {each.code: each for each in published.notice.purposes}
     notice_name = f"The notice of {published.row.organisation} (version {published.row.version})"
     missing = ", ".join(repr(code) for code in purposes if code not in named)
     if missing:
         raise BlockRobotError(
-            "PURPOSE_NOT_TOLD", f"{notice_name} does not name {missing}. It names: {', '.join(named)}."
+            "PURPOSE_NOT_IN_NOTICE", f"{notice_name} does not name {missing}. It names: {', '.join(named)}."
         )
     for purpose in (named[code] for code in purposes):
         if not purpose.rests_on_consent:
@@ -264,7 +264,7 @@ def require_consent_asked(published: PublishedNotice, purposes: Sequence[str], s
         if beyond:
             known = ", ".join(purpose.sensors) or "no sensor"
             raise BlockRobotError(
-                "SENSOR_NOT_TOLD", f"{notice_name} names for {purpose.code!r}: {known}. Not: {beyond}."
+                "SENSOR_NOT_IN_NOTICE", f"{notice_name} names for {purpose.code!r}: {known}. Not: {beyond}."
             )
 
 

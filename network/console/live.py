@@ -127,7 +127,7 @@ class LiveConsole:
         trouble = f"{type(error).__name__}: {error}"
         if trouble != self._trouble:
             self._trouble = trouble
-            log.warning("look_failed", error=type(error).__name__, detail=str(error))
+            log.warning("refresh_failed", error=type(error).__name__, detail=str(error))
             self._add_event("node", f"The console cannot see the network: {type(error).__name__}.", "bad")
 
     def _update(self, polls: list[NodePoll]) -> None:

@@ -18,32 +18,32 @@ _OWNER_FIELDS = {"add_org": "name", "replace_ca": "organisation"}
 
 
 def check_authority_change(kind: str, arguments: Mapping[str, Any], organisations: Iterable[OrganisationRow]) -> None:
-    """Reject a proposal with an invalid or foreign authority. Raises AUTHORITY_UNFIT."""
+    """Reject a proposal with an invalid or foreign authority. Raises AUTHORITY_INVALID."""
     if kind in _OWNER_FIELDS:
         check_authority(arguments["ca_certificate"], arguments[_OWNER_FIELDS[kind]], organisations)
 
 
 def check_authority(ca_certificate: str, owner: str, organisations: Iterable[OrganisationRow]) -> None:
-    """Reject certificates (PEM) unfit as `owner`'s authority. Raises AUTHORITY_UNFIT.
+    """Reject certificates (PEM) unfit as `owner`'s authority. Raises AUTHORITY_INVALID.
 
     Each has to be a CA, with a key of no other organisation's authority and no other organisation's name in its
     subject.
     """
     found = load_authorities(ca_certificate)
     if not found:
-        raise BlockRobotError("AUTHORITY_UNFIT", f"What is to be the authority of {owner} is no certificate.")
+        raise BlockRobotError("AUTHORITY_INVALID", f"What is to be the authority of {owner} is no certificate.")
     others = [row for row in organisations if row.name != owner]
     keys = {_key_of(item): row.name for row in others for item in load_authorities(row.ca_certificate)}
     names = {row.name for row in others}
     for certificate in found:
         subject = certificate.subject.rfc4514_string()
         if not _may_sign(certificate):
-            raise BlockRobotError("AUTHORITY_UNFIT", f"The certificate {subject!r} is not that of an authority.")
+            raise BlockRobotError("AUTHORITY_INVALID", f"The certificate {subject!r} is not that of an authority.")
         named = {item.value for item in certificate.subject.get_attributes_for_oid(NameOID.ORGANIZATION_NAME)}
         holder = keys.get(_key_of(certificate)) or next((name for name in sorted(names) if name in named), None)
         if holder is not None:
             detail = f"The certificate {subject!r} is that of {holder}, not of {owner}."
-            raise BlockRobotError("AUTHORITY_UNFIT", detail)
+            raise BlockRobotError("AUTHORITY_INVALID", detail)
 
 
 def _key_of(certificate: x509.Certificate) -> bytes:

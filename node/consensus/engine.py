@@ -448,7 +448,7 @@ class Engine:
 
     def resume(self, disk: str) -> None:
         if self._outages.pop(disk, None) is not None and not self._outages:
-            log.warning("node_writes_again", disk=disk)
+            log.warning("disk_recovered", disk=disk)
             self.note_work()
             self._drain()
 

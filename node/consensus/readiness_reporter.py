@@ -69,7 +69,7 @@ class ReadinessReporter:
         )
         (result,) = await self._pool.submit([report.wire])
         code = "" if result.error is None else result.error.code
-        log.info("ready_said", height=position.height, refused=code)
+        log.info("ready_reported", height=position.height, refused=code)
         return not code
 
     def _is_due(self, reader: LedgerSnapshot, height: int, time_ms: int) -> bool:

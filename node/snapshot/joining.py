@@ -102,7 +102,7 @@ class SnapshotJoiner:
             return
         self._fetcher.drop(source)
         if self._gap.position.height >= head.header.height:
-            log.info("snapshot_outgrown", height=head.header.height)
+            log.info("snapshot_superseded", height=head.header.height)
             await asyncio.get_running_loop().run_in_executor(None, discard_restored, self._ledger_dir)
             return
         self._is_done = True

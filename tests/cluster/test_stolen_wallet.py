@@ -82,7 +82,7 @@ async def refuse_the_thief(thief: Wallet, report: VisitReport, early: bytes) -> 
     """Whatever the old words sign is refused, and what he had asked for before is not handed out."""
     entry, visit = report.records[0], report.visit
     await settle(thief, entry, early, "SESSION_REFUSED")
-    with pytest.raises(BlockRobotError, match="MEMBER_NO_MORE"):
+    with pytest.raises(BlockRobotError, match="MEMBERSHIP_ENDED"):
         await thief.records()
     for work in (
         RecordViewer(thief).request_access([entry], "own-access"),

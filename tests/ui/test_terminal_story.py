@@ -241,7 +241,7 @@ async def test_in_portuguese_she_is_refused_what_nobody_told_her_says_no_and_the
     assert "Próximo passo: " in damaged
     unknown = plain(await maria.types("register", code, "--purpose", "nonsense", code=1))
     assert "O aviso de privacidade em vigor não nomeia esta finalidade" in unknown
-    assert "PURPOSE_NOT_TOLD. Próximo passo: " in unknown
+    assert "PURPOSE_NOT_IN_NOTICE. Próximo passo: " in unknown
     declined = plain(await maria.types("register", code, "--purpose", "demo", answers=("n",), code=1))
     assert declined.endswith("Nada foi feito."), declined
     nothing = plain(await maria.types("register", code, answers=("talvez", "s")))

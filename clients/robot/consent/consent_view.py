@@ -175,7 +175,7 @@ class Consents:
             await self.refresh()
         except BlockRobotError as error:
             self.figures.failures += 1
-            _log.warning("registry_unread", code=error.code)
+            _log.warning("registry_read_failed", code=error.code)
             if error.code in _NO_ROBOT and await self._majority.is_rejected_by_network():
                 self._failure, self._view = error, None
 

@@ -205,7 +205,7 @@ class Wallet:
 
     async def scan(self) -> list[KnownVisit]:
         """Read new announcements; return own, untaken visits. Leavers get known ones; with membership lost, those still
-        controlled. Raises MEMBER_NO_MORE if none.
+        controlled. Raises MEMBERSHIP_ENDED if none.
         """
         await self.require_registered()
         content, known_count = self.store.content, self.store.content.scanned_count
@@ -213,7 +213,7 @@ class Wallet:
             try:
                 page = await self._read_announcements(content.scanned_count)
             except BlockRobotError as error:
-                if error.code != "MEMBER_NO_MORE":
+                if error.code != "MEMBERSHIP_ENDED":
                     raise
                 if await self.has_left():
                     break
@@ -235,7 +235,7 @@ class Wallet:
                 (reached if await self._is_obeyed(visit) else lost).append(visit)
         self.out_of_reach = tuple(lost)
         if not reached:
-            raise BlockRobotError("MEMBER_NO_MORE")
+            raise BlockRobotError("MEMBERSHIP_ENDED")
         return reached
 
     async def _is_obeyed(self, visit: KnownVisit) -> bool:
@@ -266,7 +266,7 @@ class Wallet:
             return await self.network.announcements(first, self.keys.identity)
         except BlockRobotError as error:
             if error.code == "SESSION_REFUSED":
-                raise BlockRobotError("MEMBER_NO_MORE") from None
+                raise BlockRobotError("MEMBERSHIP_ENDED") from None
             raise
 
     async def visit_mark(self, visit: KnownVisit) -> tuple[Any, ...]:

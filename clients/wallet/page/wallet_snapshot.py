@@ -98,7 +98,7 @@ class Snapshot:
 
 
 async def read_snapshot(wallet: Wallet, before: Snapshot, now_ms: int, *, fresh: bool = False) -> Snapshot:
-    """Read all, reusing unchanged visits unless `fresh`. Raises NOT_REGISTERED, MEMBER_NO_MORE, PROOF_*,
+    """Read all, reusing unchanged visits unless `fresh`. Raises NOT_REGISTERED, MEMBERSHIP_ENDED, PROOF_*,
     NODE_UNREACHABLE.
     """
     known = {} if fresh else {part.report.visit.owner: part for part in before.visits}

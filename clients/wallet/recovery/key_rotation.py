@@ -64,7 +64,7 @@ class KeyRotation:
     async def rotate(self) -> bool:
         """Replace the member key; return whether anything was left to do.
 
-        Raises VALUE_INVALID before `confirm_shown`, MEMBER_NO_MORE if neither key is a member's, CALL_REFUSED.
+        Raises VALUE_INVALID before `confirm_shown`, MEMBERSHIP_ENDED if neither key is a member's, CALL_REFUSED.
         """
         wallet, content = self._wallet, self._wallet.store.content
         if not content.next_words:
@@ -75,7 +75,7 @@ class KeyRotation:
         if await wallet.find_registration(new) is None:
             member = await wallet.find_registration(wallet.keys)
             if member is None:
-                raise BlockRobotError("MEMBER_NO_MORE")
+                raise BlockRobotError("MEMBERSHIP_ENDED")
             try:
                 await self._say_rotation(member.handle, new)
             except BlockRobotError as error:
@@ -108,7 +108,7 @@ class KeyRotation:
         keep_receipt(wallet.store.content, await wallet.network.call(identity, "identity", "rotate", arguments))
 
     async def exposed_visits(self) -> list[KnownVisit]:
-        """Still controlled by a former mnemonic. Raises MEMBER_NO_MORE among others."""
+        """Still controlled by a former mnemonic. Raises MEMBERSHIP_ENDED among others."""
         wallet = self._wallet
         newest = len(wallet.eras) - 1
         return [visit for visit in await wallet.scan() if visit.era != newest]
@@ -222,7 +222,7 @@ class KeyRotation:
     async def leave(self) -> int:
         """End the membership; return the height from which it counts, 0 if it had ended already.
 
-        The transaction is saved before sending. Raises WALLET_ROTATION_OPEN, MEMBER_NO_MORE, CALL_REFUSED.
+        The transaction is saved before sending. Raises WALLET_ROTATION_OPEN, MEMBERSHIP_ENDED, CALL_REFUSED.
         """
         wallet, content = self._wallet, self._wallet.store.content
         if content.next_words:
@@ -230,7 +230,7 @@ class KeyRotation:
         await wallet.scan()
         if await wallet.find_registration(wallet.keys) is None:
             if not await wallet.has_left():
-                raise BlockRobotError("MEMBER_NO_MORE")
+                raise BlockRobotError("MEMBERSHIP_ENDED")
             return 0
         transaction = wallet.network.transactions.build(wallet.keys.identity, "identity", "leave", [content.handle])
         content.leaving.append(transaction.txid)

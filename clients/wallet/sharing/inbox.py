@@ -39,7 +39,7 @@ async def read_inbox(opened: Wallet) -> Inbox:
     try:
         reports = await opened.records()
     except BlockRobotError as error:
-        if error.code != "MEMBER_NO_MORE":
+        if error.code != "MEMBERSHIP_ENDED":
             raise
         reports = []
     alarms = tuple(each for each in reports if each.missing_count or each.unreadable_ids)

@@ -194,7 +194,7 @@ class SharingClient:
         """Return the member with this handle (short, or 64 hex digits) or label, by quorum in the member session.
 
         Raises SHARE_WITH_NON_MEMBER (no active staff or officer), SHARE_NOT_POSSIBLE (bad, ambiguous or taken),
-        QUORUM_UNHEARD.
+        QUORUM_UNREACHABLE.
         """
         handle, known = await self._read_handle(wanted)
         label = label.strip()
@@ -309,7 +309,7 @@ class SharingClient:
         return found
 
     async def _get_custodians(self) -> dict[bytes, NodeAddress | None]:
-        """Raises QUORUM_UNHEARD and SHARE_CUSTODIANS_MISSING."""
+        """Raises QUORUM_UNREACHABLE and SHARE_CUSTODIANS_MISSING."""
         await require_quorum(self._wallet.network, self._wallet.keys.identity)
         custodians = await read_custodians(self._wallet, self._wallet.keys.identity)
         if not custodians:

@@ -167,7 +167,7 @@ def _vote(
 ) -> None:
     """Vote on a candidate and report the final standing.
 
-    `after` computes the remaining seats to check first. Raises GOVERNANCE_QUORUM_UNWELL.
+    `after` computes the remaining seats to check first. Raises GOVERNANCE_QUORUM_AT_RISK.
     """
 
     async def run(client: NetworkClient) -> tuple[Decision, ProducersView, MembershipView, bytes]:

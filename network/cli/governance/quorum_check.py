@@ -86,7 +86,7 @@ async def require_live_quorum(
     after: Sequence[CandidateRow],
     silenced: Collection[str] = (),
 ) -> None:
-    """`silenced` nodes keep a seat but cannot sign until given a new key. Raises GOVERNANCE_QUORUM_UNWELL."""
+    """`silenced` nodes keep a seat but cannot sign until given a new key. Raises GOVERNANCE_QUORUM_AT_RISK."""
     seated = [row for row in view.candidates if row.turn is not None]
     left = [row.name for row in after]
     mute = [name for name in left if name in silenced]
@@ -101,7 +101,7 @@ async def require_live_quorum(
             return
     missing = [*(f"{name} (until it has its new key)" for name in mute), *unwell]
     raise BlockRobotError(
-        "GOVERNANCE_QUORUM_UNWELL",
+        "GOVERNANCE_QUORUM_AT_RISK",
         f"{len(left)} producers would be left, and {needed} of them are needed; not well now: {', '.join(missing)}.",
     )
 
@@ -114,7 +114,7 @@ async def check_membership_change(
     kind: str,
     arguments: Mapping[str, Any],
 ) -> None:
-    """Does it remove or silence producers? Raises GOVERNANCE_QUORUM_UNWELL."""
+    """Does it remove or silence producers? Raises GOVERNANCE_QUORUM_AT_RISK."""
     if kind not in {"remove_node", "remove_org", "rekey_producer"}:
         return
     view = await read_producers(client, reader)
@@ -130,7 +130,7 @@ async def check_membership_change(
 
 
 async def check_setting(client: NetworkClient, folder: Path, reader: PrivateKey, name: str, value: int | str) -> None:
-    """A lower number of seats. Raises GOVERNANCE_QUORUM_UNWELL."""
+    """A lower number of seats. Raises GOVERNANCE_QUORUM_AT_RISK."""
     if name == "max_producers" and isinstance(value, int) and value > 0:
         view = await read_producers(client, reader)
         await require_live_quorum(client, folder, view, seats_after(view, maximum=value))

@@ -348,7 +348,7 @@ class CustodyCoordinator:
             try:
                 await self._submit_due()
             except BlockRobotError as error:
-                log.warning("outbox_waits", code=error.code, detail=error.detail)
+                log.warning("outbox_pending", code=error.code, detail=error.detail)
             except Exception:
                 log.exception("outbox_fault")
             try:

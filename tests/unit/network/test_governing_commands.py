@@ -214,13 +214,13 @@ def test_no_producer_goes_while_too_few_of_the_others_are_well(chain: Consortium
     silent.add("node-03")
     said = run(producer, "remove", "node-02", "--as", "org-02").stderr
     assert "3 producers would be left, and 3 of them are needed; not well now: node-03." in said
-    assert refusal(producer, "remove", "node-02", "--as", "org-02") == "GOVERNANCE_QUORUM_UNWELL"
-    assert refusal(org, "propose", "remove-node", "node-02", "--as", "org-01") == "GOVERNANCE_QUORUM_UNWELL"
-    assert refusal(org, "propose", "remove-org", "org-02", "--as", "org-01") == "GOVERNANCE_QUORUM_UNWELL"
+    assert refusal(producer, "remove", "node-02", "--as", "org-02") == "GOVERNANCE_QUORUM_AT_RISK"
+    assert refusal(org, "propose", "remove-node", "node-02", "--as", "org-01") == "GOVERNANCE_QUORUM_AT_RISK"
+    assert refusal(org, "propose", "remove-org", "org-02", "--as", "org-01") == "GOVERNANCE_QUORUM_AT_RISK"
     assert chain.height == 0, "nothing was sent"
 
     opened = answer(org, "propose", "remove-node", "node-02", "--as", "org-01", "--anyway")["proposal"]["id"]
-    assert refusal(org, "approve", opened, "--as", "org-03") == "GOVERNANCE_QUORUM_UNWELL"
+    assert refusal(org, "approve", opened, "--as", "org-03") == "GOVERNANCE_QUORUM_AT_RISK"
     assert answer(org, "approve", opened, "--as", "org-03", "--anyway")["executed"]
 
 
@@ -230,7 +230,7 @@ def test_the_last_vote_is_not_withdrawn_while_too_few_of_the_others_are_well(
     silent.add("node-03")
     for name in ("org-01", "org-02"):
         answer(producer, "withdraw", "node-02", "--as", name)
-    assert refusal(producer, "withdraw", "node-02", "--as", "org-03") == "GOVERNANCE_QUORUM_UNWELL"
+    assert refusal(producer, "withdraw", "node-02", "--as", "org-03") == "GOVERNANCE_QUORUM_AT_RISK"
     assert "node-02" in chain.seats
     silent.clear()
     answer(producer, "withdraw", "node-02", "--as", "org-03")
@@ -314,17 +314,17 @@ def test_an_authority_is_proposed_and_approved_only_if_it_is_one_and_no_others(
     leaf = issue_node_certificate(second, "node-02").certificate_pem.decode()
     for unfit in (first.certificate_pem, create_authority("org-03").certificate_pem, leaf):
         path.write_text(second.certificate_pem + unfit, "ascii")
-        assert refusal(org, *change) == "AUTHORITY_UNFIT"
+        assert refusal(org, *change) == "AUTHORITY_INVALID"
     path.write_text(first.certificate_pem, "ascii")
     assert "that of org-01, not of org-02" in run(org, *change).stderr
     newcomer = Path(answer(org, "new", "clinic")["entry"])
     newcomer.write_text(json.dumps(json.loads(newcomer.read_text("utf-8")) | {"ca_certificate": leaf}), "utf-8")
-    assert refusal(org, "propose", "add-org", "clinic", "--as", "org-01") == "AUTHORITY_UNFIT"
+    assert refusal(org, "propose", "add-org", "clinic", "--as", "org-01") == "AUTHORITY_INVALID"
     assert chain.height == height, "nothing was sent"
 
     arguments = {"organisation": "org-02", "ca_certificate": first.certificate_pem}
     smuggled = chain.must(admin_of("org-03"), "membership", "propose", "replace_ca", arguments).txid
-    assert refusal(org, "approve", smuggled.hex(), "--as", "org-02") == "AUTHORITY_UNFIT"
+    assert refusal(org, "approve", smuggled.hex(), "--as", "org-02") == "AUTHORITY_INVALID"
     path.write_text(second.certificate_pem, "ascii")
     assert answer(org, *change)["proposal"]
 
@@ -354,9 +354,9 @@ def test_fewer_seats_are_not_decided_while_too_few_of_those_left_are_well(chain:
     """Of four producers the youngest key goes; of the three left, all are needed."""
     lowest = sorted(chain.epoch.producers)
     silent.add(chain.candidate(lowest[0])["name"])
-    assert refusal(settings, "propose", "max_producers", "3", "--as", "org-01") == "GOVERNANCE_QUORUM_UNWELL"
+    assert refusal(settings, "propose", "max_producers", "3", "--as", "org-01") == "GOVERNANCE_QUORUM_AT_RISK"
     opened = answer(settings, "propose", "max_producers", "3", "--as", "org-01", "--anyway")["proposal"]["id"]
-    assert refusal(settings, "approve", opened, "--as", "org-02") == "GOVERNANCE_QUORUM_UNWELL"
+    assert refusal(settings, "approve", opened, "--as", "org-02") == "GOVERNANCE_QUORUM_AT_RISK"
     silent.clear()
     assert answer(settings, "approve", opened, "--as", "org-02")["executed"]
     assert sorted(chain.epoch.producers) == lowest[:3]
@@ -378,7 +378,7 @@ def test_a_producer_key_is_not_replaced_while_the_others_cannot_do_without_the_n
     assert "4 producers would be left, and 3 of them are needed" in said
     assert "node-02 (until it has its new key), node-03." in said
     opened = answer(org, *change, "--anyway")["proposal"]["id"]
-    assert refusal(org, "approve", opened, "--as", "org-02") == "GOVERNANCE_QUORUM_UNWELL"
+    assert refusal(org, "approve", opened, "--as", "org-02") == "GOVERNANCE_QUORUM_AT_RISK"
     silent.clear()
     assert answer(org, "approve", opened, "--as", "org-02")["executed"]
 

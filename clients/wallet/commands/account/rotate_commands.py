@@ -174,7 +174,7 @@ def rotate(
                 raise WrongUsage("no_terminal_show")
             await opened.scan()
             if opened.member_gone:
-                raise BlockRobotError("MEMBER_NO_MORE")
+                raise BlockRobotError("MEMBERSHIP_ENDED")
             confirm_or_print(text("rotate.ask"), yes=yes, as_json=as_json)
             rotating.prepare()
         if rotating.must_show:

@@ -165,9 +165,9 @@ async def test_a_node_signs_for_nobody_but_whose_word_it_is(ward: NoticeWard) ->
 @pytest.mark.parametrize(
     ("purpose", "sensor", "code"),
     [
-        ("safety", "rgb", "SENSOR_NOT_TOLD"),
+        ("safety", "rgb", "SENSOR_NOT_IN_NOTICE"),
         ("audit", "depth", "CONSENT_NOT_ASKED"),
-        ("teaching", "depth", "PURPOSE_NOT_TOLD"),
+        ("teaching", "depth", "PURPOSE_NOT_IN_NOTICE"),
     ],
 )
 async def test_nobody_countersigns_a_consent_beyond_the_notice(

@@ -294,10 +294,10 @@ def test_nobody_consents_to_a_purpose_that_the_notice_does_not_name(desk: Desk) 
     """What she was never told of she cannot know what she agrees to: it is refused before anything is signed."""
     desk.ward.publish(without_care())
     code, detail = refusal("register", desk.code, "--purpose", "demo", "--purpose", "care")
-    assert (code, "'care'" in detail, "demo" in detail) == ("PURPOSE_NOT_TOLD", True, True)
+    assert (code, "'care'" in detail, "demo" in detail) == ("PURPOSE_NOT_IN_NOTICE", True, True)
     assert desk.wallet.store.content.handle == b""
     ok("register", desk.code, "--purpose", "demo")
-    assert refusal("consent", "give", "--purpose", "care")[0] == "PURPOSE_NOT_TOLD"
+    assert refusal("consent", "give", "--purpose", "care")[0] == "PURPOSE_NOT_IN_NOTICE"
     assert desk.words == {"demo": ["depth"]}
     assert json.loads(run("consent", "refuse", "--purpose", "care", "--json").output)["ok"], "a no needs no notice"
     desk.ward.publish(demo_notice())
@@ -308,7 +308,7 @@ def test_nobody_consents_to_a_sensor_that_the_notice_does_not_name_for_the_purpo
     desk.ward.publish(demo_notice())
     ok("register", desk.code, "--purpose", "safety")
     code, detail = refusal("consent", "give", "--purpose", "safety", "--sensor", "depth", "--sensor", "rgb")
-    assert (code, "'rgb'" in detail, "depth" in detail) == ("SENSOR_NOT_TOLD", True, True)
+    assert (code, "'rgb'" in detail, "depth" in detail) == ("SENSOR_NOT_IN_NOTICE", True, True)
     assert desk.words == {"safety": ["depth"]}, "what is partly refused is refused as a whole"
     assert json.loads(run("consent", "refuse", "--purpose", "safety", "--sensor", "rgb", "--json").output)["ok"]
 

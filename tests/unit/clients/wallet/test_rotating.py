@@ -86,8 +86,8 @@ async def test_a_thief_with_the_old_words_is_refused_everywhere(story: Story) ->
     thief = story.copy("thief", OLD_WORDS, [])
     reports = await thief.records()
     await rotate(story.open())
-    assert await refusal(thief.records()) == "MEMBER_NO_MORE"
-    assert await refusal(KeyRotation(thief).leave()) == "MEMBER_NO_MORE"
+    assert await refusal(thief.records()) == "MEMBERSHIP_ENDED"
+    assert await refusal(KeyRotation(thief).leave()) == "MEMBERSHIP_ENDED"
     trails = [story.hospital.value("audit", b"count/" + report.visit.owner) for report in reports]
     for report in reports:
         visit, record_id = report.visit, report.records[0].record_id
@@ -104,7 +104,7 @@ async def test_a_thief_with_the_old_words_is_refused_everywhere(story: Story) ->
     rotating = KeyRotation(thief)
     rotating.prepare()
     rotating.confirm_shown()
-    assert await refusal(rotating.rotate()) == "MEMBER_NO_MORE"
+    assert await refusal(rotating.rotate()) == "MEMBERSHIP_ENDED"
     assert trails == [story.hospital.value("audit", b"count/" + report.visit.owner) for report in reports]
 
 

@@ -240,7 +240,7 @@ def test_who_was_too_late_is_warned_loudly_and_still_sees(desk: Desk) -> None:
     assert "registrar's desk" in " ".join(refused.output.split())
     assert desk.story.open().store.content.next_words == ""
     left = desk.run("leave", "--yes", "--json")
-    assert (left.exit_code, json.loads(left.stdout)["error"]["code"]) == (4, "MEMBER_NO_MORE")
+    assert (left.exit_code, json.loads(left.stdout)["error"]["code"]) == (4, "MEMBERSHIP_ENDED")
 
 
 def test_the_way_for_who_was_too_late_as_it_is_written_down(desk: Desk) -> None:

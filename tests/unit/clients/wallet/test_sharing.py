@@ -70,9 +70,9 @@ async def test_nothing_is_shared_while_one_node_alone_answers(ward: SharedWard, 
     ward.network.keep_quiet()
     replace_keys(ward, doctor)
     ward.network.away = {"custodian-2"}
-    with pytest.raises(BlockRobotError, match="QUORUM_UNHEARD"):
+    with pytest.raises(BlockRobotError, match="QUORUM_UNREACHABLE"):
         await ward.grantee(doctor)
-    with pytest.raises(BlockRobotError, match="QUORUM_UNHEARD"):
+    with pytest.raises(BlockRobotError, match="QUORUM_UNREACHABLE"):
         await ward.sharing.share(entries, grantee, "care", ward.until_ms(), ward.told.append)
     assert not ward.custody.parts, "and nobody got a part of a key"
 

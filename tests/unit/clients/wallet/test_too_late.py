@@ -131,14 +131,14 @@ async def test_what_the_thief_has_not_moved_she_still_sees_and_erases(story: Sto
     assert [visit.owner for visit in again.out_of_reach] == [visits[1].owner]
     assert await audit_all(again)
     await ErasureClient(again).request(reports[0].visit, [reports[0].records[0].record_id], [])
-    assert await refusal(KeyRotation(again).leave()) == "MEMBER_NO_MORE"
+    assert await refusal(KeyRotation(again).leave()) == "MEMBERSHIP_ENDED"
 
 
 async def test_who_has_nothing_left_is_told_so(story: Story) -> None:
     await story.open().records()
     thief = await steal_membership(story)
     await KeyRotation(thief, sleep=no_pause).transfer_all(0.0, no_words)
-    assert await refusal(story.open().records()) == "MEMBER_NO_MORE"
+    assert await refusal(story.open().records()) == "MEMBERSHIP_ENDED"
 
 
 async def test_with_new_words_the_former_ones_and_a_new_card_visits_are_hers_again(story: Story) -> None:
@@ -156,7 +156,7 @@ async def test_with_new_words_the_former_ones_and_a_new_card_visits_are_hers_aga
     assert ({visit.owner for visit in done.done}, done.refusal) == (set(names[1:]), None)
     assert [visit.owner for visit in done.taken] == names[:1]
     assert [len(report.records) for report in await second.records()] == [2, 2]
-    with pytest.raises(BlockRobotError, match="MEMBER_NO_MORE"):
+    with pytest.raises(BlockRobotError, match="MEMBERSHIP_ENDED"):
         await story.open().records()
 
 
@@ -176,7 +176,7 @@ async def test_who_wanted_to_leave_and_was_robbed_has_not_left(story: Story) -> 
     again = story.open()
     assert len(await again.records()) == 3
     assert again.member_gone
-    assert await refusal(KeyRotation(again).leave()) == "MEMBER_NO_MORE"
+    assert await refusal(KeyRotation(again).leave()) == "MEMBERSHIP_ENDED"
     assert not story.open().store.content.left
 
 

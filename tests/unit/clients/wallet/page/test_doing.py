@@ -202,7 +202,7 @@ async def test_nobody_consents_on_the_page_to_what_the_notice_does_not_name(desk
     assert set(consents["purposes"]) == {*consents["askable"], *consents["grounds"], "care"}
     wish = {"purposes": ["care"], "sensors": ["depth"], "notice_version": 1}
     job = await desk.page.follow(await desk.page.post("/api/consents/give", wish))
-    assert job["error"]["code"] == "PURPOSE_NOT_TOLD"
+    assert job["error"]["code"] == "PURPOSE_NOT_IN_NOTICE"
 
 
 async def test_the_page_offers_no_consent_beyond_the_notice_and_tells_what_else_a_purpose_rests_on(desk: Desk) -> None:
@@ -216,7 +216,7 @@ async def test_the_page_offers_no_consent_beyond_the_notice_and_tells_what_else_
     assert "audit" not in consents["askable"]
     assert consents["grounds"] == {"audit": "Art. 6(1)(c)"}
     assert "audit" in consents["purposes"], "she is told that it is done, and on what ground"
-    for purpose, sensor, code in (("safety", "rgb", "SENSOR_NOT_TOLD"), ("audit", "depth", "CONSENT_NOT_ASKED")):
+    for purpose, sensor, code in (("safety", "rgb", "SENSOR_NOT_IN_NOTICE"), ("audit", "depth", "CONSENT_NOT_ASKED")):
         wish = {"purposes": [purpose], "sensors": [sensor], "notice_version": 1}
         job = await desk.page.follow(await desk.page.post("/api/consents/give", wish))
         assert job["error"]["code"] == code
