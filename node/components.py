@@ -23,7 +23,6 @@ from consensus.primitives.keys import PrivateKey
 from consensus.protocol.core import Core
 from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.sender_admission import find_account, require_admission
-from node.api.node_services import FinalizedLedger, Pool
 from node.api.services import Clock
 from node.consensus.engine import Engine, Outbox
 from node.consensus.epoch_change import EpochStart, Head, read_head
@@ -38,7 +37,6 @@ from node.directory.node_directory import Directory
 from node.execution.block_executor import ExecutedBlock, Executor, genesis_block
 from node.execution.execution_machines import Machine
 from node.ledger.ledger_writer import FinalityFeed, LedgerWriter
-from node.ledger.pruning import Pruner
 from node.limits.account_byte_limiter import AccountByteLimiter
 from node.limits.refusal_log import RefusalLog
 from node.mempool.call_check import CallCheck
@@ -47,8 +45,10 @@ from node.mempool.quarantine import Quarantine
 from node.mempool.transaction_cache import TransactionCache
 from node.mempool.transaction_intake import TransactionIntake
 from node.metrics import NodeMetrics
+from node.node_services import FinalizedLedger, Pool
 from node.p2p.network import PeerHandler
-from node.p2p.peers import Network, Peers
+from node.peers.peers import Network, Peers
+from node.retention.pruning import Pruner
 from node.storage.ledger_store import LedgerStore, Position
 from node.sync.block_sync import LAG_TOLERATED_BLOCKS, Synchroniser
 
@@ -233,7 +233,7 @@ class NodeComponents:
             reader=lambda: self.executor.reader,
             schedule=lambda: self.engine.epoch.schedule,
             is_close=lambda: self.sync.lag_blocks <= LAG_TOLERATED_BLOCKS and bool(self.network.connected),
-            clock=around.clock,
+            clock=around.clock.now_ms,
             randomness=around.randomness,
         )
 
@@ -247,7 +247,7 @@ class NodeComponents:
             pool=self.pool,
             reader=lambda: self.executor.reader,
             schedule=lambda: self.engine.epoch.schedule,
-            clock=around.clock,
+            clock=around.clock.now_ms,
         )
         self.engine.add_evidence_listener(evidence_submitter.note)
         return evidence_submitter

@@ -9,15 +9,15 @@ from __future__ import annotations
 import hmac
 import re
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractAsyncContextManager
 from ipaddress import ip_address
+from typing import Any, Protocol
 
 import structlog
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
-from node.api.services import NodeStatus
 from node.custody.coordination.custody_admin import CustodyAdmin
 from node.custody.coordination.custody_admin_routes import add_custody_routes
 from node.faults import FaultSwitch
@@ -36,6 +36,18 @@ _PORT = re.compile(r":[0-9]{1,5}$", re.ASCII)
 METRICS_CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 log = structlog.get_logger(__name__)
+
+
+class NodeStatus(Protocol):
+    """Status shown on the operator's listener; holds no secrets."""
+
+    def is_ready(self) -> bool: ...
+
+    def problem(self) -> BlockRobotError | None: ...
+
+    def describe(self) -> Mapping[str, Any]: ...
+
+    def metrics(self) -> bytes: ...
 
 
 def create_operator_listener(

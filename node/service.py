@@ -17,7 +17,6 @@ from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from node.api import ApiServices, create_api
-from node.api.node_services import EngineRounds, WallClock
 from node.api.server import serve_api
 from node.components import Environment, NodeComponents, begin_ledger
 from node.config import OPERATOR_HOST, READING_TOKEN_FILE_NAME, NodeConfig, load_genesis, load_key
@@ -33,12 +32,13 @@ from node.directory.directory_file import newest_beginning
 from node.directory.node_directory import Directory
 from node.execution.sandboxed_contracts import open_contracts
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
-from node.ledger.pruning import answer_requests
 from node.limits.disk_reserve import DiskReserve
 from node.mempool.transaction_intake import ClientPool
+from node.node_services import EngineRounds, WallClock
 from node.operator_listener import create_operator_listener, serve_operator
 from node.p2p.connection_acceptor import bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
+from node.retention.pruning import answer_requests
 from node.snapshot.joining import SnapshotJoiner
 from node.snapshot.snapshot_store import SnapshotStore
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore

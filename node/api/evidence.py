@@ -13,7 +13,7 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.merkle import merkle_proof
 from node.api.access.metering import Steps
-from node.api.services import LedgerView, TransactionPlace
+from node.storage.ledger_view import LedgerView, TransactionPlace
 
 _HEADERS_MAX_COUNT = 2 * UNFINALIZED_BLOCKS_MAX_COUNT
 

@@ -2,106 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Protocol
 
-from consensus.chain.block import Block, ContractEvent, FinalityProof, Header, Receipt
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 from node.api.explorer_documents import RoundDocument
-from node.limits.token_buckets import OWN, Source
-
-PoolStatus = Literal["pending", "unknown", "expired"]
-PeersWithBlock = Callable[[int], Sequence[str]]
-"""Returns the names of the peers that say they keep the body of the block of a height."""
-
-
-@dataclass(frozen=True, slots=True)
-class TransactionPlace:
-    """A finalized transaction's block height and index."""
-
-    height: int
-    index: int
-
-
-@dataclass(frozen=True, slots=True)
-class SubmitResult:
-    """Result of one submitted wire; `txid` is empty if undecodable."""
-
-    txid: bytes
-    error: BlockRobotError | None
-
-
-@dataclass(frozen=True, slots=True)
-class BlockHead:
-    """A header's bytes and transaction count (None once pruned)."""
-
-    header_bytes: bytes
-    transactions_count: int | None
-
-
-class LedgerView(Protocol):
-    """The ledger at one finalized block; immutable while open."""
-
-    @property
-    def header(self) -> Header: ...
-
-    @property
-    def finality(self) -> FinalityProof | None:
-        """Return the proof that `header` is final; None only at genesis."""
-        ...
-
-    def get(self, key: bytes) -> bytes | None: ...
-
-    def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` pairs (flat key, encoded value), in key order."""
-        ...
-
-    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
-        """Yield pairs from `start` up to but without `end`, in key order."""
-        ...
-
-    def prove(self, key: bytes) -> Proof: ...
-
-    def block(self, height: int) -> Block | None:
-        """Return a finalized block; None above the head or if pruned."""
-        ...
-
-    def receipts(self, height: int) -> Sequence[Receipt] | None: ...
-
-    def block_bytes(self, height: int) -> bytes | None: ...
-
-    def receipt_bytes(self, height: int) -> Sequence[tuple[bytes, bytes]] | None:
-        """Return txid and canonical bytes of a block's receipts, or None."""
-        ...
-
-    def receipt(self, height: int, index: int) -> Receipt | None: ...
-
-    def events(self, height: int, index: int, limit: int) -> Sequence[tuple[int, int, ContractEvent]]: ...
-
-    def header_bytes(self, height: int) -> bytes | None:
-        """Return a finalized header's bytes, pruned or not, or None."""
-        ...
-
-    def head(self, height: int) -> BlockHead | None: ...
-
-    def block_height(self, block_id: bytes) -> int | None: ...
-
-    @property
-    def earliest_height(self) -> int:
-        """Return the lowest height whose body is kept (0: unpruned)."""
-        ...
-
-    def epoch_proof(self, number: int) -> bytes | None:
-        """Return the encoded `EpochProof` that began epoch `number` (1 or above)."""
-        ...
-
-    def locate(self, txid: bytes) -> TransactionPlace | None: ...
+from node.custody.coordination.consent_receipts import SignedReceipt
+from node.execution.execution_machines import ViewRunner
+from node.mempool.transaction_pool import TransactionPool
+from node.storage.ledger_view import LedgerView, PeersWithBlock
 
 
 class LedgerReader(Protocol):
@@ -113,37 +27,6 @@ class LedgerReader(Protocol):
 
     async def wait_above(self, height: int, timeout_ms: int) -> bool:
         """Wait for a final block above `height`; False on timeout."""
-        ...
-
-
-class ViewRunner(Protocol):
-    """Runs the read-only entries of contracts."""
-
-    async def run_view(
-        self, snapshot: LedgerView, contract: str, view: str, arguments: list[Any], source: Source = OWN
-    ) -> bytes:
-        """Return a view's encoded result; the snapshot stays open until then.
-
-        Raises TRANSACTION_CONTRACT_UNKNOWN, CONTRACT_DISABLED, CALL_REFUSED, RATE_LIMITED (this source), VIEWS_BUSY
-        (all), CONTRACT_WORKER_FAILED.
-        """
-        ...
-
-
-class TransactionPool(Protocol):
-    """The node's pool of waiting transactions."""
-
-    async def submit(self, wires: Sequence[bytes], source: Source = OWN) -> Sequence[SubmitResult]:
-        """Check and admit transactions; one result per wire, in order; known ones pass.
-
-        `source` pays for unsigned bytes (default: this node). Raises RATE_LIMITED.
-        """
-        ...
-
-    def status(self, txid: bytes) -> PoolStatus: ...
-
-    async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
-        """Wait until a transaction is final; False on timeout or expiry."""
         ...
 
 
@@ -211,16 +94,6 @@ class CustodyService(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class SignedReceipt:
-    """A consent receipt signed by the organisation's node, and its transaction's wire."""
-
-    document: bytes
-    key: bytes
-    signature: bytes
-    transaction: bytes
-
-
 class ReceiptIssuer(Protocol):
     """Signs receipts of consent statements."""
 
@@ -231,18 +104,6 @@ class ReceiptIssuer(Protocol):
         NOTICE_INVALID.
         """
         ...
-
-
-class NodeStatus(Protocol):
-    """Status shown on the operator's listener; holds no secrets."""
-
-    def is_ready(self) -> bool: ...
-
-    def problem(self) -> BlockRobotError | None: ...
-
-    def describe(self) -> Mapping[str, Any]: ...
-
-    def metrics(self) -> bytes: ...
 
 
 class RoundWatch(Protocol):
@@ -287,14 +148,3 @@ class ApiServices:
     public_explorer: bool = False
     on_over_budget: Callable[[str, BlockRobotError], None] = _ignore
     peers_with_block: PeersWithBlock = lambda _: ()
-
-
-def require_not_pruned(snapshot: LedgerView, height: int, peers_with_block: PeersWithBlock) -> None:
-    """Raise BLOCK_PRUNED, naming keepers, if this block's body is not here."""
-    earliest = snapshot.earliest_height
-    if height < earliest:
-        names = peers_with_block(height)
-        who = f"{', '.join(names)} {'keep' if len(names) > 1 else 'keeps'} it" if names else "No peer says to keep it"
-        raise BlockRobotError(
-            "BLOCK_PRUNED", f"The body of block {height} was pruned; this node has them from {earliest} on. {who}."
-        )

@@ -19,8 +19,8 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import PrivateKey
 from consensus.state.producers import ACCUSED, CANDIDATE, PRODUCERS
-from node.api.services import Clock, TransactionPool
 from node.directory.node_directory import Directory
+from node.mempool.transaction_pool import TransactionPool
 from node.storage.ledger_store import LedgerSnapshot
 
 TURN_MS = 1_500
@@ -51,7 +51,7 @@ class EvidenceSubmitter:
         pool: TransactionPool,
         reader: Callable[[], LedgerSnapshot],
         schedule: Callable[[], Schedule],
-        clock: Clock,
+        clock: Callable[[], int],
     ) -> None:
         """`reader` gives the newest finalized state, `schedule` the current epoch's producers."""
         self._key = key
@@ -76,7 +76,7 @@ class EvidenceSubmitter:
         place = ACCUSED.key(evidence.producer, evidence.epoch, evidence.round)
         if evidence.producer == self._key.public_key or place in self._cases or len(self._cases) >= PENDING_MAX_COUNT:
             return
-        self._cases[place] = _Case(evidence, due_ms=self._clock.now_ms() + self._turn() * TURN_MS)
+        self._cases[place] = _Case(evidence, due_ms=self._clock() + self._turn() * TURN_MS)
 
     def _turn(self) -> int:
         schedule = self._schedule()
@@ -87,7 +87,7 @@ class EvidenceSubmitter:
         """Submit due accusations, drop known cases; return the number submitted."""
         if not self._cases:
             return 0
-        reader, now_ms = self._reader(), self._clock.now_ms()
+        reader, now_ms = self._reader(), self._clock()
         for place in [place for place, case in self._cases.items() if _is_known(reader, place, case.evidence)]:
             del self._cases[place]
         due = [case for case in self._cases.values() if case.due_ms <= now_ms]

@@ -10,7 +10,7 @@ from consensus.chain.schedule import Schedule
 from consensus.chain.transaction import sign_transaction
 from consensus.primitives.keys import PrivateKey
 from consensus.state.producers import CANDIDATE, PRODUCERS
-from node.api.services import Clock, TransactionPool
+from node.mempool.transaction_pool import TransactionPool
 from node.storage.ledger_store import LedgerSnapshot
 
 SAY_AGAIN_MS = 5 * 60 * 1000
@@ -34,7 +34,7 @@ class ReadinessReporter:
         reader: Callable[[], LedgerSnapshot],
         schedule: Callable[[], Schedule],
         is_close: Callable[[], bool],
-        clock: Clock,
+        clock: Callable[[], int],
         randomness: Callable[[int], bytes],
     ) -> None:
         """`reader` gives the newest finalized state; `is_close`: caught up with peers."""
@@ -50,7 +50,7 @@ class ReadinessReporter:
 
     async def submit_if_due(self) -> bool:
         """Submit readiness if a candidate's last is too old; return whether submitted."""
-        now_ms = self._clock.now_ms()
+        now_ms = self._clock()
         if self._said_ms is not None and 0 <= now_ms - self._said_ms < SAY_INTERVAL_MIN_MS:
             return False
         reader = self._reader()

@@ -42,13 +42,12 @@ from contracts.execution.genesis import open_genesis
 from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.execution.validity import RecentTransactions, check_block_transactions, select_valid
 from contracts.state.view import Overlay, StateView
-from node.execution.execution_machines import BlockExecutionResult, Machine, RemoteMachine
+from node.execution.execution_machines import BlockExecutionResult, CheckedBlock, Machine, RemoteMachine
 from node.execution.execution_retries import ExecutionRetries
 from node.mempool.mempool import Mempool
 from node.mempool.quarantine import Quarantine
 from node.mempool.transaction_cache import TransactionCache
 from node.storage.ledger_store import FinalizedBlock, LedgerSnapshot, LedgerStore
-from node.sync.block_ranges import CheckedBlock
 
 BLOCK_CONTENT_MAX_BYTES = BLOCK_SIZE_MAX_BYTES - 64 * 1024
 ROOMY_PER_CENT = 80

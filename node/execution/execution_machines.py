@@ -1,14 +1,27 @@
-"""What executes blocks: in the node, in a worker, or for a simulation."""
+"""What executes blocks and views: in the node, in a worker, or for a simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
-from consensus.chain.block import Receipt
+from consensus.chain.block import Block, Header, Receipt
 from consensus.chain.transaction import Transaction
 from contracts.execution.results import ExpectedBlock
 from contracts.state.view import StateView
+from node.limits.token_buckets import OWN, Source
+from node.storage.ledger_view import LedgerView
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedBlock:
+    """A block proven final, with its decoded parts."""
+
+    block: Block
+    block_id: bytes
+    header: Header
+    transactions: tuple[Transaction, ...]
 
 
 class BlockExecutionResult(Protocol):
@@ -68,4 +81,18 @@ class RemoteMachine(Machine, Protocol):
 
     def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> Sequence[BlockExecutionResult]:
         """Return what `verify` gives for the first of consecutive blocks, maybe none."""
+        ...
+
+
+class ViewRunner(Protocol):
+    """Runs the read-only entries of contracts."""
+
+    async def run_view(
+        self, snapshot: LedgerView, contract: str, view: str, arguments: list[Any], source: Source = OWN
+    ) -> bytes:
+        """Return a view's encoded result; the snapshot stays open until then.
+
+        Raises TRANSACTION_CONTRACT_UNKNOWN, CONTRACT_DISABLED, CALL_REFUSED, RATE_LIMITED (this source), VIEWS_BUSY
+        (all), CONTRACT_WORKER_FAILED.
+        """
         ...

@@ -7,9 +7,8 @@ from consensus.chain.transaction import Transaction
 from contracts.execution.results import ExecutionFault
 from contracts.lifecycle.applying_changes import find_activation
 from contracts.state.view import StateView
-from node.execution.execution_machines import BlockExecutionResult, Machine
+from node.execution.execution_machines import BlockExecutionResult, CheckedBlock, Machine
 from node.mempool.quarantine import Change, Quarantine
-from node.sync.block_ranges import CheckedBlock
 
 
 class ExecutionRetries:

@@ -21,11 +21,11 @@ from contracts.execution.views import ContractViews
 from contracts.lifecycle.registry import check_contracts
 from contracts.worker.wire import Begin, SandboxFeature
 from contracts.worker.worker_machine import Hold, WorkerMachine, WorkerSpec, WorkerViews, missing_parts
-from node.api.services import LedgerView, ViewRunner
 from node.config import CONTRACT_MEMORY_MIB, NodeConfig
-from node.execution.execution_machines import Machine
+from node.execution.execution_machines import Machine, ViewRunner
 from node.limits.token_buckets import OWN, Source, over_budget
 from node.storage.ledger_store import LedgerStore
+from node.storage.ledger_view import LedgerView
 from node.storage.lmdb_reader import LedgerFile
 
 VIEWS_WAITING_MAX_COUNT = 64
@@ -192,7 +192,7 @@ class SandboxedContracts:
     async def run_view(
         self, snapshot: LedgerView, contract: str, view: str, arguments: list[Any], source: Source = OWN
     ) -> bytes:
-        """See `node.api.services.ViewRunner`; also raises RATE_LIMITED, VIEWS_BUSY, CONTRACT_WORKER_FAILED."""
+        """See `ViewRunner`; also raises RATE_LIMITED, VIEWS_BUSY, CONTRACT_WORKER_FAILED."""
         header = snapshot.header
         run = partial(
             self._views.run_view,

@@ -17,10 +17,10 @@ import structlog
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from contracts.execution.sender_admission import is_registration
-from node.api.services import PoolStatus, SubmitResult, TransactionPool
 from node.limits.token_buckets import OWN, Allowance, Charge, Source, SourceKind, TokenBuckets, over_budget
 from node.limits.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool, Screened
+from node.mempool.transaction_pool import PoolStatus, SubmitResult, TransactionPool
 
 SLICE_MAX_US = 2_000
 INLINE_MAX_COUNT = 4

@@ -13,7 +13,8 @@ from typing import Any, Protocol, cast
 import structlog
 
 from consensus.errors import BlockRobotError
-from node.limits.work_costs import FRAME_COSTS, FRAME_US, READ_US, bytes_cost_us
+from node.limits.work_costs import FRAME_US, READ_US, bytes_cost_us
+from node.p2p.frame_costs import FRAME_COSTS
 from node.p2p.tls import TlsOverhead
 from node.p2p.traffic import Traffic
 from node.p2p.wire import (

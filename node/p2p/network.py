@@ -21,9 +21,10 @@ from node.directory.node_directory import Directory
 from node.limits.peer_bans import PeerBans
 from node.limits.refusal_log import RefusalLog
 from node.limits.token_buckets import Allowance, Source, TokenBuckets
-from node.limits.work_costs import FRAME_COSTS, REFUSAL_US, Lane
+from node.limits.work_costs import REFUSAL_US
 from node.p2p.connection import LinkShaper, PeerConnection
 from node.p2p.connection_acceptor import SHUTDOWN_TIMEOUT_MS, ConnectionAcceptor, bind_listener
+from node.p2p.frame_costs import FRAME_COSTS, Lane
 from node.p2p.identity import PROVEN_REFUSALS, identify_peer
 from node.p2p.tls import Credentials
 from node.p2p.traffic import Traffic

@@ -11,9 +11,9 @@ from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
 from contracts.state.view import Overlay
 from node.execution.block_executor import ExecutedBlock, Executor
-from node.execution.execution_machines import BlockExecutionResult
+from node.execution.execution_machines import BlockExecutionResult, CheckedBlock
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
-from node.sync.block_ranges import CheckedBlock, CheckedRange
+from node.sync.block_ranges import CheckedRange
 
 GROUP_BLOCKS_MAX_COUNT = 64
 """How many blocks are executed in one go, if they are small: no more than two full ones would take."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from consensus.chain.block import Block, EpochProof, FinalityProof, Header
+from consensus.chain.block import Block, EpochProof, FinalityProof
 from consensus.chain.block_rules import check_body, check_header_form
 from consensus.chain.light_client import verify_finality
 from consensus.chain.messages import PROPOSAL_TAG, proposal_parts
@@ -17,6 +17,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import verify
 from node.consensus.epoch_change import EpochStart
+from node.execution.execution_machines import CheckedBlock
 from node.p2p.wire import BlockBatch
 from node.storage.ledger_store import LedgerSnapshot
 
@@ -81,16 +82,6 @@ def read_range(snapshot: LedgerSnapshot, from_height: int, count: int) -> BlockB
 
 
 # Checking
-
-
-@dataclass(frozen=True, slots=True)
-class CheckedBlock:
-    """A block proven final, with its decoded parts."""
-
-    block: Block
-    block_id: bytes
-    header: Header
-    transactions: tuple[Transaction, ...]
 
 
 @dataclass(frozen=True, slots=True)

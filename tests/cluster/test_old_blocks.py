@@ -23,8 +23,8 @@ from consensus.errors import BlockRobotError
 from consensus.records.owner_keys import open_visit_keys
 from network.faults.actions import FillDisk, Skew
 from node.config import KEEP_BLOCKS_COUNT, KEEP_BLOCKS_MIN_COUNT
-from node.ledger.pruning import PRUNE_SLACK_COUNT
-from node.ledger.retention import BLOCKS_KEPT_MS
+from node.retention.pruning import PRUNE_SLACK_COUNT
+from node.retention.retention import BLOCKS_KEPT_MS
 from tests.cluster.commands import run
 from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 from tests.cluster.story import Client, Story

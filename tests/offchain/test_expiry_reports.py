@@ -17,12 +17,12 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.commitments import ciphertext_root, commitment_root
 from contracts.execution.executor import execute_block
-from node.api.services import SubmitResult
 from node.custody.coordination.custody_coordinator import OUTBOX_LIFETIME_MS, CustodyCoordinator
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys
 from node.custody.stores.sqlite_store import SqliteStore
 from node.ledger.ledger_writer import FinalityFeed
+from node.mempool.transaction_pool import SubmitResult
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore
 from tests.offchain.small_chain import RecordedClip, record_clip

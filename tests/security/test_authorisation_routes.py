@@ -24,11 +24,11 @@ from node.api import create_api
 from node.api.access.principals import resolve_principal
 from node.api.access.route_access import Access
 from node.api.access.sessions import SESSION_LIFETIME_MS, SESSIONS_OF_KEY_MAX_COUNT
-from node.api.node_services import WallClock
 from node.api.openapi.authorisation_page import CALLERS, Caller, refusal_of
 from node.api.routes import ROUTES
 from node.api.routing import Call, Handler, Route
 from node.faults import FaultSwitch
+from node.node_services import WallClock
 from node.operator_listener import OPEN_PATHS, create_operator_listener
 from tests.unit.contracts.privacy.hospital import Hospital, key_of
 from tests.unit.node.api.small_network import NOW_MS, SmallLedger, SmallNode

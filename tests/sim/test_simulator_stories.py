@@ -21,8 +21,8 @@ from network.sim.history import (
 )
 from network.sim.plan import Fault, Plan
 from network.sim.run import run_with_history
-from node.p2p.peers import Peers
 from node.p2p.wire import FrameKind
+from node.peers.peers import Peers
 
 
 def play(*faults: Fault, seed: int = 1, nodes: int = 4, rounds: int = 40) -> History:

@@ -21,8 +21,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.rights.consent_receipts import sign_as_person
 from consensus.rights.notices import Notice, encode_notice
 from node.api.routes.notices import PUBLIC_PREFIXES
-from node.api.services import SignedReceipt
-from node.custody.coordination.consent_receipts import ConsentReceipts
+from node.custody.coordination.consent_receipts import ConsentReceipts, SignedReceipt
 from tests.world.ward import ProvingHospital, ShortWire, Ward
 
 

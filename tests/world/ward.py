@@ -53,7 +53,7 @@ from consensus.state.audit import ENTRY
 from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 from node.api.access.metering import Steps
 from node.api.evidence import build_evidence
-from node.api.services import TransactionPlace
+from node.storage.ledger_view import TransactionPlace
 from tests.unit.contracts.privacy.hospital import Hospital, Person, key_of
 from tests.world.dicts import CHEAP
 

@@ -21,7 +21,7 @@ from network.ledger_diff.ledger_comparison import newest_height
 from network.ledger_diff.ledger_difference import LedgerDiff, describe_difference
 from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig, load_genesis
 from node.execution.sandboxed_contracts import open_sandboxed_machine
-from node.ledger.pruning import PRUNE_SLACK_COUNT, PrunedLedger, prune_stopped_node, request_pruning
+from node.retention.pruning import PRUNE_SLACK_COUNT, PrunedLedger, prune_stopped_node, request_pruning
 from node.snapshot.snapshot_format import SnapshotFolder
 from node.storage.directory_lock import DirectoryLock
 from node.storage.lmdb_reader import LedgerFile

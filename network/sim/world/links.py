@@ -183,7 +183,7 @@ class Wires:
 
 
 class SimNetwork:
-    """One node's links during one of its lives (see `node.p2p.peers.Network`)."""
+    """One node's links during one of its lives (see `node.peers.peers.Network`)."""
 
     def __init__(self, wires: Wires, owner: Owner, name: str, handler: PeerHandler) -> None:
         self.wires = wires

@@ -10,8 +10,9 @@ from contextlib import asynccontextmanager
 from typing import Any, Generic, TypeVar
 
 from node.api.access.request_rate_limiter import ChargedBudgets
-from node.api.services import LedgerReader, LedgerView
+from node.api.services import LedgerReader
 from node.limits.token_buckets import Source
+from node.storage.ledger_view import LedgerView
 
 HTTP_US = 250
 """What one request and its answer take besides its own slices: parsing, routing, writing."""

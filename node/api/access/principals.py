@@ -14,7 +14,7 @@ from consensus.state.keys import flat_prefix
 from consensus.state.membership import MEMBERSHIP
 from consensus.state.records import EMPTY_FRAME, decided_root
 from contracts.execution.sender_admission import name_grantees, name_key
-from node.api.services import LedgerView
+from node.storage.ledger_view import LedgerView
 
 SessionKind = Literal["member", "owner", "grantee", "former-grantee"]
 ROLE_ADMIN = "admin"

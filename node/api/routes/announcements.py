@@ -18,7 +18,7 @@ from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routes.proofs import prove_keys
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import LedgerView
+from node.storage.ledger_view import LedgerView
 
 
 def _item(number: int, data: bytes) -> AnnouncementItem:

@@ -12,7 +12,7 @@ from consensus.primitives.hashing import sha256
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import BlockHead, LedgerView, PeersWithBlock, require_not_pruned
+from node.storage.ledger_view import BlockHead, LedgerView, PeersWithBlock, require_not_pruned
 
 
 def _summary(head: BlockHead) -> BlockSummary:

@@ -13,7 +13,7 @@ from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import LedgerView, require_not_pruned
+from node.storage.ledger_view import LedgerView, require_not_pruned
 
 SCAN_MAX_COUNT = 1_000
 SCAN_AT_ONCE_COUNT = 100

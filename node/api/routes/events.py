@@ -12,8 +12,8 @@ from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routing import SSE, Answer, Call, Parameter, Route
-from node.api.services import LedgerView, PeersWithBlock, require_not_pruned
 from node.limits.work_costs import bytes_cost_us
+from node.storage.ledger_view import LedgerView, PeersWithBlock, require_not_pruned
 
 KEEP_ALIVE_MS = 10_000
 BLOCKS_PER_PART_COUNT = 64

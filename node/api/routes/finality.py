@@ -18,7 +18,7 @@ from consensus.api_documents import (
 from node.api.access.metering import Steps
 from node.api.access.route_access import ANYONE, READER
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import LedgerView
+from node.storage.ledger_view import LedgerView
 
 
 async def _get_finality(call: Call) -> web.StreamResponse:

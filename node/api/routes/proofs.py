@@ -12,7 +12,7 @@ from node.api.access.metering import Steps
 from node.api.access.principals import require_readable
 from node.api.access.route_access import READER
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
-from node.api.services import LedgerView
+from node.storage.ledger_view import LedgerView
 
 
 def prove_keys(snapshot: LedgerView, keys: Iterable[bytes]) -> Steps[list[KeyProof]]:

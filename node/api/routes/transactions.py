@@ -17,7 +17,8 @@ from node.api.access.route_access import ANYONE
 from node.api.evidence import build_evidence
 from node.api.problems import problem_document
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, json_answer
-from node.api.services import LedgerView, PeersWithBlock, SubmitResult, require_not_pruned
+from node.mempool.transaction_pool import SubmitResult
+from node.storage.ledger_view import LedgerView, PeersWithBlock, require_not_pruned
 
 BATCH_MAX_COUNT = 256
 BATCH_MAX_BYTES = 1024 * 1024

@@ -5,6 +5,7 @@ Only final ones of the own organisation, for their author; no consent beyond the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from consensus.chain.transaction import decode_transaction
@@ -26,7 +27,17 @@ from consensus.rights.notices import (
 )
 from consensus.state.consent import GIVEN, NOTICE, NOTICE_TEXT
 from consensus.state.identity import CUSTODIAN, organisation_of
-from node.api.services import LedgerView, PeersWithBlock, SignedReceipt, require_not_pruned
+from node.storage.ledger_view import LedgerView, PeersWithBlock, require_not_pruned
+
+
+@dataclass(frozen=True, slots=True)
+class SignedReceipt:
+    """A consent receipt signed by the organisation's node, and its transaction's wire."""
+
+    document: bytes
+    key: bytes
+    signature: bytes
+    transaction: bytes
 
 
 class ConsentReceipts:

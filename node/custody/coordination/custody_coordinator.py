@@ -27,7 +27,6 @@ from consensus.records.png import check_depth_png
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 from consensus.state.records import EMPTY_FRAME
 from consensus.state.settings import read_quotas
-from node.api.services import TransactionPool
 from node.custody.chain_facts import ChainFacts, require_grantee, require_open_grant
 from node.custody.coordination.custody_answers import UploadReport
 from node.custody.coordination.upload_admission import CATCH_UP_MAX_MS, HoldRoom, UploadAdmission
@@ -39,6 +38,7 @@ from node.custody.stores.custody_store import Checkpoint, CustodyStore, OutboxRo
 from node.custody.upload_usage import UploadAccount
 from node.ledger.ledger_writer import FinalityFeed
 from node.limits.disk_reserve import DiskReserve
+from node.mempool.transaction_pool import TransactionPool
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
 from node.storage.ledger_store import LedgerStore, TransactionLocation
 

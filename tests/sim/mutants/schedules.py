@@ -29,7 +29,7 @@ from network.sim.world.sim_cluster import SimCluster
 from network.sim.world.sim_node import SimNode
 from node.consensus import journal_writer
 from node.consensus.engine import Outbox
-from node.ledger import pruning
+from node.retention import pruning
 from node.snapshot.checking import restore_into
 from node.snapshot.making import make_snapshot
 from node.snapshot.snapshot_format import MemorySnapshotFolder

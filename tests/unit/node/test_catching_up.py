@@ -14,11 +14,11 @@ from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
 from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.state.view import Overlay, StateView
 from node.execution.block_executor import Executor
-from node.execution.execution_machines import Machine
+from node.execution.execution_machines import CheckedBlock, Machine
 from node.mempool.transaction_cache import TransactionCache
 from node.storage.memory_store import MemoryStore
 from node.sync.batch_execution import GROUP_BLOCKS_MAX_COUNT, CatchUp, grouped
-from node.sync.block_ranges import CheckedBlock, CheckedRange
+from node.sync.block_ranges import CheckedRange
 from tests.unit.node.written_chain import WritingMachine, WrittenChain
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from network.bench.flood.flood_kinds import FRAMES
 from network.bench.flood.flood_routes import kinds_of
 from node.api.routes import ROUTES
-from node.limits.work_costs import FRAME_COSTS, REQUEST_COSTS, ROUTE_COSTS, Lane
+from node.limits.work_costs import ROUTE_COSTS
+from node.p2p.frame_costs import FRAME_COSTS, REQUEST_COSTS, Lane
 from node.p2p.wire import FrameKind, RequestKind
 
 OPERATIONS = {route.operation for route in ROUTES}

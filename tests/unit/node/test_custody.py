@@ -17,7 +17,6 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload
 from consensus.records.sharing import SharedRequest
-from node.api.services import SubmitResult
 from node.custody.coordination.custody_coordinator import (
     CLIP_PART_BYTES,
     OUTBOX_BATCH_COUNT,
@@ -28,6 +27,7 @@ from node.custody.coordination.custody_coordinator import (
 )
 from node.custody.stores.custody_store import Checkpoint, OutboxRow
 from node.ledger.ledger_writer import FinalityFeed
+from node.mempool.transaction_pool import SubmitResult
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.memory_store import MemoryStore

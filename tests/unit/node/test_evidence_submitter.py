@@ -37,7 +37,7 @@ class Stage:
             pool=self,
             reader=lambda: self,
             schedule=lambda: self.schedule,
-            clock=SimpleNamespace(now_ms=lambda: self.now),
+            clock=lambda: self.now,
         )
 
     def get(self, key: bytes) -> bytes | None:

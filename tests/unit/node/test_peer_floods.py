@@ -12,8 +12,8 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from node.limits.token_buckets import Allowance
-from node.p2p.peer_requests import PeerRequests
 from node.p2p.wire import FinalizedRequest, FrameKind, HeightNotice, RequestKind, TransactionBatch
+from node.peers.peer_requests import PeerRequests
 from node.storage.memory_store import MemoryStore
 from tests.unit.node.small_nodes import SmallNodes, make_genesis
 from tests.virtual_time import in_virtual_time
@@ -108,7 +108,7 @@ async def _requests(over: list[str]) -> PeerRequests:
 async def test_requests_in_a_loop_are_slowed_down_then_refused_and_other_peers_are_answered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("node.p2p.peer_requests.REQUEST_ALLOWANCE", Allowance(us_per_s=1_000, burst_us=4_000))
+    monkeypatch.setattr("node.peers.peer_requests.REQUEST_ALLOWANCE", Allowance(us_per_s=1_000, burst_us=4_000))
     over: list[str] = []
     requests = await _requests(over)
     made: list[float] = []

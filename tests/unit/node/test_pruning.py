@@ -9,9 +9,11 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from network.provisioning.network_layout import create_network
-from node.api.node_services import DecodedSnapshot
 from node.config import KEEP_BLOCKS_COUNT, KEEP_BLOCKS_MIN_COUNT, config_to_toml, load_config
-from node.ledger.pruning import (
+from node.node_services import DecodedSnapshot
+from node.p2p.wire import BlockBatch, FinalizedRequest
+from node.peers.peer_requests import PeerRequests
+from node.retention.pruning import (
     PRUNE_SLACK_COUNT,
     PrunedLedger,
     Pruner,
@@ -20,9 +22,7 @@ from node.ledger.pruning import (
     prune_stopped_node,
     request_pruning,
 )
-from node.ledger.retention import BLOCKS_KEPT_MS, highest_prunable
-from node.p2p.peer_requests import PeerRequests
-from node.p2p.wire import BlockBatch, FinalizedRequest
+from node.retention.retention import BLOCKS_KEPT_MS, highest_prunable
 from node.storage.lmdb_store import LmdbStore
 from node.storage.memory_store import MemoryStore
 from tests.unit.node.written_chain import WrittenChain
@@ -54,7 +54,7 @@ async def test_a_block_that_cannot_be_searched_ends_no_housekeeping(monkeypatch:
 
     pruner = Pruner(store, 300, lambda: None)
     with monkeypatch.context() as patched:
-        patched.setattr("node.ledger.retention.Retention.find_cutoff", fail)
+        patched.setattr("node.retention.retention.Retention.find_cutoff", fail)
         await pruner.run_once()
     await pruner.run_once()
 

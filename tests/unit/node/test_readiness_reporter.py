@@ -12,8 +12,8 @@ from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.state.producers import CANDIDATE, CandidateRow
-from node.api.services import SubmitResult
 from node.consensus.readiness_reporter import SAY_AGAIN_BLOCKS, SAY_AGAIN_MS, SAY_INTERVAL_MIN_MS, ReadinessReporter
+from node.mempool.transaction_pool import SubmitResult
 from node.storage.ledger_store import Position
 from tests.state_rows import stored
 
@@ -39,12 +39,9 @@ class Stage:
             reader=lambda: self,  # type: ignore[arg-type,return-value]
             schedule=lambda: self.schedule,
             is_close=lambda: self.is_close,
-            clock=self,
+            clock=lambda: self.time_ms,
             randomness=bytes,
         )
-
-    def now_ms(self) -> int:
-        return self.time_ms
 
     def get(self, key: bytes) -> bytes | None:
         assert key == CANDIDATE.key(KEY.public_key)

@@ -16,7 +16,14 @@ from consensus.limits import RETENTION_MAX_MS, TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.encoding import encode, encode_value
 from consensus.state.records import RECORD, RecordRow
 from consensus.state.rights import RESTRICTION, RestrictionRow
-from node.ledger.retention import BLOCKS_KEPT_MS, LIVE_RECORD_HELD_MAX_MS, Cutoff, HeldBy, Retention, find_first_since
+from node.retention.retention import (
+    BLOCKS_KEPT_MS,
+    LIVE_RECORD_HELD_MAX_MS,
+    Cutoff,
+    HeldBy,
+    Retention,
+    find_first_since,
+)
 from node.storage.memory_store import MemoryStore
 from tests.state_rows import stored
 from tests.unit.node.written_chain import WrittenChain

@@ -9,7 +9,8 @@ from consensus.errors import BlockRobotError
 from node.api.access.metering import Steps
 from node.api.access.route_access import MEMBER
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
-from node.api.services import LedgerView, SignedReceipt
+from node.custody.coordination.consent_receipts import SignedReceipt
+from node.storage.ledger_view import LedgerView
 
 
 async def _issue(call: Call) -> web.StreamResponse:

@@ -29,7 +29,7 @@ from consensus.rights.consent_receipts import sign_as_controller, sign_as_person
 from consensus.rights.notices import Notice
 from consensus.state.identity import MEMBER
 from network.notices.notice_publishing import demo_notice
-from node.api.services import SignedReceipt
+from node.custody.coordination.consent_receipts import SignedReceipt
 from tests.unit.contracts.privacy.hospital import key_of
 from tests.world.notices import NoticeWard
 

@@ -26,9 +26,9 @@ from node.api.access.route_access import ANYONE
 from node.api.routes import ROUTES
 from node.api.routing import Call, Route
 from node.api.server import serve_api
-from node.api.services import LedgerView
 from node.limits.token_buckets import Allowance
 from node.limits.work_costs import ROUTE_COSTS, STRAY_US
+from node.storage.ledger_view import LedgerView
 from tests.unit.node.api.small_network import SUBJECT, SmallLedger, SmallNode
 
 DEAR_US = 30_000

@@ -15,8 +15,9 @@ from consensus.state.layout import LAYOUT, MODULES
 from node.api.openapi.openapi_document import build_openapi, errors_of
 from node.api.openapi.reference_pages import main, pages
 from node.api.routes import ROUTES
-from node.api.services import CustodyService, ReceiptIssuer, UploadAdmissionService, ViewRunner
+from node.api.services import CustodyService, ReceiptIssuer, UploadAdmissionService
 from node.api.state_page import describe_rows
+from node.execution.execution_machines import ViewRunner
 
 FOLDER = Path(__file__).parents[4] / "docs" / "reference"
 

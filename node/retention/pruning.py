@@ -13,7 +13,7 @@ import structlog
 from consensus.errors import BlockRobotError
 from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig
 from node.custody.stores.open_store import open_store
-from node.ledger.retention import HeldBy, Retention, highest_prunable
+from node.retention.retention import HeldBy, Retention, highest_prunable
 from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerStore
 from node.storage.lmdb_store import LmdbStore

@@ -12,7 +12,8 @@ from consensus.chain.block import Block
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from node.limits.token_buckets import Allowance, Source, TokenBuckets, over_budget
-from node.limits.work_costs import REQUEST_COSTS, bytes_cost_us
+from node.limits.work_costs import bytes_cost_us
+from node.p2p.frame_costs import REQUEST_COSTS
 from node.p2p.wire import BlockBatch, BranchRequest, FinalizedRequest, RequestKind
 from node.storage.ledger_store import LedgerStore
 from node.sync.block_ranges import read_range

@@ -28,11 +28,10 @@ from consensus.protocol.events import (
 from node.consensus.engine import Engine
 from node.consensus.epoch_change import EpochStart, EpochTransition, verify_following
 from node.limits.token_buckets import Allowance, Source, TokenBuckets, over_budget
-from node.limits.work_costs import FRAME_COSTS, Lane
 from node.mempool.gossip import AGAIN_MAX_BYTES, Gossip, batches, oldest_within
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_intake import Outcome, TransactionIntake
-from node.p2p.peer_requests import PeerRequests
+from node.p2p.frame_costs import FRAME_COSTS, Lane
 from node.p2p.wire import (
     BlockBatch,
     BranchRequest,
@@ -42,6 +41,7 @@ from node.p2p.wire import (
     RequestKind,
     TransactionBatch,
 )
+from node.peers.peer_requests import PeerRequests
 from node.storage.ledger_store import LedgerStore
 from node.sync.block_sync import Synchroniser
 

@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
 from node.api.explorer_documents import RoundDocument
-from node.api.services import BlockHead, Clock, PoolStatus, SubmitResult, TransactionPlace
+from node.api.services import Clock
 from node.consensus.engine import Engine
 from node.execution.block_executor import ExecutedBlock
 from node.ledger.ledger_writer import FinalityFeed
@@ -23,7 +23,9 @@ from node.mempool.call_check import CallCheck
 from node.mempool.gossip import Gossip
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_intake import Outcome, TransactionIntake
+from node.mempool.transaction_pool import PoolStatus, SubmitResult
 from node.storage.ledger_store import EventCursor, LedgerSnapshot, LedgerStore, Position
+from node.storage.ledger_view import BlockHead, TransactionPlace
 
 EXPIRED_REMEMBERED_MAX_COUNT = 16_384
 LAGS_KEPT_COUNT = 1_024
