@@ -10,7 +10,7 @@ from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from contracts.execution.sender_admission import Account
 from node.limits.account_byte_limiter import AccountByteLimiter
-from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, transaction
+from tests.unit.node.mempool.pool_setup import NOW_MS, make_pool, sender, transaction
 
 SENDERS, NUMBERS = 12, 12
 VISITS = {sender(by).public_key for by in range(4, SENDERS)}

@@ -17,7 +17,7 @@ from contracts.lifecycle.registry import load_contracts
 from node.limits.account_byte_limiter import ACCOUNT_BYTES_PER_S, AccountByteLimiter
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_cache import TransactionCache
-from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, take_all, transaction
+from tests.unit.node.mempool.pool_setup import NOW_MS, make_pool, sender, take_all, transaction
 
 
 def _refusal(wire: bytes, **changes: object) -> str:

@@ -8,7 +8,7 @@ import pytest
 
 from node.consensus.journal import Journal
 from node.consensus.journal_writer import JournalWriter
-from tests.unit.node.test_journal import IDENTITY, PATH, FakeDisk, reopened
+from tests.unit.node.consensus.test_journal import IDENTITY, PATH, FakeDisk, reopened
 from tests.virtual_time import in_virtual_time
 
 

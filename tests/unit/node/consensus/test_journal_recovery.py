@@ -9,7 +9,7 @@ import pytest
 from consensus.chain.journal_records import LOCKOUT_RESTORED, encode_lockout_record, read_journal
 from consensus.errors import BlockRobotError
 from node.consensus.journal import DAMAGED_SUFFIX, Journal, open_journal
-from tests.unit.node.test_journal import PATH, FakeDisk, code_of, journal_with, records_of, reopened
+from tests.unit.node.consensus.test_journal import PATH, FakeDisk, code_of, journal_with, records_of, reopened
 
 
 @pytest.fixture

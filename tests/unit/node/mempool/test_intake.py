@@ -21,7 +21,7 @@ from node.limits.token_buckets import Source, SourceKind
 from node.limits.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_intake import LOOPBACK_ALLOWANCE, PEER_ALLOWANCE, Outcome, TransactionIntake
-from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, transaction
+from tests.unit.node.mempool.pool_setup import NOW_MS, make_pool, sender, transaction
 from tests.virtual_time import in_virtual_time
 
 STRANGER = Source("loopback", "127.0.0.1")
