@@ -5,10 +5,7 @@ Pieces can be taken only while a record is kept, so they can be written to a fil
 
 from __future__ import annotations
 
-import errno
-import os
 import sqlite3
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -20,6 +17,7 @@ import msgspec
 from pymongo import MongoClient
 from pymongo.errors import PyMongoError
 
+from clients.sdk.new_files import write_new_file
 from consensus.bounded_text import read_json_as
 from consensus.chain.block import Block
 from consensus.chain.transaction import decode_transaction
@@ -92,7 +90,7 @@ class _Kept(msgspec.Struct):
 
 
 def write_traces(path: Path, traces: Sequence[Trace]) -> None:
-    """Atomically, to a new file only its owner can read. Raises OSError."""
+    """Atomically, to a new file only its owner can read. Raises as `new_file`."""
     records = {
         trace.record_id.hex(): {kind: sorted(piece.hex() for piece in pieces) for kind, pieces in trace.pieces.items()}
         for trace in traces
@@ -101,19 +99,7 @@ def write_traces(path: Path, traces: Sequence[Trace]) -> None:
         trace.record_id.hex(): {piece.hex(): grant.hex() for piece, grant in sorted(trace.grants.items())}
         for trace in traces
     }
-    if path.exists():
-        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")  # readable by its owner alone
-    temporary = Path(name)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(msgspec.json.encode(_Kept(FORMAT_VERSION, records, grants)))
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    write_new_file(path, msgspec.json.encode(_Kept(FORMAT_VERSION, records, grants)))
 
 
 def read_traces(path: Path) -> list[Trace]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Protocol
 
 from consensus.errors import BlockRobotError
+from node.storage.synced_directory import sync_directory
 
 _SYNC_WHOLLY = getattr(fcntl, "F_FULLFSYNC", None)
 """macOS: fsync leaves data in the drive's cache, this does not."""
@@ -120,8 +121,4 @@ class SystemDisk:
         path.unlink()
 
     def sync_directory(self, directory: Path) -> None:
-        descriptor = os.open(directory, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+        sync_directory(directory)

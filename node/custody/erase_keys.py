@@ -21,6 +21,7 @@ from consensus.primitives.hashing import sha256
 from consensus.records.envelopes import NONCE_BYTES, open_bytes, seal_bytes
 from node.custody.stores.custody_store import FrameRow
 from node.process_memory import wipe
+from node.storage.synced_directory import sync_directory
 
 ERASE_KEYS_FILE_NAME = "erase-keys"
 ERASE_KEY_BYTES = 32
@@ -96,7 +97,7 @@ class EraseKeys:
             if not os.pread(self._file, HEADER_BYTES + 1, 0).strip(b"\x00"):
                 self._file_id, self._states = secrets.token_bytes(16), bytearray()
                 self._write_header(0)
-                self._sync_directory(directory)
+                sync_directory(directory)
             else:
                 self._file_id, self._states = self._read_states()
         except BaseException:
@@ -281,13 +282,6 @@ class EraseKeys:
             os.fsync(self._file)
         except OSError as error:
             raise _damaged(f"The erase-key file could not be forced to the medium: {error.strerror}.") from error
-
-    def _sync_directory(self, directory: Path) -> None:
-        descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def wrap_frames(

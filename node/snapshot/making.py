@@ -25,6 +25,7 @@ from node.snapshot.snapshot_format import (
     write_manifest,
 )
 from node.storage.ledger_store import LedgerSnapshot, Position
+from node.storage.synced_directory import sync_directory
 
 STATE_ROWS_MAX_COUNT = 1 << 60
 ROW_OVERHEAD_BYTES = 16
@@ -165,19 +166,11 @@ def make_snapshot_folder(ledger: LedgerSnapshot, path: Path, progress: Progress 
         unfinished.mkdir(parents=True, mode=0o700)
         manifest = make_snapshot(ledger, _NewFolder(path), progress)
         unfinished.rename(path)
-        _sync_folder(path.parent)
+        sync_directory(path.parent)
     except OSError as error:
         shutil.rmtree(unfinished, ignore_errors=True)
         raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror}.") from error
     return manifest
-
-
-def _sync_folder(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def describe_manifest(manifest: Manifest) -> dict[str, object]:

@@ -14,7 +14,8 @@ from node.snapshot.snapshot_format import SnapshotSource, read_manifest
 from node.storage.ledger_store import Position
 from node.storage.lmdb_reader import LedgerFile
 from node.storage.lmdb_restore import LmdbRestore
-from node.storage.lmdb_store import DATA_FILE_NAME, sync_directory
+from node.storage.lmdb_store import DATA_FILE_NAME
+from node.storage.synced_directory import sync_directory
 
 WHOLE_MARK = "restored.whole"
 

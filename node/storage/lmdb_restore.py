@@ -14,7 +14,7 @@ from contracts.state.trie import apply_batch
 from node.storage import lmdb_layout as layout
 from node.storage.directory_lock import DirectoryLock
 from node.storage.ledger_store import FinalizedBlock, KeptBlock
-from node.storage.lmdb_store import MAP_SIZE_START_BYTES, open_environment, refusal_of, sync_directory
+from node.storage.lmdb_store import MAP_SIZE_START_BYTES, open_environment, refusal_of
 from node.storage.lmdb_writing import (
     forget_old_txids,
     write_body,
@@ -23,6 +23,7 @@ from node.storage.lmdb_writing import (
     write_kept,
     write_pages,
 )
+from node.storage.synced_directory import sync_directory
 
 
 class _Pages:

@@ -111,7 +111,7 @@ def test_traces_are_for_their_owner_only_and_hold_no_whole_key(tmp_path: Path) -
     )
     (again,) = read_traces(path)
     assert (again.record_id, again.pieces) == (trace.record_id, trace.pieces)
-    with pytest.raises(FileExistsError):
+    with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
         write_traces(path, [trace])
     assert list(tmp_path.iterdir()) == [path]
 
