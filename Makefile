@@ -94,7 +94,7 @@ test-long: system-packages ros2 lint types
 
 docs: $(VENV)/.develop
 	$(BIN)/blockrobot reference
-	$(BIN)/pybabel --quiet compile --directory clients/wallet/presentation/texts
+	$(BIN)/pybabel --quiet compile --directory clients/wallet/texts
 
 mongo-server: $(VENV)/.develop
 	$(BIN)/python -m tests.offchain.secantus

@@ -14,8 +14,8 @@ from clients.registrar.registrar_answers import CardIssueAnswer, RosterMakeAnswe
 from clients.robot.cli.robot_answers import RobotNewAnswer, RobotRegisterAnswer
 from clients.sdk.new_files import write_private
 from clients.sdk.terminal.json_answers import Answer
-from clients.wallet.presentation.consent_answers import FetchedReceipt, RegisterAnswer
-from clients.wallet.presentation.wallet_answers import NewWalletAnswer
+from clients.wallet.answers.consent_answers import FetchedReceipt, RegisterAnswer
+from clients.wallet.answers.wallet_answers import NewWalletAnswer
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.demo.processes import run_command, wallet_arguments

@@ -17,9 +17,9 @@ from clients.officer.officer_answers import (
 )
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import command_output, console, pluralize, print_answer
-from clients.wallet.cli.invocation import OFFICER_COMMAND, called
 from clients.wallet.cli.times import MOMENT
 from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
+from clients.wallet.presentation.invocation import OFFICER_COMMAND, called
 from consensus.errors import BlockRobotError
 from consensus.rights.right_codes import (
     LOST_KEY_APPROVE_MS,

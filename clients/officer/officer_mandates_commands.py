@@ -17,11 +17,11 @@ from clients.officer.mandate_papers import (
 from clients.sdk.node_answers import SURE_REFUSALS
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import FILE, command_output, console, pluralize, print_answer
-from clients.wallet.cli.invocation import OFFICER_COMMAND, called
+from clients.wallet.answers.mandate_answers import MandateProposalAnswer, MandatesAnswer, mandate_answer
 from clients.wallet.cli.times import MOMENT
 from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import APPROVED, PROPOSED, Mandate, Mandates
-from clients.wallet.presentation.mandate_answers import MandateProposalAnswer, MandatesAnswer, mandate_answer
+from clients.wallet.presentation.invocation import OFFICER_COMMAND, called
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from consensus.members.handles import encode_short

@@ -13,7 +13,7 @@ from clients.bundle.bundle_answers import VerifyBundleAnswer
 from clients.robot.run.run_summary import RunSummary
 from clients.robot.synthetic.scenario import Scenario, published_run_1
 from clients.robot.synthetic.scenario_bag import load_or_draw_tags, make_bag
-from clients.wallet.presentation.record_answers import (
+from clients.wallet.answers.record_answers import (
     AuditAnswer,
     AuditEvent,
     ErasuresAnswer,
@@ -24,7 +24,7 @@ from clients.wallet.presentation.record_answers import (
     VerifyAnswer,
     ViewAnswer,
 )
-from clients.wallet.presentation.sharing_answers import EraseAnswer
+from clients.wallet.answers.sharing_answers import EraseAnswer
 from consensus.errors import BlockRobotError
 from network.cluster import read_metric
 from network.custody.hunt import gather, hunt

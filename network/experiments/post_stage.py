@@ -10,7 +10,7 @@ from pathlib import Path
 
 from clients.robot.synthetic.scenario import Scenario
 from clients.sdk.pictures.picture_names import read_robot_frame
-from clients.wallet.presentation.record_answers import (
+from clients.wallet.answers.record_answers import (
     AuditAnswer,
     ProbeAnswer,
     RecordRow,

@@ -9,7 +9,7 @@ from tests.architecture.test_tidy import ROOT, matches, modules
 BOUNDED_TEXT = ROOT / "consensus" / "bounded_text.py"
 PARSES = re.compile(r"\bjson\.loads?\b|\btomllib\.|\bmsgspec\.(?:json\.(?:decode|Decoder)|toml|yaml)\b|\byaml\.\w*load")
 PARSES_BESIDE = {
-    "clients/wallet/presentation/translations.py": "the wallet's own catalogue, which every start reads",
+    "clients/wallet/refusals.py": "the wallet's own catalogue, which every start reads",
     "clients/robot/sources/messages/field_map.py": "a field of bounded length; half characters are refused as well",
 }
 
@@ -41,8 +41,8 @@ WRITES_BESIDE = {
     "network/provisioning/node_joining.py": "a node's entry, in a folder that is new",
     "network/lab/privacy/hospital/household.py": "a hospital that is played",
     # files of the user's, made with O_EXCL and mode 0600
-    "clients/wallet/recovery/guardian_sheets.py": "all sheets of a set or none",
-    "clients/wallet/recovery/mnemonic_handover.py": "words, where a file that holds the same ones will do",
+    "clients/wallet/presentation/guardian_sheets.py": "all sheets of a set or none",
+    "clients/wallet/cli/mnemonic_handover.py": "words, where a file that holds the same ones will do",
     # folders of figures, pages and sources, where nothing of anybody is
     "clients/robot/run/event_log.py": "tables of a log that an experiment wrote",
     "clients/robot/recording/waiting_samples.py": "into memory",

@@ -11,6 +11,7 @@ import msgspec
 from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
+from clients.wallet.presentation.consent_text import notice_text
 from consensus.members.vouchers import encode_card_code
 from consensus.rights.notices import RIGHTS_NAMED, Notice
 from network.notices.notice_publishing import demo_notice
@@ -25,7 +26,7 @@ def further_purpose() -> Notice:
 
 
 async def told(published: NoticeWard) -> str:
-    return "\n".join((await Notices(published.wallet).current()).lines())
+    return "\n".join(notice_text(await Notices(published.wallet).current()))
 
 
 async def test_13_1_before_the_first_word_she_is_told_who_why_on_what_ground_and_who_receives(
@@ -34,7 +35,7 @@ async def test_13_1_before_the_first_word_she_is_told_who_why_on_what_ground_and
     """Nothing of her is on the chain yet: no session, no handle, and what is read is proved."""
     new = published.open_wallet("new")
     height = published.chain.height
-    text = "\n".join((await Notices(new).for_card(encode_card_code(published.chain.card("new")))).lines())
+    text = "\n".join(notice_text(await Notices(new).for_card(encode_card_code(published.chain.card("new")))))
     notice = demo_notice()
     for words in (notice.controller.contact, notice.officer.contact, notice.third_countries):
         assert words in text

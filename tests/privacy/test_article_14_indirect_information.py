@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from clients.wallet.consent.notice_reading import Notices
+from clients.wallet.presentation.consent_text import notice_text
 from consensus.members.vouchers import encode_card_code
 from consensus.rights.notices import SOURCES
 from network.notices.notice_publishing import demo_notice
@@ -13,7 +14,7 @@ from tests.world.notices import NoticeWard
 
 
 async def test_14_1_d_and_2_f_each_category_names_its_source(published: NoticeWard) -> None:
-    text = "\n".join((await Notices(published.wallet).current()).lines())
+    text = "\n".join(notice_text(await Notices(published.wallet).current()))
     for category in demo_notice().categories:
         assert f"Data: {category.what} From: {category.origin}" in text
     assert {category.source for category in demo_notice().categories} == set(SOURCES)
@@ -37,5 +38,5 @@ async def test_14_3_it_is_there_at_the_first_contact_without_any_account(publish
     asked = len(published.network.asked)
     told = await Notices(holder).for_card(encode_card_code(published.chain.card("holder")))
     assert told.organisation == "ward"
-    assert any("registration desk" in line for line in told.lines())
+    assert any("registration desk" in line for line in notice_text(told))
     assert len(published.network.asked) == asked, "no question was asked in anybody's name"

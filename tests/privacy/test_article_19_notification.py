@@ -17,6 +17,7 @@ from click.testing import CliRunner
 from clients.wallet.cli import main
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.presentation.share_text import name_recipient
 from clients.wallet.sharing.incoming_shares import Notice, Receipt
 from tests.world.commands import open_for_commands
 from tests.world.sharing import SharedWard
@@ -79,7 +80,7 @@ async def test_4_what_a_recipient_confirms_stands_in_the_owners_trail(ward: Shar
     receipt = await inbox_of(ward, doctor)
     await ward.receiving(doctor).confirm_deleted(receipt, receipt.to_confirm)
     (share,) = await ward.sharing.shares()
-    assert share.name.startswith("Dr Weber (handle ")
+    assert name_recipient(share).startswith("Dr Weber (handle ")
     assert share.confirmed == {gone}
 
 

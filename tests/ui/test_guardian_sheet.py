@@ -9,8 +9,8 @@ import click
 import pytest
 from playwright.async_api import Page
 
+from clients.wallet.presentation.guardian_sheets import build_sheet, read_written, write_sheets
 from clients.wallet.presentation.translations import choose_language
-from clients.wallet.recovery.guardian_sheets import build_sheet, read_written, write_sheets
 from clients.wallet.recovery.slip39_shares import split_into_words, split_words
 from clients.wallet.store.keystore import GuardianSet
 from tests.ui.accessible import find_accessibility_faults

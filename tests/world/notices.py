@@ -14,7 +14,7 @@ from clients.bundle.checks.consent_receipts import read_reference, state_keys
 from clients.sdk.connections import NodeAddress
 from clients.sdk.node_answers import read_answer
 from clients.sdk.proof_checks import ProvedState
-from clients.wallet.export.proof_collection import StateCollector
+from clients.wallet.ledger.proof_collection import StateCollector
 from clients.wallet.store.kept_proofs import receipt_proof
 from consensus.api_documents import ConsentReceiptAnswer, ProofsAnswer
 from consensus.primitives.keys import PrivateKey

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import click
 
 from clients.sdk.terminal.terminal import FILE, FOLDER, Answers, home_folder, set_confirm_words, set_error_formatter
-from clients.wallet.cli.invocation import DEFAULT_PROFILE, genesis_place
+from clients.wallet.presentation.invocation import DEFAULT_PROFILE, genesis_place
 from clients.wallet.presentation.translations import LANGUAGES, WrongUsage, choose_language, error_text, text
 
 _RECORD = re.compile(r"[0-9a-f]{32}")
@@ -81,6 +81,11 @@ def wallet_options(command: F) -> F:
     ):
         command = option(command)
     return command
+
+
+def for_option(command: F) -> F:
+    option = click.option("--for", "whom", help="For a person who cannot, by a mandate: the handle, whole or in short.")
+    return option(command)
 
 
 def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) -> tuple[Path, Path]:

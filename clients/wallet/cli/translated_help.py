@@ -17,7 +17,8 @@ import click
 
 from clients.sdk.terminal.lazy_group import LazyGroup
 from clients.sdk.terminal.terminal import EXIT_FAILED, wants_json
-from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, FOLDER, LANGUAGES, language_in_use, load
+from clients.wallet.presentation.translations import LANGUAGES, language_in_use
+from clients.wallet.refusals import DEFAULT_LANGUAGE, FOLDER, load
 
 C = TypeVar("C", bound=click.Command)
 

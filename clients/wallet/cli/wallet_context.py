@@ -24,7 +24,9 @@ from clients.sdk.terminal.terminal import (
 from clients.wallet.cli.group_options import KEYRING_KEY
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.presentation.former_text import member_gone_line
-from clients.wallet.presentation.translations import WrongUsage, refusal, text
+from clients.wallet.presentation.invocation import with_command_prefix
+from clients.wallet.presentation.translations import WrongUsage, text
+from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.passphrase_sources import read_from_keyring
 from clients.wallet.store.passphrase_strength import PASSPHRASE_MIN_LETTERS, count_letters, judge_passphrase
@@ -121,13 +123,13 @@ def run_with_wallet(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]
     genesis = load_genesis(genesis_path)
     passphrase = read_passphrase()
     if getattr(ctx.command.callback, _READS_ONLY_MARK, False):
-        with lock_or_read_only(path) as busy:
+        with lock_or_read_only(path, name_command=with_command_prefix) as busy:
             store = Keystore.open(path, passphrase)
             if busy is not None:
                 store.read_only()
                 click.echo(text("ask.read_beside", who=busy.detail), err=True)
             return _run(store, genesis, action)
-    with claim_wallet(path):
+    with claim_wallet(path, name_command=with_command_prefix):
         return _run(Keystore.open(path, passphrase), genesis, action)
 
 

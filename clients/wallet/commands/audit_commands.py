@@ -6,14 +6,14 @@ import click
 
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import command_output, console, print_answer
+from clients.wallet.answers.record_answers import AuditAnswer, AuditEvent, ProbeAnswer
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
-from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_all, records_of
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.audit_story import event_sentence
-from clients.wallet.presentation.record_answers import AuditAnswer, AuditEvent, ProbeAnswer
-from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, language_in_use, text
-from clients.wallet.records.erasure_status import custodian_names
+from clients.wallet.presentation.audit_story import describe_event, event_sentence
+from clients.wallet.presentation.erasure_text import custodian_names
+from clients.wallet.presentation.translations import language_in_use, text
+from clients.wallet.refusals import DEFAULT_LANGUAGE
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from pages.time_format import format_time

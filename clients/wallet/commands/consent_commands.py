@@ -15,36 +15,30 @@ from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer
-from clients.wallet.cli.invocation import verify_command
-from clients.wallet.cli.times import read_time
-from clients.wallet.cli.wallet_context import read_only_wallet, require_new, run_with_wallet
-from clients.wallet.commands.notice_commands import confirm_with_notice, require_said
-from clients.wallet.consent.consent_by_mandate import (
-    RepresentedPerson,
-    for_option,
-    handle_of,
-    resolve_represented,
-    spoken_for,
-)
-from clients.wallet.consent.consent_choices import (
-    DEPTH,
-    Choice,
-    Choices,
-    ConsentClient,
-    ConsentDecision,
-    choice_answer,
-    round_period,
-)
-from clients.wallet.consent.notice_reading import Notices
-from clients.wallet.consent.receipt_fetching import ConsentReceipts, ReceiptOutcome, Receipts, try_fetch_receipt
-from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.consent_answers import (
+from clients.wallet.answers.consent_answers import (
     ConsentGiveAnswer,
     ConsentListAnswer,
     ConsentReceiptsAnswer,
     ConsentWordAnswer,
     ReceiptNotHad,
 )
+from clients.wallet.cli.group_options import for_option
+from clients.wallet.cli.times import read_time
+from clients.wallet.cli.wallet_context import read_only_wallet, require_new, run_with_wallet
+from clients.wallet.commands.notice_commands import confirm_with_notice, require_said
+from clients.wallet.consent.consent_by_mandate import RepresentedPerson, handle_of, resolve_represented
+from clients.wallet.consent.consent_choices import DEPTH, Choice, Choices, ConsentClient, ConsentDecision, round_period
+from clients.wallet.consent.notice_reading import Notices
+from clients.wallet.consent.receipt_fetching import ConsentReceipts, ReceiptOutcome, Receipts, try_fetch_receipt
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.presentation.consent_text import (
+    choice_answer,
+    fetched_receipt,
+    notice_answer,
+    receipt_line,
+    spoken_for,
+)
+from clients.wallet.presentation.invocation import verify_command
 from clients.wallet.presentation.translations import WrongUsage, code_text, describe_error, purposes_text, text
 from consensus.bounded_text import read_json_text
 from consensus.members.handles import encode_short
@@ -91,12 +85,12 @@ async def _tell(
         console.print(f"{line}\n  {text('consent.holds_from', height=word.from_height)} {next_step}")
     receipted = ReceiptOutcome(None, None) if person is not None else await try_fetch_receipt(opened, word.txid)
     if as_json:
-        receipt, error_code = receipted.fetched, receipted.error_code
+        receipt, error_code = fetched_receipt(receipted), receipted.error_code
         print_answer(msgspec.structs.replace(answer, receipt=receipt, receipt_error=error_code))
     elif person is not None:
         console.print("  " + text("mandates.in_trail"))
     else:
-        console.print(f"  {escape(receipted.line())}")
+        console.print(f"  {escape(receipt_line(receipted))}")
 
 
 def _word_answer(
@@ -168,7 +162,7 @@ def give(
     async def action(opened: Wallet) -> None:
         notices, person = Notices(opened), await resolve_represented(opened, whom)
         notice_view = await (notices.current() if person is None else notices.of_organisation(person.organisation))
-        notice = notice_view.answer() if person is not None or notices.is_new(notice_view) else None
+        notice = notice_answer(notice_view) if person is not None or notices.is_new(notice_view) else None
         notice_view.require_named(purposes, chosen)
         if notice is not None:
             require_said(yes=yes)

@@ -13,24 +13,20 @@ from msgspec import UNSET
 
 from clients.sdk.terminal.json_answers import Problem
 from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer, problem_json
+from clients.wallet.answers.record_answers import ErasuresAnswer
+from clients.wallet.answers.sharing_answers import EraseAnswer, ErasureRequest
 from clients.wallet.cli.group_options import complete_records
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet, warn_of_linked_visits
 from clients.wallet.commands.share_commands import print_copies, print_recipients
 from clients.wallet.ledger.record_filter import choose_records
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.presentation.record_answers import ErasuresAnswer
+from clients.wallet.presentation.erasure_text import custodian_names, erasure_lines, erasure_row
 from clients.wallet.presentation.share_text import own_share
-from clients.wallet.presentation.sharing_answers import EraseAnswer, ErasureRequest
 from clients.wallet.presentation.translations import WrongUsage, language_in_use, text
 from clients.wallet.records.erasure import ErasureClient, ErasureReport, missing_pictures
-from clients.wallet.records.erasure_status import (
-    ErasureProgress,
-    custodian_names,
-    erasure_lines,
-    erasure_row,
-    find_erasures,
-)
+from clients.wallet.records.erasure_status import ErasureProgress, find_erasures
 from clients.wallet.records.viewing import name_places
+from clients.wallet.refusals import DEFAULT_LANGUAGE
 from clients.wallet.sharing.outgoing_shares import Share, SharingClient
 from consensus.errors import BlockRobotError
 from consensus.exit_codes import exit_code_of
@@ -233,11 +229,11 @@ def erasures(ctx: click.Context, as_json: bool) -> None:
 
     async def action(opened: Wallet) -> tuple[list[ErasureProgress], dict[bytes, str]]:
         found = await find_erasures(opened, time.time_ns() // 1_000_000)
-        return found, custodian_names(opened, language_in_use())
+        return found, custodian_names(opened, DEFAULT_LANGUAGE if as_json else language_in_use())
 
     found, names = run_with_wallet(ctx, action)
     if as_json:
-        print_answer(ErasuresAnswer(erasures=[erasure_row(each) for each in found]))
+        print_answer(ErasuresAnswer(erasures=[erasure_row(each, names) for each in found]))
         return
     if not found:
         console.print(text("erasures.none"))

@@ -12,12 +12,12 @@ from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, ask, can_ask, command_output, console, print_answer, show_progress
-from clients.wallet.cli.invocation import verify_command
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import on_abort, run_with_wallet
 from clients.wallet.export.export_building import ExportChoice, Exporter, Plan
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.export_text import bundle_warning, export_answer, problem_text
+from clients.wallet.presentation.invocation import verify_command
 from clients.wallet.presentation.translations import WrongUsage, language_in_use, section, text
 from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.rights.purposes import require_purpose

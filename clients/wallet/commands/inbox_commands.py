@@ -11,24 +11,25 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer, status_line
-from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
-from clients.wallet.commands.view_commands import list_missing_rooms, print_missing_rooms
-from clients.wallet.ledger.visit_audit import AuditEntry, Finding
-from clients.wallet.ledger.visit_scan import resolve_record
-from clients.wallet.ledger.wallet import VisitReport, Wallet
-from clients.wallet.presentation.former_text import unreadable_words
-from clients.wallet.presentation.record_answers import FetchedRecord, FrameStatus
-from clients.wallet.presentation.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
-from clients.wallet.presentation.sharing_answers import (
+from clients.wallet.answers.record_answers import FetchedRecord, FrameStatus
+from clients.wallet.answers.sharing_answers import (
     ConfirmDeletedAnswer,
     InboxAnswer,
     LookAnswer,
     LookAtOwn,
 )
-from clients.wallet.presentation.translations import code_text, refusal, text
-from clients.wallet.records.album import find_earlier_of, print_earlier_files
+from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
+from clients.wallet.commands.view_commands import list_missing_rooms, print_missing_rooms
+from clients.wallet.ledger.visit_audit import AuditEntry, Finding
+from clients.wallet.ledger.visit_scan import resolve_record
+from clients.wallet.ledger.wallet import VisitReport, Wallet
+from clients.wallet.presentation.album import find_earlier_of, print_earlier_files
+from clients.wallet.presentation.former_text import unreadable_words
+from clients.wallet.presentation.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
+from clients.wallet.presentation.translations import code_text, text
 from clients.wallet.records.picture_files import delete_frames, write_frames
 from clients.wallet.records.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, name_places
+from clients.wallet.refusals import refusal
 from clients.wallet.sharing.chain_grants import resolve_grant
 from clients.wallet.sharing.inbox import Inbox, copies_left, read_inbox
 from clients.wallet.sharing.incoming_shares import (

@@ -6,10 +6,10 @@ import click
 
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import command_output, console, print_answer
+from clients.wallet.answers.mandate_answers import MandateAct, OwnMandate, OwnMandatesAnswer, mandate_answer
 from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from clients.wallet.ledger.mandates import ACTIVE, APPROVED, OPEN, Mandate, Mandates
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.mandate_answers import MandateAct, OwnMandate, OwnMandatesAnswer, mandate_answer
 from clients.wallet.presentation.translations import code_text, purposes_text, text
 from consensus.members.handles import encode_short
 from consensus.state.mandates import ActRow

@@ -8,11 +8,12 @@ from msgspec import UNSET
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer
+from clients.wallet.answers.consent_answers import RegisterAnswer
 from clients.wallet.cli.wallet_context import run_with_wallet
 from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.consent.receipt_fetching import ReceiptOutcome, try_fetch_receipt
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.consent_answers import RegisterAnswer
+from clients.wallet.presentation.consent_text import fetched_receipt, notice_answer, notice_text, receipt_line
 from clients.wallet.presentation.translations import WrongUsage, text
 from consensus.rights.consent_receipts import FIRST_SENSORS
 from pages.time_format import format_time
@@ -20,7 +21,7 @@ from pages.time_format import format_time
 
 def show_notice(notice_view: NoticeView, *, err: bool = False) -> None:
     """Verbatim, without control characters or colours from the chain."""
-    for line in notice_view.lines():
+    for line in notice_text(notice_view):
         if err:
             click.echo(line, err=True)
         else:
@@ -59,7 +60,7 @@ def notice(ctx: click.Context, as_json: bool) -> None:
         notices = Notices(opened)
         notice_view = await notices.current()
         if as_json:
-            print_answer(notice_view.answer())
+            print_answer(notice_answer(notice_view))
         else:
             _show_with_changes(notice_view)
         notices.note_shown(notice_view)
@@ -121,8 +122,8 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
         receipted = await try_fetch_receipt(opened, done.txid) if purposes and done.txid else None
         if as_json:
             answer = RegisterAnswer(
-                notice=notice_view.answer(),
-                receipt=UNSET if receipted is None else receipted.fetched,
+                notice=notice_answer(notice_view),
+                receipt=UNSET if receipted is None else fetched_receipt(receipted),
                 receipt_error=UNSET if receipted is None else receipted.error_code,
                 txid=done.txid.hex(),
                 member=done.member.hex(),
@@ -130,7 +131,7 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
             )
             print_answer(answer)
         elif receipted is not None:
-            console.print(f"  {escape(receipted.line())}{_unseen(receipted, notice_view)}")
+            console.print(f"  {escape(receipt_line(receipted))}{_unseen(receipted, notice_view)}")
         if receipted is None:
             notices.note_shown(notice_view)
         else:

@@ -7,12 +7,12 @@ import click
 from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import command_output, console, print_answer
+from clients.wallet.answers.record_answers import KeptConfirmation, KeptProblem, KeptReceipt, ReceiptsAnswer
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.record_answers import KeptConfirmation, KeptProblem, KeptReceipt, ReceiptsAnswer
+from clients.wallet.presentation.erasure_text import custodian_names
 from clients.wallet.presentation.translations import describe_error, language_in_use, text
-from clients.wallet.records.erasure_status import custodian_names
 from clients.wallet.store.kept_proofs import CheckedProof, check_all
 from consensus.errors import BlockRobotError
 from pages.time_format import format_time

@@ -10,17 +10,18 @@ import click
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import command_output, console, print_answer, status_line
+from clients.wallet.answers.record_answers import RecordRow, RecordsAnswer, VisitRow
+from clients.wallet.cli.filter_options import read_filter
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.commands.account.rotate_commands import print_words
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.ledger.mandates import Mandates
-from clients.wallet.ledger.record_filter import Filter, Page, Shown, read_filter, select
+from clients.wallet.ledger.record_filter import Filter, Page, Shown, select
 from clients.wallet.ledger.robot_names import RobotNames, read_robot_names, robot_label
 from clients.wallet.ledger.visit_status import VisitRights
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.presentation.former_text import former_visits, unreadable_words
-from clients.wallet.presentation.record_answers import RecordRow, RecordsAnswer, VisitRow
-from clients.wallet.presentation.translations import code_text, text, withheld_text
+from clients.wallet.presentation.translations import WrongUsage, code_text, text, withheld_text
 from clients.wallet.presentation.visit_status_text import print_rights, rights_row
 from clients.wallet.store.keystore import WalletContent
 from consensus.records.metadata import NOTICE_SENSOR
@@ -172,6 +173,8 @@ def records(
 
     reports, changed, mandate_id, content, names = run_with_wallet(ctx, action)
     page = select(reports, wanted, number, per_page)
+    if number > page.pages_count:
+        raise WrongUsage("no_page", page=number, count=page.pages_count)
     if as_json:
         answer = extend(
             RecordsAnswer,

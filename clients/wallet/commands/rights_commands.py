@@ -11,17 +11,7 @@ import click
 from clients.sdk.new_files import new_file
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import EXISTING_FILE, FILE, can_ask, command_output, console, print_answer
-from clients.wallet.cli.wallet_context import confirm_or_print, require_new, run_with_wallet
-from clients.wallet.consent.consent_by_mandate import (
-    RepresentedPerson,
-    for_option,
-    handle_of,
-    resolve_represented,
-    spoken_for,
-)
-from clients.wallet.consent.rights_requests import RecordChoice, Rights, RightsStatement, choose, write_correction
-from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.rights_answers import (
+from clients.wallet.answers.rights_answers import (
     CorrectAnswer,
     LiftAnswer,
     ObjectAnswer,
@@ -30,6 +20,12 @@ from clients.wallet.presentation.rights_answers import (
     VisitStatement,
     WrongPersonAnswer,
 )
+from clients.wallet.cli.group_options import for_option
+from clients.wallet.cli.wallet_context import confirm_or_print, require_new, run_with_wallet
+from clients.wallet.consent.consent_by_mandate import RepresentedPerson, handle_of, resolve_represented
+from clients.wallet.consent.rights_requests import RecordChoice, Rights, RightsStatement, choose, write_correction
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.presentation.consent_text import spoken_for
 from clients.wallet.presentation.translations import WrongUsage, purposes_text, text
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short

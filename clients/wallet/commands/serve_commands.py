@@ -22,15 +22,15 @@ from clients.sdk.terminal.terminal import (
     print_answer,
     problem_json,
 )
-from clients.wallet.cli.invocation import called
+from clients.wallet.answers.wallet_answers import ServeAnswer, ServeEndAnswer, UnfinishedRequest
 from clients.wallet.cli.wallet_context import print_member_gone, read_passphrase
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.page.jobs import DECISIONS
 from clients.wallet.page.page import make_page, page_folder
 from clients.wallet.page.passphrase_check import ATTEMPTS_MAX_COUNT
 from clients.wallet.page.session import PageSession
+from clients.wallet.presentation.invocation import called, with_command_prefix
 from clients.wallet.presentation.translations import error_text, text
-from clients.wallet.presentation.wallet_answers import ServeAnswer, ServeEndAnswer, UnfinishedRequest
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.wallet_lock import claim_wallet, require_wallet
 from pages.local_page import LocalPage
@@ -65,7 +65,7 @@ def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool
     genesis = load_genesis(genesis_path)
     command = f"{called()} serve"
     passphrase = read_passphrase()
-    with claim_wallet(path):
+    with claim_wallet(path, name_command=with_command_prefix):
         store = Keystore.open(path, passphrase)
         wallet = Wallet(store, genesis)
         session = PageSession(wallet, path.stem, page_folder(path), command=command)

@@ -10,18 +10,28 @@ import click
 
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.terminal import command_output, console, print_answer, status_line
-from clients.wallet.cli.times import read_time
-from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
-from clients.wallet.consent.rights_requests import choose
-from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.share_text import explain, made_share, name_grantee, own_share, role_text, share_lines
-from clients.wallet.presentation.sharing_answers import (
+from clients.wallet.answers.sharing_answers import (
     HandleAnswer,
     RevokeAnswer,
     ShareAnswer,
     SharesAnswer,
 )
-from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, WrongUsage, language_in_use, text
+from clients.wallet.cli.times import read_time
+from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
+from clients.wallet.consent.rights_requests import choose
+from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.presentation.share_text import (
+    explain,
+    extend_with_grants,
+    made_share,
+    name_grantee,
+    name_recipient,
+    own_share,
+    role_text,
+    share_lines,
+)
+from clients.wallet.presentation.translations import WrongUsage, language_in_use, text
+from clients.wallet.refusals import DEFAULT_LANGUAGE
 from clients.wallet.sharing.chain_grants import resolve_grant
 from clients.wallet.sharing.outgoing_shares import (
     STEP_KEYS,
@@ -133,7 +143,8 @@ def share(
         with status_line(text("share.doing"), as_json=as_json) as show:
             language = DEFAULT_LANGUAGE if as_json else language_in_use()
             tell = functools.partial(_show_step, show)
-            return grantee, await share_each(sharing, entries, grantee, purpose, until_ms, tell, language=language)
+            add_made = functools.partial(extend_with_grants, language=language)
+            return grantee, await share_each(sharing, entries, grantee, purpose, until_ms, tell, explain=add_made)
 
     grantee, done = run_with_wallet(ctx, action)
     if as_json:
@@ -175,9 +186,9 @@ def print_recipients(found: Sequence[Share]) -> None:
     for each in found:
         moments = ", ".join(format_time(each_look.time_ms) for each_look in each.looks)
         if moments:
-            console.print(text("shares.told_who_looked", name=each.name, moments=moments))
+            console.print(text("shares.told_who_looked", name=name_recipient(each), moments=moments))
         else:
-            console.print(text("shares.told_who_did_not", name=each.name))
+            console.print(text("shares.told_who_did_not", name=name_recipient(each)))
 
 
 def print_copies(found: Sequence[Share]) -> None:
@@ -215,7 +226,7 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
     if txid is None:
         console.print(text("revoke.already"))
     else:
-        console.print(text("revoke.done", count=len(ended.grant.row.records), name=ended.name))
+        console.print(text("revoke.done", count=len(ended.grant.row.records), name=name_recipient(ended)))
     if ended.looks:
         console.print("  " + text("revoke.looked"))
 

@@ -10,13 +10,13 @@ import click
 
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer, status_line
+from clients.wallet.answers.record_answers import FrameStatus, MissingRoom, VerifyAnswer, ViewAnswer, ViewedRecord
 from clients.wallet.cli.group_options import complete_records
 from clients.wallet.cli.wallet_context import on_abort, read_only_wallet, run_with_wallet, warn_of_linked_visits
 from clients.wallet.ledger.record_filter import choose_records
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.presentation.record_answers import FrameStatus, MissingRoom, VerifyAnswer, ViewAnswer, ViewedRecord
+from clients.wallet.presentation.album import Album, find_earlier, find_earlier_of, print_earlier_files
 from clients.wallet.presentation.translations import describe_error, text, withheld_text
-from clients.wallet.records.album import Album, find_earlier, find_earlier_of, print_earlier_files
 from clients.wallet.records.picture_files import write_pictures
 from clients.wallet.records.viewing import (
     STATUS_ERASED,

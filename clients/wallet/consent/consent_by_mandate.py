@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
-
-import click
 
 from clients.wallet.ledger.mandates import Mandate, Mandates
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.mandate_answers import SpokenFor
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,17 +20,6 @@ class RepresentedPerson:
     def until_ms(self) -> int:
         """No consent may last longer."""
         return int(self.mandate.state.until_ms)
-
-
-def spoken_for(person: RepresentedPerson | None) -> SpokenFor:
-    if person is None:
-        return SpokenFor(for_=None, mandate_id=None)
-    return SpokenFor(for_=person.handle.hex(), mandate_id=person.mandate.mandate_id.hex())
-
-
-def for_option(command: Any) -> Any:
-    option = click.option("--for", "whom", help="For a person who cannot, by a mandate: the handle, whole or in short.")
-    return option(command)
 
 
 async def resolve_represented(opened: Wallet, wanted: str | None) -> RepresentedPerson | None:

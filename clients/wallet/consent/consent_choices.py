@@ -7,7 +7,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.consent_answers import ConsentChoice
 from clients.wallet.store.kept_proofs import keep_receipt
 from consensus.limits import TIME_BUCKET_MS
 from consensus.rights.purposes import require_published
@@ -144,18 +143,3 @@ def _choice(purpose: str, sensor: str, steps: tuple[StepRow, ...], height: int, 
     consent = effective_consent(steps, height)
     holds = consent is not None and consent.from_ms <= time_ms and not 0 < consent.until_ms <= time_ms
     return Choice(purpose, sensor, holds, steps[-1])
-
-
-def choice_answer(choice: Choice) -> ConsentChoice:
-    last = choice.last
-    return ConsentChoice(
-        purpose=choice.purpose,
-        sensor=choice.sensor,
-        holds_now=choice.holds,
-        status=last.status,
-        from_height=last.height,
-        since_ms=last.since_ms,
-        period_from_ms=last.from_ms or None,
-        period_until_ms=last.until_ms or None,
-        mandate_id=last.mandate.hex() or None,
-    )

@@ -9,8 +9,7 @@ from clients.sdk.chain.notices import organisation_of_card, public_values
 from clients.sdk.chain.proved_rows import proved_row
 from clients.sdk.proof_checks import ProvedState
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.consent_answers import NoticeAnswer
-from clients.wallet.presentation.translations import language_in_use, refusal, section, text
+from clients.wallet.refusals import refusal
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import decode_card_code
 from consensus.rights.notices import (
@@ -18,7 +17,6 @@ from consensus.rights.notices import (
     PublishedNotice,
     askable_pairs,
     change_lines,
-    notice_lines,
     read_published,
     read_row,
     require_consent_asked,
@@ -60,32 +58,6 @@ class NoticeView:
         """Does the notice ask consent for these? Passes without a notice. Raises as `require_consent_asked`."""
         if self.published is not None:
             require_consent_asked(self.published, purposes, sensors)
-
-    def lines(self) -> list[str]:
-        if self.published is None:
-            return [text("notice.none_published", organisation=self.organisation)]
-        head = text("notice.head", organisation=self.organisation, version=self.version)
-        return [head, *(f"  {line}" for line in self.words(language_in_use()))]
-
-    def words(self, language: str) -> list[str]:
-        """The published text with localised headings."""
-        if self.published is None:
-            return []
-        labels = {key: str(label) for key, label in section("notice.line", language).items()}
-        whose = text("notice.own_words", language=language, organisation=self.organisation)
-        return [*notice_lines(self.published.notice, labels), whose]
-
-    def answer(self) -> NoticeAnswer:
-        row = None if self.published is None else self.published.row
-        return NoticeAnswer(
-            organisation=self.organisation,
-            version=self.version,
-            hash=None if row is None else row.digest.hex(),
-            published_at_ms=None if row is None else row.time_ms,
-            consented_version=None if self.before is None else self.before.version,
-            changes=list(self.changes),
-            lines=[] if self.published is None else notice_lines(self.published.notice),
-        )
 
 
 class Notices:

@@ -15,10 +15,9 @@ from clients.sdk.chain.contract_events import Place, read_events
 from clients.sdk.chain.proved_rows import proved_row
 from clients.sdk.connections import NodeAddress
 from clients.sdk.node_answers import read_answer, read_hex
-from clients.wallet.export.proof_collection import StateCollector
+from clients.wallet.ledger.proof_collection import StateCollector
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.consent_answers import FetchedReceipt
-from clients.wallet.presentation.translations import describe_error, refusal, text
+from clients.wallet.refusals import refusal
 from clients.wallet.store.kept_proofs import receipt_proof
 from consensus.api_documents import ConsentReceiptAnswer, ConsentReceiptRequest
 from consensus.bounded_text import TextInvalidError, read_json_as
@@ -212,25 +211,8 @@ class ReceiptOutcome:
     refusal: BlockRobotError | None
 
     @property
-    def fetched(self) -> FetchedReceipt | None:
-        if self.receipt is None:
-            return None
-        published = self.receipt.published
-        version = None if published is None else published.row.version
-        return FetchedReceipt(signed_by=self.receipt.node, notice_version=version)
-
-    @property
     def error_code(self) -> str | None:
         return None if self.receipt is not None or self.refusal is None else self.refusal.code
-
-    def line(self) -> str:
-        if self.receipt is None:
-            why = describe_error(self.refusal)[0] if self.refusal is not None else ""
-            return text("register.receipt_late", why=why)
-        published, organisation = self.receipt.published, self.receipt.organisation
-        if published is None:
-            return text("register.receipt_unpublished", organisation=organisation)
-        return text("register.receipt", organisation=organisation, version=published.row.version)
 
 
 async def try_fetch_receipt(opened: Wallet, txid: bytes) -> ReceiptOutcome:

@@ -15,7 +15,7 @@ import msgspec
 from clients.wallet.ledger.id_prefix import VISIT, resolve_id_prefix
 from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, code_text, load, purposes_text, refusal, text
+from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import KnownVisit
 from consensus.bounded_text import read_json_as
 from consensus.errors import BlockRobotError
@@ -207,29 +207,3 @@ def read_correction(data: bytes) -> Correction:
         return correction
     except ValueError:
         raise refusal("FILE_UNUSABLE", "right_file") from None
-
-
-def describe_event(kind: str, data: dict[str, Any], language: str | None = None) -> str:
-    """An audit entry's details, or empty. `language` None: the current one."""
-    key = f"audit.said.{kind}"
-    if key not in load(DEFAULT_LANGUAGE) or (kind == "access_requested" and "grant" not in data):
-        return ""
-    words = text(key, language=language, **_values_of(kind, data, language))
-    more = {"restricted": ("until_ms", "kept"), "breach_notified": ("late", "late")}.get(kind)
-    return words + text(f"audit.said.{more[1]}", language=language) if more and data[more[0]] else words
-
-
-def _values_of(kind: str, data: dict[str, Any], language: str | None) -> dict[str, object]:
-    values: dict[str, object] = dict(data)
-    for name in ("ground", "purpose", "reason", "risk", "recipient", "outcome"):
-        if name in data:
-            values[name] = code_text(name, data[name], language=language)
-    for name in ("breach_id", "grant_id", "grant"):
-        if name in data:
-            values["name"] = data[name].hex()[:12]
-    if kind == "objected":
-        values["purposes"] = purposes_text(data["purposes"], language=language)
-    if kind == "corrected":
-        values |= {"number": data["number"] + 1, "kind": code_text("correction", data["kind"], language=language)}
-    records = data.get("records")
-    return values | {"count": len(records) if isinstance(records, list) else records}

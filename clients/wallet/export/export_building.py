@@ -15,10 +15,10 @@ from clients.bundle.checks.visit_check import RECORDS_MAX_COUNT
 from clients.bundle.proving import Heard, Proofs, never_heard
 from clients.bundle.writing import Contents
 from clients.wallet.consent.receipt_collection import collect_receipts
-from clients.wallet.export.proof_collection import PersonProofs, VisitProofs, collect_person, collect_visit
+from clients.wallet.ledger.proof_collection import PersonProofs, VisitProofs, collect_person, collect_visit
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.presentation.translations import refusal
 from clients.wallet.records.viewing import STATUS_CORRUPTED, RecordView, RecordViewer
+from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS, VISIT_MAX_MS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 

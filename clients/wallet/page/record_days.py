@@ -9,11 +9,11 @@ import zoneinfo
 from collections.abc import Iterable, Mapping, Sequence
 
 from clients.sdk.terminal.json_answers import Answer, Hex
+from clients.wallet.answers.record_answers import VisitRightsRow
 from clients.wallet.ledger.record_filter import Filter
 from clients.wallet.ledger.robot_names import RobotNames, robot_label
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.wallet_snapshot import Snapshot, VisitPart
-from clients.wallet.presentation.record_answers import VisitRightsRow
 from clients.wallet.presentation.visit_status_text import rights_lines, rights_row
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR

@@ -20,8 +20,8 @@ from clients.wallet.page.jobs import Jobs
 from clients.wallet.page.open_clips import Clips
 from clients.wallet.page.passphrase_check import PassphraseGate
 from clients.wallet.page.wallet_snapshot import Snapshot, read_snapshot
-from clients.wallet.presentation.translations import refusal
 from clients.wallet.records.viewing import RecordViewer
+from clients.wallet.refusals import refusal
 from consensus.errors import BlockRobotError
 
 LOOKS_MAX_COUNT = 32

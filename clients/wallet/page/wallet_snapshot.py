@@ -9,9 +9,9 @@ from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.ledger.robot_names import RobotNames, read_robot_names
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit, findings_of
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.presentation.translations import refusal
 from clients.wallet.records.erasure import ErasureReport
-from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, describe_erasure, read_erasures
+from clients.wallet.records.erasure_status import ErasureProgress, describe_erasure, read_erasures
+from clients.wallet.refusals import refusal
 from clients.wallet.sharing.outgoing_shares import Share, SharingClient
 
 NOTICE_EVERY_MS = 30_000
@@ -84,12 +84,9 @@ class Snapshot:
     def notice_key(self) -> tuple[str, int] | None:
         return None if self.notice is None else (self.notice.organisation, self.notice.version)
 
-    def erasures(self, wallet: Wallet, now_ms: int) -> list[ErasureProgress]:
+    def erasures(self, now_ms: int) -> list[ErasureProgress]:
         """Oldest first, with overdue custodians."""
-        names = custodian_names(wallet)
-        found = [
-            describe_erasure(report, asked, names, now_ms) for part in self.visits for report, asked in part.erasures
-        ]
+        found = [describe_erasure(report, asked, now_ms) for part in self.visits for report, asked in part.erasures]
         return sorted(found, key=lambda each: each.asked_at_ms)
 
     def shares(self) -> list[Share]:

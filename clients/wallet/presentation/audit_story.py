@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from clients.sdk.terminal.json_answers import Answer, Hex
-from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_audit import AuditEntry
 from clients.wallet.presentation.translations import code_text, purposes_text, text
+from clients.wallet.refusals import DEFAULT_LANGUAGE, load
 
 _BY_ROBOT = frozenset({"visit_opened", "recorded", "visit_closed"})
 _BY_CUSTODIAN = frozenset({"access_released", "access_refused", "erasure_receipted", "expired"})
@@ -125,3 +125,29 @@ def _sentence(entry: AuditEntry, data: Mapping[str, Any], language: str) -> str:
         words = describe_event(entry.kind, entry.data, language)
         kind = code_text("kind", entry.kind, language=language).replace("_", " ")
         return f"{kind}: {words}" if words else kind
+
+
+def describe_event(kind: str, data: dict[str, Any], language: str | None = None) -> str:
+    """An audit entry's details, or empty. `language` None: the current one."""
+    key = f"audit.said.{kind}"
+    if key not in load(DEFAULT_LANGUAGE) or (kind == "access_requested" and "grant" not in data):
+        return ""
+    words = text(key, language=language, **_values_of(kind, data, language))
+    more = {"restricted": ("until_ms", "kept"), "breach_notified": ("late", "late")}.get(kind)
+    return words + text(f"audit.said.{more[1]}", language=language) if more and data[more[0]] else words
+
+
+def _values_of(kind: str, data: dict[str, Any], language: str | None) -> dict[str, object]:
+    values: dict[str, object] = dict(data)
+    for name in ("ground", "purpose", "reason", "risk", "recipient", "outcome"):
+        if name in data:
+            values[name] = code_text(name, data[name], language=language)
+    for name in ("breach_id", "grant_id", "grant"):
+        if name in data:
+            values["name"] = data[name].hex()[:12]
+    if kind == "objected":
+        values["purposes"] = purposes_text(data["purposes"], language=language)
+    if kind == "corrected":
+        values |= {"number": data["number"] + 1, "kind": code_text("correction", data["kind"], language=language)}
+    records = data.get("records")
+    return values | {"count": len(records) if isinstance(records, list) else records}

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from clients.bundle.checks.bundle_check import Verdict, unproved
 from clients.bundle.checks.frame_check import count_pictures
+from clients.wallet.answers.record_answers import ExportAnswer, ExportProblem
 from clients.wallet.export.export_building import Plan
-from clients.wallet.presentation.record_answers import ExportAnswer, ExportProblem
 from clients.wallet.presentation.translations import describe_error, text
 from consensus.errors import CATALOGUE, BlockRobotError
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from clients.wallet.answers.record_answers import FormerVisits
 from clients.wallet.ledger.wallet import VisitReport, Wallet
-from clients.wallet.presentation.record_answers import FormerVisits
 from clients.wallet.presentation.translations import text
 from clients.wallet.store.keystore import KnownVisit, WalletContent
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 
-from clients.wallet.ledger.wallet import RecordEntry, VisitReport
-from clients.wallet.presentation.sharing_answers import (
+from clients.wallet.answers.sharing_answers import (
     GranteeLook,
     MadeShare,
     OwnShare,
@@ -15,6 +14,7 @@ from clients.wallet.presentation.sharing_answers import (
     UnreadShare,
     VisitAlarm,
 )
+from clients.wallet.ledger.wallet import RecordEntry, VisitReport
 from clients.wallet.presentation.translations import (
     code_text,
     describe_error,
@@ -30,6 +30,7 @@ from clients.wallet.sharing.outgoing_shares import (
     Grantee,
     Share,
 )
+from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
 from consensus.members.vouchers import ROLES
 from consensus.rights.purposes import PURPOSES, require_purpose
@@ -48,6 +49,16 @@ def name_grantee(grantee: Grantee) -> str:
         organisation=grantee.member.org,
         handle=encode_short(grantee.member.handle),
     )
+
+
+def name_recipient(share_: Share, language: str | None = None) -> str:
+    given = share_.given
+    if given is None:
+        return text("shares.forgotten", language=language)
+    start = encode_short(given.handle)
+    if not given.label:
+        return text("shares.member", language=language, handle=start)
+    return text("shares.named", language=language, label=given.label, handle=start)
 
 
 def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int) -> str:
@@ -81,6 +92,16 @@ def made_share(shared: FinalGrant) -> MadeShare:
         custodians=list(shared.custodians),
         custodians_away=list(shared.absent),
     )
+
+
+def extend_with_grants(error: BlockRobotError, done: Sequence[FinalGrant], language: str) -> BlockRobotError:
+    """Each completed grant holds up to 64 records."""
+    if not done:
+        return error
+    names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
+    count = sum(len(shared.records) for shared in done)
+    detail = text("share.partly", language=language, count=count, names=names, why=error.detail)
+    return BlockRobotError(error.code, detail)
 
 
 def own_share(share_: Share, now_ms: int) -> OwnShare:
@@ -124,7 +145,7 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
             grant=grant.grant_id.hex()[:12],
             records=text("count.records", count=len(grant.row.records)),
             visit=share_.visit.owner.hex()[:12],
-            name=share_.name,
+            name=name_recipient(share_),
             purpose=code_text("purpose", grant.row.purpose),
             end=text("shares.nothing_left") if status == "open" and not share_.left else ends[status],
         )

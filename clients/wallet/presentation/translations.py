@@ -1,52 +1,21 @@
-"""Translations of command line and page: `texts/en.toml`, `texts/pt.toml`."""
+"""Texts of command line and page in the user's language; commands in them are named as this wallet is called."""
 
 from __future__ import annotations
 
-import functools
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from types import MappingProxyType
 from typing import IO, Any
 
 import click
 
-from clients.wallet.cli.invocation import with_command_prefix
+from clients.wallet.presentation.invocation import with_command_prefix
+from clients.wallet.refusals import BECAUSE, DEFAULT_LANGUAGE, explain, form_of, load
 from consensus.contract_refusals import refusal_code
 from consensus.errors import BlockRobotError
 
 LANGUAGES = ("en", "pt")
-DEFAULT_LANGUAGE = "en"
 LANGUAGE_VARIABLE = "BLOCKROBOT_LANGUAGE"
-ONE, OTHER = "one", "other"
 _META_KEY = "blockrobot.language"
-_BECAUSE = "because"
-FOLDER = Path(__file__).with_name("texts")
-
-Form = str | Mapping[str, str]
-"""A text, or its plural forms: `one` and `other`, chosen by the value that is called `count`."""
-
-
-def _flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, Form]:
-    flat: dict[str, Form] = {}
-    for name, value in table.items():
-        key = f"{prefix}{name}"
-        if isinstance(value, str):
-            flat[key] = value
-        elif isinstance(value, Mapping) and set(value) == {ONE, OTHER}:
-            flat[key] = MappingProxyType({form: str(text) for form, text in value.items()})
-        elif isinstance(value, Mapping):
-            flat.update(_flatten(value, f"{key}."))
-        else:
-            raise AssertionError(f"{key} is no text")
-    return flat
-
-
-@functools.cache
-def load(language: str) -> Mapping[str, Form]:
-    """By dotted keys (`records.none`)."""
-    return MappingProxyType(_flatten(tomllib.loads((FOLDER / f"{language}.toml").read_text(encoding="utf-8"))))
 
 
 def _known(wanted: str) -> str | None:
@@ -81,25 +50,8 @@ def choose_language(context: click.Context, language: str | None) -> None:
 
 def text(key: str, /, *, language: str | None = None, **values: object) -> str:
     """`count` selects the plural; commands get this wallet's options. Raises KeyError."""
-    language = language or language_in_use()
-    form = load(language).get(key)
-    if form is None:
-        form = load(DEFAULT_LANGUAGE)[key]
-    if not isinstance(form, str):
-        form = form[ONE if values["count"] == 1 else OTHER]
+    form = form_of(key, language or language_in_use(), values)
     return with_command_prefix(form, has_fields=True).format(**values) if values else with_command_prefix(form)
-
-
-def refusal(code: str, key: str, /, **values: str | int) -> BlockRobotError:
-    """From `because.KEY`: English for programs, localised for people."""
-    return BlockRobotError(code, _say_because(key, DEFAULT_LANGUAGE, values), **{_BECAUSE: key}, **values)
-
-
-def _say_because(key: str, language: str, values: Mapping[str, Any]) -> str:
-    role = f"role.{values.get('role')}"
-    if role in load(DEFAULT_LANGUAGE):
-        values = {**values, "role": text(role, language=language)}
-    return text(f"{_BECAUSE}.{key}", language=language, **values)
 
 
 class WrongUsage(click.UsageError):
@@ -181,13 +133,13 @@ def _with_particulars(meaning: str, detail: str, language: str) -> str:
 
 def _because(error: BlockRobotError, language: str) -> str:
     values = dict(error.context)
-    key = values.pop(_BECAUSE, None)
+    key = values.pop(BECAUSE, None)
     if key is None:
         return ""
-    english = _say_because(str(key), DEFAULT_LANGUAGE, values)
+    english = explain(str(key), DEFAULT_LANGUAGE, values)
     if not error.detail.endswith(english):
         return ""
-    return error.detail.removesuffix(english) + _say_because(str(key), language, values)
+    return error.detail.removesuffix(english) + explain(str(key), language, values)
 
 
 def error_text(error: BlockRobotError) -> str:

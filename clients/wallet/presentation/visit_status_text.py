@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import partial
 
 from clients.sdk.terminal.terminal import console
-from clients.wallet.ledger.visit_status import VisitRights
-from clients.wallet.presentation.record_answers import (
+from clients.wallet.answers.record_answers import (
     ErasedByOfficers,
     VisitBreachEnd,
     VisitRestriction,
     VisitRightsRow,
 )
+from clients.wallet.ledger.visit_status import VisitRights
 from clients.wallet.presentation.translations import code_text, purposes_text, text
 from consensus.rights.right_codes import LOST_KEY_REASONS
 from pages.time_format import format_time

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from clients.sdk.terminal.terminal import pluralize
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.presentation.translations import refusal
 from clients.wallet.records.viewing import RecordViewer
+from clients.wallet.refusals import refusal
 from clients.wallet.store.kept_proofs import keep_erasure
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError

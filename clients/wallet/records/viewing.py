@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from clients.sdk.connections import NodeAddress
 from clients.wallet.ledger.visit_audit import Finding
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.limits import RECORDS_A_CALL_MAX_COUNT

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.refusals import refusal
 from clients.wallet.sharing.outgoing_shares import SharingClient
 from clients.wallet.store.kept_proofs import keep_receipt
 from clients.wallet.store.keystore import KnownVisit

@@ -15,7 +15,7 @@ from shamir_mnemonic import MnemonicError, Share, generate_mnemonics
 from shamir_mnemonic.recovery import RecoveryState
 from shamir_mnemonic.wordlist import WORD_INDEX_MAP, WORDLIST
 
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.refusals import refusal
 from consensus.errors import BlockRobotError
 
 SHARE_WORDS_COUNT = 33

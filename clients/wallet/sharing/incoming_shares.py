@@ -11,8 +11,8 @@ from clients.sdk.chain.proved_rows import proved_row
 from clients.sdk.connections import NodeAddress
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.translations import refusal
 from clients.wallet.records.viewing import STATUS_CORRUPTED, STATUS_ERASED, FrameView, judge_frame
+from clients.wallet.refusals import refusal
 from clients.wallet.sharing.chain_grants import (
     Grant,
     cut_since,

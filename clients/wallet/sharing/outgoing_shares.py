@@ -20,8 +20,8 @@ from clients.sdk.quorum import require_quorum
 from clients.wallet.consent.rights_requests import RecordChoice
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, refusal, text
 from clients.wallet.records.viewing import RecordViewer
+from clients.wallet.refusals import refusal
 from clients.wallet.sharing.chain_grants import Grant, cut_since, read_custodians, read_grants
 from clients.wallet.store.keystore import GivenGrant, KnownVisit
 from consensus.errors import BlockRobotError
@@ -117,18 +117,6 @@ class Share:
     @property
     def left(self) -> list[bytes]:
         return [record_id for record_id in self.grant.row.records if record_id not in self.cut | self.erased]
-
-    @property
-    def name(self) -> str:
-        return self.name_in(None)
-
-    def name_in(self, language: str | None) -> str:
-        if self.given is None:
-            return text("shares.forgotten", language=language)
-        start, label = encode_short(self.given.handle), self.given.label
-        if not label:
-            return text("shares.member", language=language, handle=start)
-        return text("shares.named", language=language, label=label, handle=start)
 
 
 def _same_name(label: str, name: str) -> bool:
@@ -474,18 +462,6 @@ def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[
     return frozenset(gone)
 
 
-def extend_with_grants(
-    error: BlockRobotError, done: Sequence[FinalGrant], language: str = DEFAULT_LANGUAGE
-) -> BlockRobotError:
-    """Each completed grant holds up to 64 records."""
-    if not done:
-        return error
-    names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
-    count = sum(len(shared.records) for shared in done)
-    detail = text("share.partly", language=language, count=count, names=names, why=error.detail)
-    return BlockRobotError(error.code, detail)
-
-
 async def share_each(
     sharing: SharingClient,
     entries: Sequence[RecordEntry],
@@ -494,14 +470,14 @@ async def share_each(
     until_ms: int,
     tell: Tell,
     *,
-    language: str = DEFAULT_LANGUAGE,
+    explain: Callable[[BlockRobotError, Sequence[FinalGrant]], BlockRobotError],
 ) -> list[FinalGrant]:
-    """In as many grants as needed; failures name completed ones."""
+    """Share in as many grants as needed; `explain` tells in a failure which are made already."""
     done: list[FinalGrant] = []
     for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
         part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
         try:
             done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
         except BlockRobotError as error:
-            raise extend_with_grants(error, done, language) from None
+            raise explain(error, done) from None
     return done

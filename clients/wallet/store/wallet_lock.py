@@ -12,8 +12,7 @@ from pathlib import Path
 import click
 import msgspec
 
-from clients.wallet.cli.invocation import with_command_prefix
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.refusals import refusal
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from pages.time_format import format_time
@@ -26,26 +25,35 @@ NOTE_MAX_BYTES = 1024
 SINCE_MAX_MS = 1 << 45
 _PAUSE_S = 0.05
 _PRIVATE_FOLDER = 0o700
+NameCommand = Callable[[str], str]
 
 
 @contextlib.contextmanager
 def claim_wallet(
-    path: Path, *, wait_s: float = WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
+    path: Path,
+    *,
+    name_command: NameCommand = str,
+    wait_s: float = WAIT_MAX_S,
+    sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[None]:
-    """Raises WALLET_BUSY, WALLET_NOT_FOUND."""
+    """`name_command`: how the holder's command is told to the user. Raises WALLET_BUSY, WALLET_NOT_FOUND."""
     require_wallet(path)
-    with _hold(path, wait_s, sleep):
+    with _hold(path, name_command, wait_s, sleep):
         yield
 
 
 @contextlib.contextmanager
 def lock_or_read_only(
-    path: Path, *, wait_s: float = READING_WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
+    path: Path,
+    *,
+    name_command: NameCommand = str,
+    wait_s: float = READING_WAIT_MAX_S,
+    sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[BlockRobotError | None]:
     """Yield WALLET_BUSY for read-only use. Raises WALLET_NOT_FOUND."""
     require_wallet(path)
     try:
-        descriptor = _lock(path, wait_s, sleep)
+        descriptor = _lock(path, name_command, wait_s, sleep)
     except BlockRobotError as busy:
         yield busy
         return
@@ -56,10 +64,10 @@ def lock_or_read_only(
 
 
 @contextlib.contextmanager
-def claim_place(path: Path) -> Iterator[None]:
+def claim_place(path: Path, *, name_command: NameCommand = str) -> Iterator[None]:
     """Of a new wallet. Raises WALLET_BUSY, WALLET_EXISTS."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
-    with _hold(path, 0.0, time.sleep):
+    with _hold(path, name_command, 0.0, time.sleep):
         if path.exists():
             raise refusal("WALLET_EXISTS", "wallet_exists", path=str(path))
         try:
@@ -80,15 +88,15 @@ def require_wallet(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _hold(path: Path, wait_s: float, sleep: Callable[[float], None]) -> Iterator[None]:
-    descriptor = _lock(path, wait_s, sleep)
+def _hold(path: Path, name_command: NameCommand, wait_s: float, sleep: Callable[[float], None]) -> Iterator[None]:
+    descriptor = _lock(path, name_command, wait_s, sleep)
     try:
         yield
     finally:
         os.close(descriptor)
 
 
-def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
+def _lock(path: Path, name_command: NameCommand, wait_s: float, sleep: Callable[[float], None]) -> int:
     """Raises WALLET_BUSY."""
     for _ in range(max(1, round(wait_s / _PAUSE_S))):
         descriptor = os.open(_lock_of(path), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -106,7 +114,7 @@ def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
     if holder is None:
         raise refusal("WALLET_BUSY", "wallet_busy", path=str(path))
     # It has the very wallet that is wanted here, so it is called as this one is.
-    who = with_command_prefix(holder.command[:1].upper() + holder.command[1:])
+    who = name_command(holder.command[:1].upper() + holder.command[1:])
     moment = format_time(holder.since_ms)
     raise refusal("WALLET_BUSY", "wallet_busy_with", who=who, process=holder.process, path=str(path), since=moment)
 

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.run.run_summary import FrameCounts, Latency, RunLatencies
 from clients.sdk.pictures.picture_names import name_picture
-from clients.wallet.presentation.record_answers import AuditEvent
+from clients.wallet.answers.record_answers import AuditEvent
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check, CheckList
 from network.demo.leader_kill import LeaderKill

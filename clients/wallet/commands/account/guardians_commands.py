@@ -20,13 +20,14 @@ from clients.sdk.terminal.terminal import (
     json_option,
     print_answer,
 )
+from clients.wallet.answers.guardian_answers import GuardiansAnswer, GuardianShares, GuardiansSplitAnswer
+from clients.wallet.cli.mnemonic_handover import show_and_check, show_and_wipe
 from clients.wallet.cli.wallet_context import confirm_or_print, read_passphrase
 from clients.wallet.commands.account.guardians_recover_commands import check, recover
-from clients.wallet.presentation.guardian_answers import GuardiansAnswer, GuardianShares, GuardiansSplitAnswer
+from clients.wallet.presentation.guardian_lines import guardian_lines
+from clients.wallet.presentation.guardian_sheets import require_no_sheets, write_sheets
+from clients.wallet.presentation.invocation import with_command_prefix
 from clients.wallet.presentation.translations import WrongUsage, text
-from clients.wallet.recovery.guardian_lines import guardian_lines
-from clients.wallet.recovery.guardian_sheets import require_no_sheets, write_sheets
-from clients.wallet.recovery.mnemonic_handover import show_and_check, show_and_wipe
 from clients.wallet.recovery.slip39_shares import (
     GUARDIANS_MAX_COUNT,
     GUARDIANS_MIN_COUNT,
@@ -48,7 +49,7 @@ def _read(ctx: click.Context) -> WalletContent:
     path: Path = ctx.obj[0]
     require_wallet(path)
     passphrase = read_passphrase()
-    with lock_or_read_only(path):
+    with lock_or_read_only(path, name_command=with_command_prefix):
         return Keystore.open(path, passphrase).content
 
 
@@ -58,7 +59,7 @@ def _opened(ctx: click.Context) -> Iterator[Keystore]:
     path: Path = ctx.obj[0]
     require_wallet(path)
     passphrase = read_passphrase(from_keyring=False)
-    with claim_wallet(path):
+    with claim_wallet(path, name_command=with_command_prefix):
         yield Keystore.open(path, passphrase)
 
 

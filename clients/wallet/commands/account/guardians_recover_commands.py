@@ -29,13 +29,15 @@ from clients.sdk.terminal.terminal import (
     print_answer,
     status_line,
 )
+from clients.wallet.answers.guardian_answers import GuardiansCheckAnswer, GuardianShare, GuardiansRecoverAnswer
+from clients.wallet.cli.mnemonic_handover import print_words, word_lines, write_words
 from clients.wallet.cli.wallet_context import read_new_passphrase, run_made
 from clients.wallet.commands.account.new_commands import guess_cost
+from clients.wallet.commands.account.wallet_restore import CHECK_MAX_S, read_words, require_distinct, restore_wallet
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.guardian_answers import GuardiansCheckAnswer, GuardianShare, GuardiansRecoverAnswer
+from clients.wallet.presentation.guardian_sheets import SHEET_MAX_BYTES, extract_share_text, read_written
+from clients.wallet.presentation.invocation import with_command_prefix
 from clients.wallet.presentation.translations import WrongUsage, error_text, text
-from clients.wallet.recovery.guardian_sheets import SHEET_MAX_BYTES, extract_share_text, read_written
-from clients.wallet.recovery.mnemonic_handover import print_words, word_lines, write_words
 from clients.wallet.recovery.slip39_shares import (
     SHARE_WORDS_COUNT,
     ShareCollector,
@@ -46,7 +48,6 @@ from clients.wallet.recovery.slip39_shares import (
     show_identifier,
     split_into_words,
 )
-from clients.wallet.recovery.wallet_restore import CHECK_MAX_S, read_words, require_distinct, restore_wallet
 from clients.wallet.store.keystore import GuardianSet, Keystore
 from clients.wallet.store.member_keys import derive_keys
 from clients.wallet.store.wallet_lock import claim_place
@@ -273,7 +274,7 @@ def _require_possible(
 @contextlib.contextmanager
 def _place(ctx: click.Context, path: Path, words_file: Path | None) -> Iterator[None]:
     """Reserve the new wallet's place; on failure report leftovers. A written words file stays."""
-    with claim_place(path):
+    with claim_place(path, name_command=with_command_prefix):
         try:
             yield
         except BaseException as ending:

@@ -9,10 +9,10 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.terminal import command_output, console, print_answer
-from clients.wallet.cli.invocation import called
+from clients.wallet.answers.wallet_answers import KeyringForgetAnswer, KeyringStoreAnswer
 from clients.wallet.cli.wallet_context import read_passphrase
+from clients.wallet.presentation.invocation import called
 from clients.wallet.presentation.translations import text
-from clients.wallet.presentation.wallet_answers import KeyringForgetAnswer, KeyringStoreAnswer
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.passphrase_sources import forget_in_keyring, load_keyring, store_in_keyring
 from clients.wallet.store.wallet_lock import require_wallet

@@ -19,11 +19,12 @@ from clients.sdk.terminal.terminal import (
     is_at_terminal,
     print_answer,
 )
+from clients.wallet.answers.wallet_answers import NewWalletAnswer, RestoreAnswer
+from clients.wallet.cli.mnemonic_handover import print_words, show_and_check, write_words
 from clients.wallet.cli.wallet_context import on_abort, read_new_passphrase
+from clients.wallet.commands.account.wallet_restore import read_words, require_distinct, restore_wallet
+from clients.wallet.presentation.invocation import with_command_prefix
 from clients.wallet.presentation.translations import WrongUsage, error_text, text
-from clients.wallet.presentation.wallet_answers import NewWalletAnswer, RestoreAnswer
-from clients.wallet.recovery.mnemonic_handover import print_words, show_and_check, write_words
-from clients.wallet.recovery.wallet_restore import read_words, require_distinct, restore_wallet
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys, draw_words
 from clients.wallet.store.wallet_lock import claim_place
@@ -44,7 +45,7 @@ def _place(ctx: click.Context, path: Path, words_file: Path | None = None) -> It
             return text("new.stopped_words", path=path, words_file=words_file)
         return text("new.stopped_made", path=path)
 
-    with claim_place(path):
+    with claim_place(path, name_command=with_command_prefix):
         try:
             with on_abort(ctx, say):
                 yield

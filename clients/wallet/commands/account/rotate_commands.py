@@ -11,14 +11,14 @@ import click
 
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import FILE, command_output, console, is_at_terminal, print_answer
+from clients.wallet.answers.wallet_answers import LeaveAnswer, RotateAnswer, TransferAnswer
+from clients.wallet.cli.mnemonic_handover import show_and_check, write_words
 from clients.wallet.cli.wallet_context import confirm_or_print, on_abort, print_linked_moves, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.former_text import _stuck_lines, _taken_lines, exposed, words_lines
 from clients.wallet.presentation.translations import WrongUsage, text
-from clients.wallet.presentation.wallet_answers import LeaveAnswer, RotateAnswer, TransferAnswer
 from clients.wallet.recovery.key_rotation import KeyRotation, Transferred
-from clients.wallet.recovery.mnemonic_handover import show_and_check, write_words
 from clients.wallet.store.keystore import WalletContent
 from consensus.errors import BlockRobotError
 

@@ -15,8 +15,8 @@ from clients.wallet.page.open_clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT, Op
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, query_of, route
 from clients.wallet.page.record_seals import Seal, page_seal, verified_block
 from clients.wallet.page.session import LOOK_NAME_MAX_CHARS, PageSession
-from clients.wallet.presentation.translations import refusal
 from clients.wallet.records.viewing import RecordView, RecordViewer, finding_of
+from clients.wallet.refusals import refusal
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_PNG16
 from pages.local_page import LocalRoute

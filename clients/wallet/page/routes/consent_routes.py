@@ -6,14 +6,21 @@ import msgspec
 from aiohttp import web
 
 from clients.sdk.terminal.json_answers import extend
-from clients.wallet.consent.consent_choices import ConsentClient, ConsentDecision, choice_answer, round_period
+from clients.wallet.answers.consent_answers import ConsentChoice, NoticeAnswer
+from clients.wallet.consent.consent_choices import ConsentClient, ConsentDecision, round_period
 from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.consent.receipt_fetching import ConsentReceipts, try_fetch_receipt
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.session import PageSession
-from clients.wallet.presentation.consent_answers import ConsentChoice, NoticeAnswer
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.presentation.consent_text import (
+    choice_answer,
+    fetched_receipt,
+    notice_answer,
+    notice_words,
+    receipt_line,
+)
+from clients.wallet.refusals import refusal
 from consensus.errors import BlockRobotError
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import OWN_PURPOSES
@@ -47,8 +54,8 @@ class PageChoice(ConsentChoice, frozen=True, kw_only=True):
 
 
 def _page_notice(notices: Notices, notice_view: NoticeView, request: web.Request) -> PageNotice:
-    answer = extend(PageNotice, notice_view.answer(), must_show=notices.is_new(notice_view))
-    return msgspec.structs.replace(answer, lines=notice_view.words(language_of(request)))
+    answer = extend(PageNotice, notice_answer(notice_view), must_show=notices.is_new(notice_view))
+    return msgspec.structs.replace(answer, lines=notice_words(notice_view, language_of(request)))
 
 
 async def _consents(session: PageSession, request: web.Request) -> web.Response:
@@ -161,9 +168,9 @@ async def _said(session: PageSession, job: Job, word: ConsentDecision, status: s
         "count": word.count,
         "status": status,
         "sentence": f"It holds from block {word.from_height} on.",
-        "receipt": receipted.fetched,
+        "receipt": fetched_receipt(receipted),
         "receipt_error": receipted.error_code,
-        "receipt_sentence": receipted.line(),
+        "receipt_sentence": receipt_line(receipted),
     }
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 
 from aiohttp import web
 
 from clients.sdk.terminal.json_answers import Hex, extend
+from clients.wallet.answers.record_answers import CustodianAnswer
 from clients.wallet.ledger.record_filter import Filter
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.jobs import Job, Result
@@ -15,11 +17,11 @@ from clients.wallet.page.record_days import kind_of, kinds_json, read_zone, sele
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.routes.reading_routes import page_erasure, page_share
 from clients.wallet.page.session import PageSession
-from clients.wallet.presentation.record_answers import CustodianAnswer
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.presentation.erasure_text import custodian_names, erasure_row
 from clients.wallet.records.erasure import ErasureClient, missing_pictures, split_erased
-from clients.wallet.records.erasure_status import ErasureProgress, erasure_row, find_erasures_of
+from clients.wallet.records.erasure_status import ErasureProgress, find_erasures_of
 from clients.wallet.records.viewing import name_places
+from clients.wallet.refusals import refusal
 from clients.wallet.sharing.outgoing_shares import SharingClient
 from clients.wallet.store.keystore import KnownVisit
 from pages.local_page import LocalRoute
@@ -106,11 +108,12 @@ async def _erase_and_follow(
     recipients = await SharingClient(wallet).recipients(entries)
     asked = await ErasureClient(wallet).request_each(entries, frames)
     session.clips.forget_records({entry.record_id for entry in entries})
+    names = custodian_names(wallet)
     loop = asyncio.get_running_loop()
     over_at = loop.time() + WAIT_MAX_S
     while True:
         found = await _read_asked(session, asked)
-        _tell_receipts(job, found)
+        _tell_receipts(job, found, names)
         is_complete = all(each.report.complete for each in found)
         if is_complete or loop.time() >= over_at or session.ended.is_set():
             break
@@ -118,7 +121,7 @@ async def _erase_and_follow(
     now_ms = session.now_ms()
     return {
         "complete": is_complete,
-        "erasures": [page_erasure(each) for each in found],
+        "erasures": [page_erasure(each, names) for each in found],
         "recipients": [page_share(share, now_ms, language) for share in recipients],
         "sentence": "It is erased everywhere."
         if is_complete
@@ -140,11 +143,11 @@ class PageCustodianAnswer(CustodianAnswer, frozen=True, kw_only=True):
     erasure_id: Hex
 
 
-def _tell_receipts(job: Job, found: list[ErasureProgress]) -> None:
+def _tell_receipts(job: Job, found: list[ErasureProgress], names: Mapping[bytes, str]) -> None:
     rows = [
-        extend(PageCustodianAnswer, word, erasure_id=each.erasure_id)
-        for each in map(erasure_row, found)
-        for word in each.custodians
+        extend(PageCustodianAnswer, word, erasure_id=each.report.erasure_id.hex())
+        for each in found
+        for word in erasure_row(each, names).custodians
     ]
     if rows == job.receipts:
         return

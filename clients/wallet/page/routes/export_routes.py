@@ -15,14 +15,14 @@ from aiohttp.abc import AbstractStreamWriter
 from clients.bundle.checks.bundle_check import Verdict
 from clients.bundle.proving import Heard
 from clients.bundle.writing import Contents, write_bundle
-from clients.wallet.cli.invocation import verify_command
 from clients.wallet.export.export_building import ExportChoice, Exporter
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import KeptFile, PageSession
 from clients.wallet.presentation.export_text import bundle_warning, export_answer, problem_text
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.presentation.invocation import verify_command
+from clients.wallet.refusals import refusal
 from pages.local_page import LocalRoute
 from pages.time_format import format_date
 

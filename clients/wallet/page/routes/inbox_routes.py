@@ -5,13 +5,21 @@ from __future__ import annotations
 from aiohttp import web
 
 from clients.sdk.terminal.json_answers import Answer, Hex, extend
+from clients.wallet.answers.sharing_answers import ReceivedShare, UnreadShare, VisitAlarm
 from clients.wallet.page.page_answers import answer_json, language_of, route
 from clients.wallet.page.routes.reading_routes import page_erasure
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
-from clients.wallet.presentation.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
-from clients.wallet.presentation.sharing_answers import ReceivedShare, UnreadShare, VisitAlarm
-from clients.wallet.presentation.translations import DEFAULT_LANGUAGE
+from clients.wallet.presentation.erasure_text import custodian_names
+from clients.wallet.presentation.share_text import (
+    name_recipient,
+    receipt_lines,
+    received_share,
+    unread_line,
+    unread_share,
+    visit_alarm,
+)
+from clients.wallet.refusals import DEFAULT_LANGUAGE
 from clients.wallet.sharing.inbox import read_inbox
 from pages.local_page import LocalRoute
 
@@ -58,17 +66,17 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
     looks = [
         PageLook(
             time_ms=look.time_ms,
-            who=share.name_in(language),
+            who=name_recipient(share, language),
             records=look.records_count,
             visit=share.visit.owner.hex(),
             grant_id=share.grant.grant_id.hex(),
-            sentence=f"{share.name_in(DEFAULT_LANGUAGE)} asked for {look.records_count} records that you share.",
+            sentence=f"{name_recipient(share, DEFAULT_LANGUAGE)} asked for {look.records_count} records that you share.",
         )
         for share in snapshot.shares()
         for look in share.looks
     ]
     alarms = [_alarm(part) for part in snapshot.visits if part.is_alarming]
-    erasures = snapshot.erasures(wallet, session.now_ms())
+    erasures, names = snapshot.erasures(session.now_ms()), custodian_names(session.wallet)
     return answer_json(
         {
             "reads_new": found.reads_new,
@@ -81,7 +89,9 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
             "unread": [
                 extend(PageUnreadShare, unread_share(each), line=unread_line(each, language)) for each in found.unread
             ],
-            "overdue": [page_erasure(each) for each in erasures if any(word.overdue for word in each.custodians)],
+            "overdue": [
+                page_erasure(each, names) for each in erasures if any(word.overdue for word in each.custodians)
+            ],
         }
     )
 

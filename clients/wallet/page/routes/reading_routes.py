@@ -10,6 +10,8 @@ from aiohttp import web
 from clients.sdk.node_answers import FAULTY
 from clients.sdk.pictures.depth_colours import scale_json
 from clients.sdk.terminal.json_answers import Answer, Hex, extend
+from clients.wallet.answers.record_answers import ErasureRow, VisitRightsRow
+from clients.wallet.answers.sharing_answers import OwnShare
 from clients.wallet.ledger.record_filter import Filter
 from clients.wallet.ledger.visit_audit import AuditEntry, findings_of, records_of
 from clients.wallet.ledger.wallet import RecordEntry
@@ -31,13 +33,12 @@ from clients.wallet.page.request_fields import RequestFields, read_id
 from clients.wallet.page.session import UNKNOWN_YET, PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
 from clients.wallet.presentation.audit_story import PageEvent, page_event
+from clients.wallet.presentation.erasure_text import custodian_names, erasure_lines, erasure_row
 from clients.wallet.presentation.former_text import member_gone_line, words_lines
-from clients.wallet.presentation.record_answers import ErasureRow, VisitRightsRow
-from clients.wallet.presentation.share_text import own_share, share_lines
-from clients.wallet.presentation.sharing_answers import OwnShare
+from clients.wallet.presentation.guardian_lines import guardian_lines
+from clients.wallet.presentation.share_text import name_recipient, own_share, share_lines
 from clients.wallet.presentation.translations import LANGUAGES, language_in_use, section
-from clients.wallet.records.erasure_status import ErasureProgress, custodian_names, erasure_lines, erasure_row
-from clients.wallet.recovery.guardian_lines import guardian_lines
+from clients.wallet.records.erasure_status import ErasureProgress
 from clients.wallet.sharing.outgoing_shares import Share
 from consensus.errors import BlockRobotError
 from consensus.rights.purposes import PURPOSES
@@ -152,7 +153,7 @@ def _counts(session: PageSession) -> Mapping[str, object]:
         "kinds": kinds_json(entries),
         "withheld": withheld_count(entries),
         "shares_open": sum(share.grant.row.is_open(now_ms) for share in snapshot.shares()),
-        "erasures_open": sum(not erasure.report.complete for erasure in snapshot.erasures(session.wallet, now_ms)),
+        "erasures_open": sum(not erasure.report.complete for erasure in snapshot.erasures(now_ms)),
         "alarms": sum(part.is_alarming for part in snapshot.visits),
         "inbox_news": sum(len(share.looks) for share in snapshot.shares()),
     }
@@ -378,7 +379,7 @@ def page_share(share: Share, now_ms: int, language: str) -> PageShare:
     return extend(
         PageShare,
         own_share(share, now_ms),
-        who=share.name_in(language),
+        who=name_recipient(share, language),
         purpose_sentence=PURPOSES.get(purpose, purpose),
         lines=share_lines(share, now_ms),
     )
@@ -401,10 +402,11 @@ class PageErasure(ErasureRow, frozen=True, kw_only=True):
     lines: list[str]
 
 
-def page_erasure(erasure: ErasureProgress) -> PageErasure:
-    return extend(PageErasure, erasure_row(erasure), lines=erasure_lines(erasure))
+def page_erasure(erasure: ErasureProgress, names: Mapping[bytes, str]) -> PageErasure:
+    return extend(PageErasure, erasure_row(erasure, names), lines=erasure_lines(erasure, names))
 
 
 async def _erasures(session: PageSession, _request: web.Request) -> web.Response:
-    found = session.snapshot.erasures(session.wallet, session.now_ms())
-    return answer_json({"erasures": [page_erasure(each) for each in found]})
+    found = session.snapshot.erasures(session.now_ms())
+    names = custodian_names(session.wallet)
+    return answer_json({"erasures": [page_erasure(each, names) for each in found]})

@@ -14,6 +14,7 @@ from clients.wallet.consent.notice_reading import Notices, NoticeView
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.session import PageSession
+from clients.wallet.presentation.consent_text import notice_answer, notice_words
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import decode_card_code
 from pages.local_page import LocalRoute
@@ -53,7 +54,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     role = decode_card_code(code).role
     async with session.hold() as wallet:
         notice_view = await Notices(wallet).for_card(code)
-    notice = msgspec.structs.replace(notice_view.answer(), lines=notice_view.words(language_of(request)))
+    notice = msgspec.structs.replace(notice_answer(notice_view), lines=notice_words(notice_view, language_of(request)))
     return answer_json({"role": role, "notice": notice})
 
 

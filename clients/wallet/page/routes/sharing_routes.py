@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 from aiohttp import web
@@ -13,8 +14,8 @@ from clients.wallet.page.page_answers import accepted, answer_json, body_of, lan
 from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import Snapshot
-from clients.wallet.presentation.share_text import explain, made_share
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.presentation.share_text import explain, extend_with_grants, made_share
+from clients.wallet.refusals import refusal
 from clients.wallet.sharing.outgoing_shares import (
     Grantee,
     SharingClient,
@@ -95,12 +96,12 @@ async def _share(session: PageSession, request: web.Request) -> web.Response:
     wish = _read_wish(asked, session.now_ms())
     asked.end()
     await session.gate.require(passphrase)
-    language = language_of(request)
+    add_made = functools.partial(extend_with_grants, language=language_of(request))
 
     async def work(job: Job) -> Result:
         await session.read(fresh=True)
         sharing, grantee, entries = await wish.find(session.wallet, session.snapshot)
-        done = await share_each(sharing, entries, grantee, wish.purpose, wish.until_ms, job.tell, language=language)
+        done = await share_each(sharing, entries, grantee, wish.purpose, wish.until_ms, job.tell, explain=add_made)
         count = sum(len(shared.records) for shared in done)
         return {"shared": [made_share(shared) for shared in done], "sentence": f"{count} records are shared."}
 

@@ -17,7 +17,7 @@ from clients.bundle.checks.bundle_check import Verdict, unproved, verify_bundle
 from clients.bundle.proving import schema_text
 from clients.bundle.writing import Contents, write_bundle
 from clients.wallet.export.export_building import ExportChoice
-from clients.wallet.export.proof_collection import read_transaction
+from clients.wallet.ledger.proof_collection import read_transaction
 from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.store.kept_proofs import receipt_proof
 from consensus.errors import BlockRobotError

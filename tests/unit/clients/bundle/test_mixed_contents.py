@@ -17,7 +17,7 @@ from clients.bundle.checks.bundle_check import unproved
 from clients.bundle.cli import verify
 from clients.bundle.writing import Contents, write_bundle
 from clients.robot.recording.sealing import VisitChain
-from clients.wallet.export.proof_collection import PersonProofs, collect_person
+from clients.wallet.ledger.proof_collection import PersonProofs, collect_person
 from clients.wallet.ledger.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey

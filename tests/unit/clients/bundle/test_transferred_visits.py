@@ -10,7 +10,7 @@ import pytest
 from clients.bundle.checks import visit_check
 from clients.bundle.checks.bundle_check import Verdict, verify_bundle
 from clients.wallet.export.export_building import ExportChoice
-from clients.wallet.export.proof_collection import StateCollector
+from clients.wallet.ledger.proof_collection import StateCollector
 from clients.wallet.ledger.visit_scan import find_own_visits
 from clients.wallet.recovery.key_rotation import KeyRotation
 from consensus.errors import BlockRobotError

@@ -14,8 +14,8 @@ from rich.console import Console
 from clients.wallet.cli.group_options import complete_profiles, complete_records
 from clients.wallet.commands.view_commands import _print_views
 from clients.wallet.ledger.wallet import RecordEntry
+from clients.wallet.presentation.album import Album
 from clients.wallet.records import contact_sheet
-from clients.wallet.records.album import Album
 from clients.wallet.records.contact_sheet import (
     FRAMES_MAX_COUNT,
     TILES_MAX_COUNT,

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.wallet.cli.invocation import WALLET_COMMAND, called, with_command_prefix
-from clients.wallet.presentation.translations import LANGUAGES, describe_error, refusal
+from clients.wallet.presentation.invocation import WALLET_COMMAND, called, with_command_prefix
+from clients.wallet.presentation.translations import LANGUAGES, describe_error
+from clients.wallet.refusals import refusal
 from consensus.errors import BlockRobotError
 from tests.world.dicts import typed_for
 

@@ -23,6 +23,7 @@ from clients.wallet.consent import receipt_fetching as wallet_receipts
 from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.consent.notice_reading import Notices
 from clients.wallet.consent.receipt_fetching import ConsentReceipts, try_fetch_receipt
+from clients.wallet.presentation.consent_text import receipt_line
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.rights.consent_receipts import sign_as_controller, sign_as_person
@@ -273,7 +274,7 @@ async def test_a_wallet_that_cannot_be_written_hides_no_word(ward: NoticeWard, m
     taken = await try_fetch_receipt(ward.wallet, txid)
     assert taken.refusal is not None
     assert taken.refusal.code == "FILE_UNUSABLE"
-    assert "No space left on device" in taken.line()
+    assert "No space left on device" in receipt_line(taken)
 
 
 @pytest.mark.parametrize("longest", ["ASK_NODE_MAX_S", "ASK_MAX_S"])
@@ -301,7 +302,7 @@ async def test_a_custodian_that_keeps_silent_keeps_no_word_waiting(
     else:
         assert taken.refusal is not None
         assert taken.refusal.code == "NODE_UNREACHABLE"
-        assert "silent did not answer" in taken.line()
+        assert "silent did not answer" in receipt_line(taken)
 
 
 async def test_a_stranger_checks_the_file_offline(ward: NoticeWard, tmp_path: Path) -> None:

@@ -17,15 +17,10 @@ from clients.wallet.commands import erase_commands
 from clients.wallet.commands.erase_commands import erasures
 from clients.wallet.ledger.visit_audit import AuditEntry
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.presentation.erasure_text import custodian_names, erasure_lines, erasure_row
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
 from clients.wallet.records.erasure import ErasureClient
-from clients.wallet.records.erasure_status import (
-    ErasureProgress,
-    custodian_names,
-    describe_erasure,
-    erasure_lines,
-    erasure_row,
-)
+from clients.wallet.records.erasure_status import ErasureProgress, describe_erasure
 from clients.wallet.store.keystore import Keystore, KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
@@ -147,7 +142,7 @@ async def _described(world: World, receipts: Receipts, *, age_ms: int, frames: l
     visit = await own_visit(world)
     put_erasure(world, b"e" * 32, "complete" if len(receipts) == 2 else "requested", receipts)
     report = await ErasureClient(world.wallet).report(visit, b"e" * 32)
-    return describe_erasure(report, _asked(visit, frames), NAMES, ASKED_MS + age_ms)
+    return describe_erasure(report, _asked(visit, frames), ASKED_MS + age_ms)
 
 
 async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World) -> None:
@@ -155,7 +150,7 @@ async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World
     for age_ms, overdue in ((ERASURE_OVERDUE_AFTER_MS, False), (ERASURE_OVERDUE_AFTER_MS + 1, True)):
         erasure = await _described(world, {b"a" * 33: told}, age_ms=age_ms, frames=[])
         assert [word.overdue for word in erasure.custodians] == [False, overdue]
-        lines = "\n".join(erasure_lines(erasure))
+        lines = "\n".join(erasure_lines(erasure, NAMES))
         assert "1 record: not erased everywhere yet." in lines
         assert "node-1 of ward confirmed" in lines
         assert "12 pictures destroyed." in lines
@@ -166,11 +161,11 @@ async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World
 async def test_what_remains_of_erased_pictures_is_said_until_when(world: World) -> None:
     told = said(2, "commitment-leaves", ASKED_MS + 1, ASKED_MS)
     erasure = await _described(world, {b"a" * 33: told, b"b" * 33: told}, age_ms=10**9, frames=[0, 1])
-    lines = erasure_lines(erasure)
+    lines = erasure_lines(erasure, NAMES)
     assert "2 pictures of a record: erased everywhere." in lines[0]
     remains = "what remains is check numbers, which prove the other pictures and show nothing, until"
     assert all(remains in line for line in lines[1:])
-    described = erasure_row(erasure)
+    described = erasure_row(erasure, NAMES)
     assert [word.overdue for word in described.custodians] == [False, False]
     assert described.custodians[0].destroyed_frames == 2
 
@@ -179,8 +174,8 @@ async def test_a_custodian_without_a_name_is_told_by_its_key(world: World) -> No
     visit = await own_visit(world)
     put_erasure(world, b"e" * 32, "requested", {})
     report = await ErasureClient(world.wallet).report(visit, b"e" * 32)
-    erasure = describe_erasure(report, _asked(visit, []), {}, ASKED_MS)
-    assert erasure.custodians[0].name == f"custodian {(b'a' * 33).hex()[:12]}"
+    erasure = describe_erasure(report, _asked(visit, []), ASKED_MS)
+    assert erasure_row(erasure, {}).custodians[0].name == f"custodian {(b'a' * 33).hex()[:12]}"
 
 
 async def test_in_portuguese_the_same_is_said_with_what_remains_and_who_is_late(world: World) -> None:
@@ -198,7 +193,7 @@ async def test_in_portuguese_the_same_is_said_with_what_remains_and_who_is_late(
     assert "2 imagens de uma gravação: " in head
     assert "2 imagens destruídas; o que lá fica: números de controlo" in first
     assert second.endswith(" ainda não confirmou.")
-    assert erasure_row(erasure).custodians[0].name == "node-1 of ward"
+    assert erasure_row(erasure, NAMES).custodians[0].name == "node-1 of ward"
 
 
 def test_the_command_speaks_portuguese_and_its_json_stays_as_it_is(
@@ -206,8 +201,11 @@ def test_the_command_speaks_portuguese_and_its_json_stays_as_it_is(
 ) -> None:
     world, told = World(tmp_path), []
     erasure = run_virtual(_described(world, {}, age_ms=0, frames=[]))
-    custodian = SimpleNamespace(custodian_key=b"a" * 33, name="node-1", organisation="ward")
-    wallet = SimpleNamespace(genesis=SimpleNamespace(custodians=[custodian]))
+    custodians = [
+        SimpleNamespace(custodian_key=b"a" * 33, name="node-1", organisation="ward"),
+        SimpleNamespace(custodian_key=b"b" * 33, name="node-2", organisation="lab"),
+    ]
+    wallet = SimpleNamespace(genesis=SimpleNamespace(custodians=custodians))
 
     async def find(_wallet: Wallet, _now_ms: int) -> list[ErasureProgress]:
         return list(told)
@@ -225,4 +223,4 @@ def test_the_command_speaks_portuguese_and_its_json_stays_as_it_is(
     assert "node-1 de ward ainda não confirmou." in CliRunner().invoke(erasures, []).output
     (row,) = json.loads(CliRunner().invoke(erasures, ["--json"]).output)["erasures"]
     assert [word["name"] for word in row["custodians"]] == list(NAMES.values())
-    assert custodian_names(wallet) == {b"a" * 33: "node-1 of ward"}  # type: ignore[arg-type]
+    assert custodian_names(wallet) == NAMES  # type: ignore[arg-type]

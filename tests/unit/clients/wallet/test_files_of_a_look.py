@@ -11,8 +11,8 @@ import pytest
 
 from clients.robot.recording.sealing import VisitChain
 from clients.wallet.commands import view_commands
+from clients.wallet.presentation import album
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
-from clients.wallet.records import album
 from clients.wallet.records.contact_sheet import Tile, draw_sheet
 from clients.wallet.records.picture_files import delete_frames
 from tests.world.commands import People

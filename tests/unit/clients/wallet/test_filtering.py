@@ -14,12 +14,14 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.robot.recording.sealing import ClipContent, seal_clip
+from clients.wallet.cli import filter_options
+from clients.wallet.cli.filter_options import read_days, read_filter, read_minutes
 from clients.wallet.cli.main import wallet
 from clients.wallet.commands import records_commands
-from clients.wallet.ledger import record_filter
-from clients.wallet.ledger.record_filter import Filter, read_days, read_filter, read_minutes, select
+from clients.wallet.ledger.record_filter import Filter, select
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.presentation.translations import LANGUAGES, load
+from clients.wallet.presentation.translations import LANGUAGES
+from clients.wallet.refusals import load
 from clients.wallet.store.keystore import KnownVisit
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR, RecordMetadata
@@ -123,8 +125,8 @@ def test_pages_hold_every_record_once_in_order_and_visits_keep_their_numbers() -
     assert found == entries
     assert {page.pages_count for page in pages} == {101}
     assert [shown.number for shown in pages[0].visits] == [1, 2, 3]
-    with pytest.raises(click.UsageError, match="101 pages, the last is --page 101"):
-        select(reports, Filter(), 102, 50)
+    beyond = select(reports, Filter(), 102, 50)
+    assert (beyond.visits, beyond.pages_count) == ((), 101)
 
 
 def test_an_empty_history_is_one_empty_page() -> None:
@@ -229,5 +231,5 @@ def filtering_console(width: int) -> Any:
 
 
 def test_parts_of_the_day_cover_it_once() -> None:
-    hours = sorted(record_filter.PARTS_OF_DAY.values())
+    hours = sorted(filter_options.PARTS_OF_DAY.values())
     assert [first for first, _ in hours] + [24] == [0] + [end for _, end in hours]

@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 from shamir_mnemonic import shamir
 
 from clients.wallet.cli.main import wallet
-from clients.wallet.recovery.guardian_sheets import read_written
+from clients.wallet.presentation.guardian_sheets import read_written
 from clients.wallet.recovery.slip39_shares import SHARE_WORDS_COUNT, read_share, split_into_words
 from clients.wallet.store import wallet_lock
 from clients.wallet.store.keystore import Keystore, WalletContent

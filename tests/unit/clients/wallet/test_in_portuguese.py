@@ -18,11 +18,13 @@ from clients.wallet.commands import consent_commands, serve_commands
 from clients.wallet.commands.account import rotate_commands
 from clients.wallet.consent.notice_reading import NoticeView
 from clients.wallet.consent.receipt_fetching import Receipts
-from clients.wallet.consent.rights_requests import describe_event
 from clients.wallet.ledger.visit_status import BreachEnd, OfficersErasure, VisitRights
+from clients.wallet.presentation.audit_story import describe_event
+from clients.wallet.presentation.consent_text import notice_answer, notice_text
 from clients.wallet.presentation.former_text import words_lines
-from clients.wallet.presentation.translations import DEFAULT_LANGUAGE, code_text, load, section
+from clients.wallet.presentation.translations import code_text, section
 from clients.wallet.presentation.visit_status_text import rights_lines
+from clients.wallet.refusals import DEFAULT_LANGUAGE, load
 from consensus.errors import BlockRobotError
 from consensus.rights import right_codes as codes
 from consensus.rights.notices import NOTICE_LINES, NoticeRow, PublishedNotice, notice_lines
@@ -257,7 +259,7 @@ def test_a_name_that_fits_nothing_is_refused_in_portuguese(run: Any, world: Worl
 
 def test_who_tells_nothing_is_named_in_portuguese(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
-    (told,) = NoticeView("hospital", None, 7).lines()
+    (told,) = notice_text(NoticeView("hospital", None, 7))
     assert told.startswith("hospital não publicou nenhum aviso de privacidade: pergunte no balcão")
 
 
@@ -266,10 +268,10 @@ def test_a_notice_has_portuguese_headings_and_the_words_that_were_published(monk
     row = NoticeRow("hospital", 1, b"\x01" * 32, 1, NOW_MS)
     told = NoticeView("hospital", PublishedNotice(row, notice), 7)
     assert section("notice.line", "en") == NOTICE_LINES
-    english = [line.strip() for line in told.lines()[1:-1]]
-    assert english == notice_lines(notice) == told.answer().lines
+    english = [line.strip() for line in notice_text(told)[1:-1]]
+    assert english == notice_lines(notice) == notice_answer(told).lines
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
-    head, *lines, last = told.lines()
+    head, *lines, last = notice_text(told)
     assert head.startswith("O que a organização hospital lhe comunica")
     assert (len(lines), lines[0].startswith("  Responsável: ")) == (len(english), True)
     assert all(right.words in "".join(lines) for right in notice.rights)
@@ -277,7 +279,7 @@ def test_a_notice_has_portuguese_headings_and_the_words_that_were_published(monk
         assert line.strip().partition(":")[0] != before.partition(":")[0]
     assert "  O seu direito (art. 17): " in "\n".join(lines)
     assert last == "  Atrás de cada título estão as palavras de hospital, tal como as publicou: não se traduzem."
-    assert told.answer().lines == english, "programs are told the same in every language"
+    assert notice_answer(told).lines == english, "programs are told the same in every language"
 
 
 def test_where_the_page_is_stands_in_portuguese(

@@ -5,25 +5,18 @@ from __future__ import annotations
 import ast
 import re
 import string
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 
+from clients.wallet import refusals
 from clients.wallet.ledger import id_prefix
 from clients.wallet.presentation import translations
-from clients.wallet.presentation.translations import (
-    ONE,
-    OTHER,
-    Form,
-    WrongUsage,
-    describe_error,
-    find_language,
-    load,
-    refusal,
-    section,
-    text,
-)
+from clients.wallet.presentation.translations import WrongUsage, describe_error, find_language, section, text
+from clients.wallet.refusals import ONE, OTHER, Form, load, refusal
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.rights.purposes import PURPOSES
@@ -336,16 +329,21 @@ def test_what_the_command_line_says_goes_before_the_environment(monkeypatch: pyt
     assert text("records.none") == load("en")["records.none"]
 
 
+def put_catalogue(monkeypatch: pytest.MonkeyPatch, load_stand_in: Callable[[str], Mapping[str, Any]]) -> None:
+    for module in (refusals, translations):
+        monkeypatch.setattr(module, "load", load_stand_in)
+
+
 def test_a_plural_form_is_chosen_by_the_count_and_values_are_put_in(monkeypatch: pytest.MonkeyPatch) -> None:
     forms = {"a.pictures": {ONE: "{count} picture", OTHER: "{count} pictures"}}
-    monkeypatch.setattr(translations, "load", lambda _name: forms)
+    put_catalogue(monkeypatch, lambda _name: forms)
     said = [text("a.pictures", language="en", count=count) for count in (0, 1, 2)]
     assert said == ["0 pictures", "1 picture", "2 pictures"]
 
 
 def test_what_a_language_lacks_is_said_in_english(monkeypatch: pytest.MonkeyPatch) -> None:
     tables = {"en": {"page.title": "Yours"}, "pt": {}}
-    monkeypatch.setattr(translations, "load", lambda name: tables[name])
+    put_catalogue(monkeypatch, lambda name: tables[name])
     assert text("page.title", language="pt") == "Yours"
     assert section("page", "pt") == {"title": "Yours"}
 
@@ -353,7 +351,7 @@ def test_what_a_language_lacks_is_said_in_english(monkeypatch: pytest.MonkeyPatc
 def test_an_error_keeps_its_particulars_beside_its_translated_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
     table = {"errors.NOT_FOUND.meaning": "Não existe.", "errors.NOT_FOUND.next_step": "Verifique o nome."}
     table["ask.particulars"] = "{meaning} (em inglês: {detail})"
-    monkeypatch.setattr(translations, "load", lambda name: table if name == "pt" else {})
+    put_catalogue(monkeypatch, lambda name: table if name == "pt" else {})
     assert describe_error(BlockRobotError("NOT_FOUND"), "pt") == ("Não existe.", "Verifique o nome.")
     assert (
         describe_error(BlockRobotError("NOT_FOUND", "No visit 02ab."), "pt")[0]

@@ -11,10 +11,11 @@ import pytest
 
 from clients.sdk.terminal.terminal import home_folder
 from clients.wallet.cli.group_options import place_wallet
-from clients.wallet.cli.invocation import WALLET_COMMAND, called, verify_command, with_command_prefix
-from clients.wallet.presentation.translations import LANGUAGES, Form, describe_error, load, section, text
-from clients.wallet.recovery.guardian_sheets import build_sheet
+from clients.wallet.presentation.guardian_sheets import build_sheet
+from clients.wallet.presentation.invocation import WALLET_COMMAND, called, verify_command, with_command_prefix
+from clients.wallet.presentation.translations import LANGUAGES, describe_error, section, text
 from clients.wallet.recovery.slip39_shares import split_words
+from clients.wallet.refusals import Form, load
 from clients.wallet.store.keystore import GuardianSet
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError

@@ -7,7 +7,8 @@ import string
 
 import pytest
 
-from clients.wallet.presentation.translations import LANGUAGES, ONE, load
+from clients.wallet.presentation.translations import LANGUAGES
+from clients.wallet.refusals import ONE, load
 
 COUNTED = frozenset(
     {

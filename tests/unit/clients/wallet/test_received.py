@@ -9,6 +9,7 @@ import pytest
 
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.presentation.share_text import name_recipient
 from clients.wallet.sharing import chain_grants
 from clients.wallet.sharing.chain_grants import find_received, grantee_key, resolve_grant
 from clients.wallet.sharing.incoming_shares import (
@@ -423,7 +424,7 @@ async def test_an_owner_with_new_words_still_sees_and_ends_what_she_shared(
     await change_words(ward.wallet)
     await ward.share(doctor)
     first, second = await ward.sharing.shares()
-    assert {share.name for share in (first, second)} == {
+    assert {name_recipient(share) for share in (first, second)} == {
         f"Dr Weber (handle {encode_short(doctor.store.content.handle)})"
     }
     await ward.sharing.revoke(first)

@@ -12,11 +12,11 @@ from clients.wallet.consent.rights_requests import (
     Rights,
     RightsStatement,
     choose,
-    describe_event,
     read_correction,
     write_correction,
 )
 from clients.wallet.ledger.visit_audit import audit_all
+from clients.wallet.presentation.audit_story import describe_event
 from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.rights.right_codes import commit_correction

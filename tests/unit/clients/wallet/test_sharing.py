@@ -7,6 +7,7 @@ import pytest
 
 from clients.wallet.consent.rights_requests import RecordChoice, Rights, choose
 from clients.wallet.ledger.wallet import Wallet
+from clients.wallet.presentation.share_text import name_recipient
 from clients.wallet.sharing.outgoing_shares import SharingClient, place_end, require_purpose_to_share, select_shareable
 from clients.wallet.store.member_keys import derive_keys, draw_words
 from consensus.errors import BlockRobotError
@@ -84,7 +85,7 @@ async def test_the_wallet_remembers_with_whom_and_shows_who_looked_by_the_chain(
     shared = await ward.share(doctor)
     (share,) = await ward.sharing.shares()
     assert (share.grant.grant_id, share.looks) == (shared.grant_id, ())
-    assert share.name.startswith("Dr Weber (handle ")
+    assert name_recipient(share).startswith("Dr Weber (handle ")
     assert share.given is not None
     assert hash_grant_member(share.given.salt, share.given.handle) == share.grant.row.member_hash
     receiving = ward.receiving(doctor)
@@ -103,7 +104,7 @@ async def test_a_wallet_restored_from_its_words_shows_the_grant_and_no_longer_wi
     again = ward.open_wallet("again", ward.wallet.store.content.words)
     (share,) = await SharingClient(again).shares()
     assert (share.grant.grant_id, share.given) == (shared.grant_id, None)
-    assert "the chain does not say who" in share.name
+    assert "the chain does not say who" in name_recipient(share)
 
 
 async def test_a_name_that_was_given_once_finds_the_same_member_again(ward: SharedWard, doctor: Wallet) -> None:
@@ -125,7 +126,7 @@ async def test_a_name_never_moves_to_another_person(ward: SharedWard, doctor: Wa
     assert encode_short(doctor.store.content.handle) in str(refused.value)
     assert (await ward.sharing.resolve_grantee(doctor.store.content.handle.hex(), "Dr Weber")).label == "Dr Weber"
     (share,) = await ward.sharing.shares()
-    assert share.name == f"Dr Weber (handle {encode_short(doctor.store.content.handle)})"
+    assert name_recipient(share) == f"Dr Weber (handle {encode_short(doctor.store.content.handle)})"
 
 
 async def test_a_name_that_stands_for_two_in_an_older_wallet_finds_neither(ward: SharedWard, doctor: Wallet) -> None:
@@ -238,7 +239,7 @@ async def test_erasing_names_who_had_received_it(ward: SharedWard, doctor: Walle
     only = [entry for entry in entries if entry.record_id == first]
     await ward.sharing.share(only, grantee, "care", ward.until_ms(), ward.told.append)
     (share,) = await ward.sharing.recipients(only)
-    assert share.name.startswith("Dr Weber (handle ")
+    assert name_recipient(share).startswith("Dr Weber (handle ")
     assert await ward.sharing.recipients([entry for entry in entries if entry.record_id == second]) == []
 
 

@@ -24,7 +24,8 @@ from clients.wallet.page import passphrase_check as passphrases
 from clients.wallet.page.jobs import TOLD
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
-from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, load
+from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
+from clients.wallet.refusals import load
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.wallet_page_client import WalletPage

@@ -7,7 +7,7 @@ from typing import Annotated
 from msgspec import UNSET, UnsetType
 
 from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Count, Height, Hex, Problem, TimeMs, doc
-from clients.wallet.presentation.record_answers import FetchedRecord, WrittenPictures
+from clients.wallet.answers.record_answers import FetchedRecord, WrittenPictures
 
 
 class SharedRecords(Answer, frozen=True, kw_only=True):

@@ -9,7 +9,7 @@ from pathlib import Path
 from clients.sdk.passphrase import PassphraseCost
 from clients.wallet.cli.wallet_context import run_made
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.translations import refusal
+from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys
 from consensus.errors import BlockRobotError

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from msgspec import UNSET, UnsetType
 
 from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Count, Height, Hex, TimeMs, doc
-from clients.wallet.presentation.mandate_answers import SpokenFor
+from clients.wallet.answers.mandate_answers import SpokenFor
 
 
 class NoticeAnswer(Answer, frozen=True, kw_only=True):

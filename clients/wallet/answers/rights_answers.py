@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Count, Height, Hex, TimeMs, doc
-from clients.wallet.presentation.mandate_answers import SpokenFor
+from clients.wallet.answers.mandate_answers import SpokenFor
 
 
 class VisitStatement(Answer, frozen=True, kw_only=True):

@@ -12,9 +12,10 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-from clients.wallet.cli.invocation import WALLET_COMMAND
-from clients.wallet.presentation.translations import language_in_use, refusal, text
+from clients.wallet.presentation.invocation import WALLET_COMMAND
+from clients.wallet.presentation.translations import language_in_use, text
 from clients.wallet.recovery.slip39_shares import show_identifier
+from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import GuardianSet
 from pages.serving import PAGES_ASSETS
 from pages.time_format import format_date
