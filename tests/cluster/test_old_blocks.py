@@ -66,7 +66,7 @@ async def say_and_erase(network: NetworkUnderTest, wallet: Wallet) -> bytes:
     (known,) = await wallet.scan()
     erasing = ErasureClient(wallet)
     ids = await erasing.request(known, [story.history.writes[-1].record_id], [])
-    (report,) = await erasing.wait_complete(known, ids, timeout_s=60)
+    (report,) = await erasing.wait_complete([(known, ids)])
     return report.erasure_id
 
 

@@ -171,7 +171,7 @@ async def _erase_and_confirm(sides: Sides, entries: list[RecordEntry]) -> None:
     (recipient,) = [each for each in await sides.sharing.recipients([gone]) if each.grant.grant_id == shared.grant_id]
     assert recipient.name.startswith("Dr Weber (handle ")
     erasing = ErasureClient(sides.ann)
-    await erasing.wait_complete(gone.visit, await erasing.request(gone.visit, [gone.record_id], []), timeout_s=60)
+    await erasing.wait_complete([(gone.visit, await erasing.request(gone.visit, [gone.record_id], []))])
     receipt = await sides.received(shared)
     with pytest.raises(BlockRobotError, match="CLIP_ERASED"):
         await sides.receiving.look(receipt, gone.record_id, access_id)

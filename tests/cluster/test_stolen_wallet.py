@@ -131,7 +131,7 @@ async def test_who_has_the_old_words_is_refused_everywhere_and_she_goes_on(
 
         erasing = ErasureClient(ann)
         ids = await erasing.request(first.visit, [first.records[-1].record_id], [])
-        await erasing.wait_complete(first.visit, ids, timeout_s=30)
+        await erasing.wait_complete([(first.visit, ids)], timeout_s=30)
         kinds = [entry.kind for entry in await audit_all(ann) if entry.owner == first.visit.owner]
         assert kinds.count("transferred") == 1
         assert kinds[-1] == "erasure_complete"

@@ -24,7 +24,7 @@ async def _erase_one(wallet: Wallet) -> str:
     entry = report.records[0]
     erasing = ErasureClient(wallet)
     ids = await erasing.request(entry.visit, [entry.record_id], [])
-    await erasing.wait_complete(entry.visit, ids, timeout_s=30)
+    await erasing.wait_complete([(entry.visit, ids)], timeout_s=30)
     return entry.record_id.hex()
 
 

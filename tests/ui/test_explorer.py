@@ -363,7 +363,7 @@ async def test_an_erasure_is_told_with_the_receipt_of_each_custodian_and_with_no
 ) -> None:
     async with recorded_network.wallet() as ann:
         ((visit, ids),) = await ErasureClient(ann).request_each([recorded_network.records[-1]], [])
-        await ErasureClient(ann).wait_complete(visit, ids, 60.0)
+        await ErasureClient(ann).wait_complete([(visit, ids)])
     await enter(page, recorded_network.network, "custody")
     await expect(page.get_by_text("receipt; complete")).to_be_visible()
     await page.get_by_role("link", name="1 record").first.click()

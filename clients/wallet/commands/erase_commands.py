@@ -19,11 +19,11 @@ from clients.wallet.cli.group_options import complete_records
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet, warn_of_linked_visits
 from clients.wallet.commands.share_commands import print_copies, print_recipients
 from clients.wallet.ledger.record_filter import choose_records
-from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.erasure_text import custodian_names, erasure_lines, erasure_row
 from clients.wallet.presentation.share_text import own_share
 from clients.wallet.presentation.translations import WrongUsage, language_in_use, text
-from clients.wallet.records.erasure import ErasureClient, ErasureReport, missing_pictures
+from clients.wallet.records.erasure import WAIT_MAX_S, ErasureClient, ErasurePlan, ErasureReport
 from clients.wallet.records.erasure_status import ErasureProgress, find_erasures
 from clients.wallet.records.viewing import name_places
 from clients.wallet.refusals import DEFAULT_LANGUAGE
@@ -32,7 +32,6 @@ from consensus.errors import BlockRobotError
 from consensus.exit_codes import exit_code_of
 from pages.time_format import format_time
 
-ERASE_WAIT_S = 60.0
 _NUMBER = re.compile(r"[1-9][0-9]{0,8}", re.ASCII)
 
 
@@ -67,24 +66,17 @@ def _read_frames(written: str | None) -> list[int]:
     return sorted({int(number) - 1 for number in numbers})
 
 
-async def _select_pictures(
-    erasing: ErasureClient, entry: RecordEntry, wish: _EraseOptions
-) -> tuple[list[int], list[int], int]:
-    """Left to erase, others, and the total. Raises WrongUsage."""
-    count = await erasing.count_pictures(entry, wish.frames)
-    missing = missing_pictures(wish.frames, count)
-    if not count:
+def _require_pictures(plan: ErasurePlan) -> None:
+    """Raises WrongUsage."""
+    if plan.missing and not plan.count:
         raise WrongUsage("no_picture_at_all")
-    if missing:
-        raise WrongUsage("no_picture", missing=name_places(missing), count=count)
-    left, gone = await erasing.split_erased(entry, wish.frames)
-    if gone and not wish.as_json:
-        console.print(text("erase.left_out", numbers=name_places(gone), count=len(gone)))
-    return left, gone, count
+    if plan.missing:
+        raise WrongUsage("no_picture", missing=name_places(plan.missing), count=plan.count)
 
 
-def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipients: Sequence[Share]) -> None:
+def _ask_to_erase(plan: ErasurePlan, recipients: Sequence[Share]) -> None:
     """Raises Abort."""
+    entries, frames = plan.entries, plan.frames
     if frames:
         (entry,) = entries
         times = {
@@ -92,7 +84,7 @@ def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipi
             "last": format_time(entry.metadata.ended_at_ms),
         }
         name, numbers = entry.record_id.hex()[:12], name_places(frames)
-        console.print(text("erase.frames", count=len(frames), numbers=numbers, of=of, name=name, **times))
+        console.print(text("erase.frames", count=len(frames), numbers=numbers, of=plan.count, name=name, **times))
     else:
         pictures = text("records.pictures", count=sum(entry.pictures_left_count for entry in entries))
         visits = text("count.visits", count=len({entry.visit.owner for entry in entries}))
@@ -108,17 +100,17 @@ def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipi
 def _ignore(_: Sequence[ErasureReport]) -> None: ...
 
 
-def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
+def _show_receipts() -> Callable[[Sequence[ErasureReport]], None]:
     shown: list[int] = []
 
-    def tell(reports: Sequence[ErasureReport]) -> None:
+    def show(reports: Sequence[ErasureReport]) -> None:
         here = sum(len(report.state.receipts) for report in reports)
         if here and shown[-1:] != [here]:
             shown.append(here)
             of_all = sum(len(report.state.custodians) for report in reports)
             click.echo(text("erase.receipts", here=here, count=of_all), err=True)
 
-    return tell
+    return show
 
 
 @click.command()
@@ -164,26 +156,28 @@ def erase(
 
 async def _erase(wish: _EraseOptions, opened: Wallet) -> _EraseResult:
     """Raises Abort, WrongUsage."""
-    chosen = await choose_records(opened, wish.record_ids)
-    entries = [entry for entry in chosen if entry.state.status == "active"]
-    erasing, done, frames, of = ErasureClient(opened), _EraseResult(), wish.frames, 0
-    if wish.frames and entries:
-        frames, done.left_out, of = await _select_pictures(erasing, entries[0], wish)
-        if not frames:
-            return done
-    warn_of_linked_visits(entries, as_json=wish.as_json)
-    done.recipients = await SharingClient(opened).recipients(entries)
-    if entries and not wish.yes:
-        _ask_to_erase(entries, frames, of, done.recipients)
-    for visit, ids in await erasing.request_each(entries, frames):
-        try:
-            if wish.wait and done.late is None:
-                await erasing.wait_complete(visit, ids, ERASE_WAIT_S, _ignore if wish.as_json else _tell_receipts())
-        except BlockRobotError as error:
-            if error.code != "ERASURE_NOT_CONFIRMED":
-                raise
-            done.late = error  # who had received it is told all the same
-        done.reports.extend([await erasing.report(visit, erasure_id) for erasure_id in ids])
+    erasing, done = ErasureClient(opened), _EraseResult()
+    plan = await erasing.plan(await choose_records(opened, wish.record_ids), wish.frames)
+    _require_pictures(plan)
+    done.left_out = plan.gone
+    if plan.gone and not wish.as_json:
+        console.print(text("erase.left_out", numbers=name_places(plan.gone), count=len(plan.gone)))
+    if plan.is_empty:
+        return done
+    warn_of_linked_visits(plan.entries, as_json=wish.as_json)
+    done.recipients = await SharingClient(opened).recipients(plan.entries)
+    if not wish.yes:
+        _ask_to_erase(plan, done.recipients)
+    requested = await erasing.request_each(plan.entries, plan.frames)
+    try:
+        if wish.wait:
+            show = _ignore if wish.as_json else _show_receipts()
+            await erasing.wait_complete(requested, WAIT_MAX_S, show)
+    except BlockRobotError as error:
+        if error.code != "ERASURE_NOT_CONFIRMED":
+            raise
+        done.late = error  # who had received it is shown all the same
+    done.reports = [await erasing.report(visit, erasure_id) for visit, ids in requested for erasure_id in ids]
     return done
 
 

@@ -34,7 +34,7 @@ class VisitPart:
     report: VisitReport
     trail: tuple[AuditEntry, ...]
     shares: tuple[Share, ...]
-    erasures: tuple[tuple[ErasureReport, AuditEntry], ...]
+    erasures: tuple[ErasureReport, ...]
     verdicts: dict[bytes, Verdict] = field(default_factory=dict)
 
     @property
@@ -86,7 +86,7 @@ class Snapshot:
 
     def erasures(self, now_ms: int) -> list[ErasureProgress]:
         """Oldest first, with overdue custodians."""
-        found = [describe_erasure(report, asked, now_ms) for part in self.visits for report, asked in part.erasures]
+        found = [describe_erasure(report, now_ms) for part in self.visits for report in part.erasures]
         return sorted(found, key=lambda each: each.asked_at_ms)
 
     def shares(self) -> list[Share]:

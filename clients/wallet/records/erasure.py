@@ -18,6 +18,8 @@ from consensus.limits import CLIP_FRAMES_MAX_COUNT, RECORDS_A_CALL_MAX_COUNT
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.state.erasure import REQUEST, ErasureRow
 
+WAIT_MAX_S = 60.0
+"""How long a command and the page wait for receipts."""
 _POLL_S = 0.1
 _LOOK_PURPOSE = "own-access"
 
@@ -35,17 +37,41 @@ class ErasureReport:
         return self.state.status == "complete"
 
 
-def missing_pictures(frames: Sequence[int], count: int) -> list[int]:
-    return [index for index in frames if index >= count]
+@dataclass(frozen=True, slots=True)
+class ErasurePlan:
+    """What a request would erase; `frames` are picture indexes of its one record, none of them: whole records.
+
+    `gone`: erased or asked for already, `missing`: beyond the record's `count`.
+    """
+
+    entries: list[RecordEntry]
+    frames: list[int]
+    gone: list[int]
+    missing: list[int]
+    count: int
+
+    @property
+    def is_empty(self) -> bool:
+        return not self.entries or bool(self.gone and not self.frames)
 
 
-def split_erased(entry: RecordEntry, frames: Sequence[int], trail: Sequence[AuditEntry]) -> tuple[list[int], list[int]]:
-    """Picture indexes left to erase, and those erased or pending by the audit trail."""
-    gone = set(entry.state.erased_frames)
+def plan_erasure(
+    entries: Sequence[RecordEntry], frames: Sequence[int] = (), count: int = 0, trail: Sequence[AuditEntry] = ()
+) -> ErasurePlan:
+    """`count` and `trail`: of the one record whose `frames` are wanted. Raises REQUEST_INVALID."""
+    if frames and len(entries) != 1:
+        raise refusal("REQUEST_INVALID", "erase_frames")
+    gone = {index for entry in entries for index in entry.state.erased_frames}
     for each in trail:
-        if each.kind == "erasure_requested" and each.record_id == entry.record_id:
+        if each.kind == "erasure_requested" and each.record_id == entries[0].record_id:
             gone.update(each.data.get("frames", ()))
-    return [index for index in frames if index not in gone], [index for index in frames if index in gone]
+    return ErasurePlan(
+        entries=[entry for entry in entries if entry.state.status == "active"],
+        frames=[index for index in frames if index not in gone],
+        gone=[index for index in frames if index in gone],
+        missing=[index for index in frames if index >= count],
+        count=count,
+    )
 
 
 class ErasureClient:
@@ -54,19 +80,26 @@ class ErasureClient:
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
 
-    async def count_pictures(self, entry: RecordEntry, frames: Sequence[int]) -> int:
+    async def _count_pictures(self, entry: RecordEntry, frames: Sequence[int]) -> int:
         """An index beyond the robot's count makes a logged access. Raises as `view`."""
         if entry.metadata.sensor == NOTICE_SENSOR:
             return 0
         count = entry.metadata.frame_count
-        if frames and count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
+        if count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
             viewing = RecordViewer(self._wallet)
             view = await viewing.view(entry, await viewing.request_access([entry], _LOOK_PURPOSE))
             count = len(view.frames)
         return count
 
-    async def split_erased(self, entry: RecordEntry, frames: Sequence[int]) -> tuple[list[int], list[int]]:
-        return split_erased(entry, frames, await audit_visit(self._wallet, entry.visit))
+    async def plan(self, entries: Sequence[RecordEntry], frames: Sequence[int]) -> ErasurePlan:
+        """Raises REQUEST_INVALID, as `view`."""
+        if not frames or len(entries) != 1:
+            return plan_erasure(entries, frames)
+        (entry,) = entries
+        if entry.state.status != "active":
+            return plan_erasure(entries)
+        trail = await audit_visit(self._wallet, entry.visit)
+        return plan_erasure(entries, frames, await self._count_pictures(entry, frames), trail)
 
     async def request(self, visit: KnownVisit, records: list[bytes], frames: list[int]) -> list[bytes]:
         """In batches of 64 records; return the erasure ids."""
@@ -103,20 +136,20 @@ class ErasureClient:
 
     async def wait_complete(
         self,
-        visit: KnownVisit,
-        erasure_ids: list[bytes],
-        timeout_s: float,
-        tell: Callable[[Sequence[ErasureReport]], None] = lambda _: None,
+        requested: Sequence[tuple[KnownVisit, list[bytes]]],
+        timeout_s: float = WAIT_MAX_S,
+        on_progress: Callable[[Sequence[ErasureReport]], None] = lambda _: None,
+        is_over: Callable[[], bool] = lambda: False,
     ) -> list[ErasureReport]:
-        """Raises ERASURE_NOT_CONFIRMED."""
+        """Wait for all custodians' receipts, until `is_over`. Raises ERASURE_NOT_CONFIRMED."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + timeout_s
         while True:
-            reports = [await self.report(visit, erasure_id) for erasure_id in erasure_ids]
-            tell(reports)
+            reports = [await self.report(visit, erasure_id) for visit, ids in requested for erasure_id in ids]
+            on_progress(reports)
             if all(report.complete for report in reports):
                 return reports
-            if loop.time() > deadline:
+            if loop.time() >= deadline or is_over():
                 waiting = sum(len(report.state.custodians) - len(report.state.receipts) for report in reports)
                 missing = pluralize(waiting, "receipt of a custodian is", "receipts of custodians are")
                 raise BlockRobotError("ERASURE_NOT_CONFIRMED", f"{missing} still missing.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
+from clients.wallet.ledger.visit_audit import audit_visit
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.records.erasure import ErasureClient, ErasureReport
 from clients.wallet.store.keystore import KnownVisit
@@ -35,28 +35,25 @@ class ErasureProgress:
 
 
 async def find_erasures(wallet: Wallet, now_ms: int) -> list[ErasureProgress]:
-    found = [each for visit in await wallet.scan() for each in await find_erasures_of(wallet, visit, now_ms)]
-    return sorted(found, key=lambda each: each.asked_at_ms)
+    reports = [report for visit in await wallet.scan() for report in await read_erasures(wallet, visit)]
+    return sorted((describe_erasure(report, now_ms) for report in reports), key=lambda each: each.asked_at_ms)
 
 
-async def find_erasures_of(wallet: Wallet, visit: KnownVisit, now_ms: int) -> list[ErasureProgress]:
-    return [describe_erasure(report, asked, now_ms) for report, asked in await read_erasures(wallet, visit)]
-
-
-async def read_erasures(wallet: Wallet, visit: KnownVisit) -> list[tuple[ErasureReport, AuditEntry]]:
+async def read_erasures(wallet: Wallet, visit: KnownVisit) -> list[ErasureReport]:
     erasing = ErasureClient(wallet)
     return [
-        (await erasing.report(visit, entry.data["erasure_id"]), entry)
+        await erasing.report(visit, entry.data["erasure_id"])
         for entry in await audit_visit(wallet, visit)
         if entry.kind == "erasure_requested"
     ]
 
 
-def describe_erasure(report: ErasureReport, asked: AuditEntry, now_ms: int) -> ErasureProgress:
-    is_late = now_ms - asked.time_ms > ERASURE_OVERDUE_AFTER_MS
+def describe_erasure(report: ErasureReport, now_ms: int) -> ErasureProgress:
+    state = report.state
+    is_late = now_ms - state.time > ERASURE_OVERDUE_AFTER_MS
     words = []
-    for key in report.state.custodians:
-        receipt = report.state.receipts.get(key)
+    for key in state.custodians:
+        receipt = state.receipts.get(key)
         words.append(
             CustodianStatus(
                 key=key,
@@ -67,5 +64,4 @@ def describe_erasure(report: ErasureReport, asked: AuditEntry, now_ms: int) -> E
                 overdue=receipt is None and is_late,
             )
         )
-    records = asked.data.get("records", 0)
-    return ErasureProgress(report, asked.time_ms, records, tuple(asked.data.get("frames", ())), tuple(words))
+    return ErasureProgress(report, state.time, len(state.records), tuple(state.frames), tuple(words))

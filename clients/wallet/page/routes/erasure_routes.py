@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from aiohttp import web
 
 from clients.sdk.terminal.json_answers import Hex, extend
 from clients.wallet.answers.record_answers import CustodianAnswer
 from clients.wallet.ledger.record_filter import Filter
-from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.record_days import kind_of, kinds_json, read_zone, select
@@ -18,16 +16,13 @@ from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.routes.reading_routes import page_erasure, page_share
 from clients.wallet.page.session import PageSession
 from clients.wallet.presentation.erasure_text import custodian_names, erasure_row
-from clients.wallet.records.erasure import ErasureClient, missing_pictures, split_erased
-from clients.wallet.records.erasure_status import ErasureProgress, find_erasures_of
+from clients.wallet.records.erasure import WAIT_MAX_S, ErasureClient, ErasurePlan, ErasureReport, plan_erasure
+from clients.wallet.records.erasure_status import ErasureProgress, describe_erasure
 from clients.wallet.records.viewing import name_places
 from clients.wallet.refusals import refusal
 from clients.wallet.sharing.outgoing_shares import SharingClient
-from clients.wallet.store.keystore import KnownVisit
+from consensus.errors import BlockRobotError
 from pages.local_page import LocalRoute
-
-WAIT_MAX_S = 60.0
-_POLL_S = 0.5
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
@@ -37,24 +32,21 @@ def routes(session: PageSession) -> list[LocalRoute]:
     ]
 
 
-def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[list[RecordEntry], list[int]]:
-    """Not yet being erased. Raises NOT_FOUND, REQUEST_INVALID."""
+def _plan_of(session: PageSession, ids: list[bytes], frames: list[int]) -> ErasurePlan:
+    """From what the page has read. Raises NOT_FOUND, REQUEST_INVALID."""
     entries = [session.snapshot.entry(record_id) for record_id in ids]
-    active = [entry for entry in entries if entry.state.status == "active"]
-    left = frames
-    if frames:
-        if len(entries) != 1:
-            raise refusal("REQUEST_INVALID", "erase_frames")
+    if frames and len(entries) == 1:
         (entry,) = entries
         committed = session.clips.count_committed(entry.record_id)
         count = entry.metadata.frame_count if committed is None else committed
-        missing = missing_pictures(frames, count)
-        if missing:
-            raise refusal("REQUEST_INVALID", "erase_pictures", missing=name_places(missing), count=count)
-        left, _ = split_erased(entry, frames, session.snapshot.part_of(entry.visit.owner).trail)
-    if not active or (frames and not left):
+        plan = plan_erasure(entries, frames, count, session.snapshot.part_of(entry.visit.owner).trail)
+    else:
+        plan = plan_erasure(entries, frames)
+    if plan.missing:
+        raise refusal("REQUEST_INVALID", "erase_pictures", missing=name_places(plan.missing), count=plan.count)
+    if plan.is_empty:
         raise refusal("NOT_FOUND", "erase_nothing")
-    return active, left
+    return plan
 
 
 def _wanted(session: PageSession, asked: RequestFields) -> list[bytes]:
@@ -70,7 +62,8 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     asked = await body_of(request)
     ids, frames = _wanted(session, asked), asked.numbers("frames")
     asked.end()
-    entries, frames = _named(session, ids, frames)
+    plan = _plan_of(session, ids, frames)
+    entries, frames = plan.entries, plan.frames
     known = {entry.record_id for entry in entries}
     recipients = [share for share in session.snapshot.shares() if known.intersection(share.grant.row.records)]
     kinds = {kind_of(entries[0]): len(frames)} if frames else kinds_json(entries)
@@ -91,33 +84,35 @@ async def _erase(session: PageSession, request: web.Request) -> web.Response:
     asked = await body_of(request)
     passphrase, ids, frames = asked.text("passphrase"), asked.ids("records"), asked.numbers("frames")
     asked.end()
-    entries, frames = _named(session, ids, frames)
+    plan = _plan_of(session, ids, frames)
     await session.gate.require(passphrase)
 
     async def work(job: Job) -> Result:
-        return await _erase_and_follow(session, job, entries, frames, language_of(request))
+        return await _erase_and_follow(session, job, plan, language_of(request))
 
     return accepted(session.jobs.start("erase", work))
 
 
-async def _erase_and_follow(
-    session: PageSession, job: Job, entries: list[RecordEntry], frames: list[int], language: str
-) -> Result:
+async def _erase_and_follow(session: PageSession, job: Job, plan: ErasurePlan, language: str) -> Result:
     wallet = session.wallet
+    erasing, names = ErasureClient(wallet), custodian_names(wallet)
     job.tell("writing it into the ledger")
-    recipients = await SharingClient(wallet).recipients(entries)
-    asked = await ErasureClient(wallet).request_each(entries, frames)
-    session.clips.forget_records({entry.record_id for entry in entries})
-    names = custodian_names(wallet)
-    loop = asyncio.get_running_loop()
-    over_at = loop.time() + WAIT_MAX_S
-    while True:
-        found = await _read_asked(session, asked)
-        _tell_receipts(job, found, names)
-        is_complete = all(each.report.complete for each in found)
-        if is_complete or loop.time() >= over_at or session.ended.is_set():
-            break
-        await asyncio.sleep(_POLL_S)
+    recipients = await SharingClient(wallet).recipients(plan.entries)
+    requested = await erasing.request_each(plan.entries, plan.frames)
+    session.clips.forget_records({entry.record_id for entry in plan.entries})
+    found: list[ErasureProgress] = []
+
+    def show(reports: Sequence[ErasureReport]) -> None:
+        found[:] = [describe_erasure(each, session.now_ms()) for each in reports]
+        _show_receipts(job, found, names)
+
+    try:
+        await erasing.wait_complete(requested, WAIT_MAX_S, show, session.ended.is_set)
+        is_complete = True
+    except BlockRobotError as error:
+        if error.code != "ERASURE_NOT_CONFIRMED":
+            raise
+        is_complete = False
     now_ms = session.now_ms()
     return {
         "complete": is_complete,
@@ -129,21 +124,13 @@ async def _erase_and_follow(
     }
 
 
-async def _read_asked(session: PageSession, asked: list[tuple[KnownVisit, list[bytes]]]) -> list[ErasureProgress]:
-    found = []
-    for visit, ids in asked:
-        every = await find_erasures_of(session.wallet, visit, session.now_ms())
-        found += [each for each in every if each.report.erasure_id in ids]
-    return found
-
-
 class PageCustodianAnswer(CustodianAnswer, frozen=True, kw_only=True):
     """What a custodian said of an erasure."""
 
     erasure_id: Hex
 
 
-def _tell_receipts(job: Job, found: list[ErasureProgress], names: Mapping[bytes, str]) -> None:
+def _show_receipts(job: Job, found: list[ErasureProgress], names: Mapping[bytes, str]) -> None:
     rows = [
         extend(PageCustodianAnswer, word, erasure_id=each.report.erasure_id.hex())
         for each in found

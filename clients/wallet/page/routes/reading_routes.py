@@ -317,7 +317,7 @@ def _is_about(part: VisitPart, entry: RecordEntry, event: AuditEntry) -> bool:
     if named:
         return record_id in named
     if "erasure_id" in event.data:  # of several records, which the request names and the trail counts
-        asked = (report for report, _ in part.erasures if report.erasure_id == event.data["erasure_id"])
+        asked = (report for report in part.erasures if report.erasure_id == event.data["erasure_id"])
         return any(record_id in report.state.records for report in asked)
     if event.kind == "access_requested" and event.data["records"] == 0:
         return event.height >= entry.state.height

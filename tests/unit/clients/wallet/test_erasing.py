@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +15,6 @@ from click.testing import CliRunner
 
 from clients.wallet.commands import erase_commands
 from clients.wallet.commands.erase_commands import erasures
-from clients.wallet.ledger.visit_audit import AuditEntry
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.erasure_text import custodian_names, erasure_lines, erasure_row
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
@@ -41,8 +40,11 @@ def said(frames: int = 0, remains: str = "nothing", until_ms: int = 0, time_ms: 
     return ErasureReceiptRow(frames, remains, until_ms, bytes(32), time_ms)
 
 
-def put_erasure(world: World, erasure_id: bytes, status: Any, receipts: Receipts) -> None:
-    row = ErasureRow(b"o" * 33, [bytes(16)], [], [b"a" * 33, b"b" * 33], receipts, status, 0)
+def put_erasure(
+    world: World, erasure_id: bytes, status: Any, receipts: Receipts, frames: Sequence[int] = (), time_ms: int = 0
+) -> None:
+    custodians = [b"a" * 33, b"b" * 33]
+    row = ErasureRow(b"o" * 33, [bytes(16)], list(frames), custodians, receipts, status, time_ms)
     world.put(REQUEST, row, erasure_id)
 
 
@@ -109,7 +111,7 @@ def test_waiting_ends_with_the_last_receipt(tmp_path: Path) -> None:
     async def main() -> None:
         visit = await own_visit(world)
         world.network.state_values = changing  # type: ignore[method-assign]
-        (report,) = await ErasureClient(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
+        (report,) = await ErasureClient(world.wallet).wait_complete([(visit, [b"e" * 32])])
         assert report.complete
 
     run_virtual(main())
@@ -122,7 +124,7 @@ def test_waiting_in_vain_says_how_many_receipts_are_missing(tmp_path: Path) -> N
         visit = await own_visit(world)
         put_erasure(world, b"e" * 32, "requested", {b"a" * 33: said()})
         with pytest.raises(BlockRobotError) as caught:
-            await ErasureClient(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
+            await ErasureClient(world.wallet).wait_complete([(visit, [b"e" * 32])])
         assert caught.value.code == "ERASURE_NOT_CONFIRMED"
         assert caught.value.detail.startswith("1 ")
 
@@ -133,16 +135,11 @@ ASKED_MS = 1_800_000_000_000
 NAMES = {b"a" * 33: "node-1 of ward", b"b" * 33: "node-2 of lab"}
 
 
-def _asked(visit: KnownVisit, frames: list[int]) -> AuditEntry:
-    data = {"erasure_id": b"e" * 32, "records": 1, "frames": frames}
-    return AuditEntry(visit.owner, 3, b"", "erasure_requested", ASKED_MS, 9, data)
-
-
 async def _described(world: World, receipts: Receipts, *, age_ms: int, frames: list[int]) -> ErasureProgress:
     visit = await own_visit(world)
-    put_erasure(world, b"e" * 32, "complete" if len(receipts) == 2 else "requested", receipts)
+    put_erasure(world, b"e" * 32, "complete" if len(receipts) == 2 else "requested", receipts, frames, ASKED_MS)
     report = await ErasureClient(world.wallet).report(visit, b"e" * 32)
-    return describe_erasure(report, _asked(visit, frames), ASKED_MS + age_ms)
+    return describe_erasure(report, ASKED_MS + age_ms)
 
 
 async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World) -> None:
@@ -174,7 +171,7 @@ async def test_a_custodian_without_a_name_is_told_by_its_key(world: World) -> No
     visit = await own_visit(world)
     put_erasure(world, b"e" * 32, "requested", {})
     report = await ErasureClient(world.wallet).report(visit, b"e" * 32)
-    erasure = describe_erasure(report, _asked(visit, []), ASKED_MS)
+    erasure = describe_erasure(report, ASKED_MS)
     assert erasure_row(erasure, {}).custodians[0].name == f"custodian {(b'a' * 33).hex()[:12]}"
 
 

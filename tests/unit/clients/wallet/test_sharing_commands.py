@@ -88,7 +88,7 @@ def test_an_inbox_tells_what_is_wrong_with_ones_own_visits_and_an_erasure_who_ha
 ) -> None:
     """No custodian confirms in time: she hears that, and with whom she had shared it."""
     monkeypatch.setenv(LANGUAGE_VARIABLE, language)
-    monkeypatch.setattr(erase_commands, "ERASE_WAIT_S", -1.0)
+    monkeypatch.setattr(erase_commands, "WAIT_MAX_S", -1.0)
     ward, ann = people.ward, people.ward.wallet
     say = transcript.follow(lambda *typed: people.run(ann, *typed), "ann")
     visit = ward.open_visit()
@@ -164,7 +164,7 @@ def test_only_what_look_wrote_is_deleted_and_a_folder_with_other_files_stays_and
 
 
 def test_a_program_hears_of_a_late_erasure_who_had_received_it(people: People, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(erase_commands, "ERASE_WAIT_S", -1.0)
+    monkeypatch.setattr(erase_commands, "WAIT_MAX_S", -1.0)
     _, (record_id,) = people.ward.record_visit(1)
     people.share(record_id, "--yes")
     told = people.run(people.ward.wallet, "erase", record_id.hex(), "--wait", "--yes", "--json")
