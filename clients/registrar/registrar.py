@@ -5,7 +5,6 @@ rosters leave it.
 from __future__ import annotations
 
 import json
-import os
 import secrets
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -14,6 +13,7 @@ from pathlib import Path
 from clients.sdk.chain.proved_rows import Read, in_session, proved_row, put_query
 from clients.sdk.chain.transactions import Clock, SystemClock
 from clients.sdk.network_client import NetworkClient, open_pinned_client
+from clients.sdk.new_files import replace_file
 from clients.sdk.trust_pin import PIN_FILE
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.genesis import Genesis
@@ -173,14 +173,8 @@ class Registrar:
         return state
 
     def _save(self, cards: list[CardEntry]) -> None:
-        temporary = self._folder / f".{_CARDS_FILE}.tmp"
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-            os.fchmod(descriptor, 0o600)  # a leftover of a crash keeps its old mode
-            json.dump([asdict(card) for card in cards], file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(self._folder / _CARDS_FILE)
+        content = json.dumps([asdict(card) for card in cards]).encode()
+        replace_file(self._folder / _CARDS_FILE, content, temporary=self._folder / f".{_CARDS_FILE}.tmp")
 
     async def make_roster(self, robot: bytes) -> tuple[bytes, int]:
         """Return a robot's (key M) sealed roster, proven, and number of rows; forget former members. Raises NOT_FOUND."""

@@ -24,6 +24,7 @@ from clients.sdk.connections import (
     NodeAddress,
 )
 from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeDirectory, read_known_nodes
+from clients.sdk.new_files import replace_file
 from clients.sdk.node_answers import (
     BY_ITS_CLOCK,
     NOT_TAKING_PART,
@@ -35,7 +36,7 @@ from clients.sdk.node_answers import (
 )
 from clients.sdk.proof_checks import ProofVerifier, ProvedState
 from clients.sdk.sessions import Sessions
-from clients.sdk.trust_pin import open_pin, read_pin, write_pin, write_pin_file
+from clients.sdk.trust_pin import open_pin, read_pin, write_pin
 from consensus.api_documents import (
     ANNOUNCEMENTS_PAGE_MAX_COUNT,
     PROOF_KEYS_MAX_COUNT,
@@ -481,4 +482,4 @@ async def open_pinned_client(genesis: Genesis, path: Path) -> AsyncIterator[Netw
             yield client
         finally:
             if client.pinned != pinned:
-                write_pin_file(path, client.pinned)
+                replace_file(path, client.pinned)

@@ -1,5 +1,5 @@
-"""User-named files: atomic, private, not overwriting unasked, not following links. Unfinished ones are nameless where
-possible.
+"""Files written whole or not at all, and private. Those that users name overwrite nothing unasked, follow no links, and are
+nameless until they are finished, where the system can do that.
 """
 
 from __future__ import annotations
@@ -94,11 +94,33 @@ def give_name(temporary: Path, path: Path, *, replace: bool) -> None:
             require_free(path)
             temporary.replace(path)
         temporary.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """So that renames and removals survive power loss."""
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(folder)
+        os.fsync(descriptor)
     finally:
-        os.close(folder)
+        os.close(descriptor)
+
+
+def replace_file(path: Path, data: bytes, mode: int = _PRIVATE, *, temporary: Path | None = None) -> None:
+    """Replace a program's own file: a crash or a power cut leaves the old one or the new one. Raises OSError."""
+    temporary = temporary or temporary_beside(path)
+    try:
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, mode)
+        with os.fdopen(descriptor, "wb") as file:
+            os.fchmod(descriptor, mode)  # a leftover of a crash keeps its old mode
+            file.write(data)
+            file.flush()
+            os.fsync(descriptor)
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    sync_folder(path.parent)
 
 
 def open_to_append(path: Path) -> BinaryIO:

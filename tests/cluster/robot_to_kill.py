@@ -22,13 +22,13 @@ from typing import Any
 from clients.robot.cli import main as robot_cli
 from clients.robot.delivery.delivery import Delivery
 from clients.robot.delivery.robot_network import RobotNetwork
-from clients.robot.recording import sealed_file, sealing, sensor_recorder, spool, visit_book
+from clients.robot.recording import sealing, sensor_recorder, spool, visit_book
 from clients.robot.recording.sensor_recorder import SensorRecorder
 from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.run import runner
 from clients.robot.run.run_statistics import RunStatistics
-from clients.sdk import network_client
+from clients.sdk import network_client, new_files
 from clients.sdk.chain.custody_client import CustodyClient
 from clients.sdk.network_client import NetworkClient
 from consensus.chain.transaction import Transaction
@@ -91,7 +91,7 @@ STEPS: dict[str, Step] = {
     "spooled-before-sync": Step(os, "fsync", counts=_syncs_clip, number=2),
     "spooled-after-sync": Step(os, "fsync", after=True, counts=_syncs_clip, number=2),
     # From here on a clip is never lost, nor is its visit without it.
-    "spooled-before-folder-sync": Step(sealed_file, "sync_folder", counts=_in_spool, number=2),
+    "spooled-before-folder-sync": Step(new_files, "sync_folder", counts=_in_spool, number=2),
     "spooled": Step(Spool, "put", after=True, number=2),
     "visit-counted-before-sync": Step(os, "fsync", counts=_syncs_visits, number=2),
     "visit-counted": Step(OpenVisits, "save", after=True, number=3),
@@ -111,7 +111,7 @@ STEPS: dict[str, Step] = {
     "closing-submitted": Step(NetworkClient, "submit", after=True, counts=_calls("close_visit")),
     "visit-closed": Step(RobotNetwork, "submit_and_wait", after=True, counts=_calls("close_visit")),
     "visit-forgotten": Step(OpenVisits, "forget", after=True),
-    "pin-written": Step(network_client, "write_pin_file"),
+    "pin-written": Step(network_client, "replace_file"),
     "summary-told": Step(robot_cli, "print_answer"),
     # What must not be recorded is destroyed.
     "clip-nameless": Step(spool, "_wipe"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from nacl.bindings import (
 )
 from nacl.exceptions import CryptoError
 
+from clients.sdk.new_files import replace_file
 from consensus.errors import BlockRobotError
 
 TEMPORARY_PREFIX = ".tmp-"
@@ -38,24 +38,7 @@ def read_sealed(path: Path, key: bytes) -> bytes:
 
 def write_durably(path: Path, data: bytes) -> None:
     """Replace atomically, user-only. Raises SPOOL_FULL."""
-    temporary = path.with_name(TEMPORARY_PREFIX + path.name)
     try:
-        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
-            os.fchmod(file.fileno(), 0o600)  # a leftover of a crash keeps its old mode
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        replace_file(path, data, temporary=path.with_name(TEMPORARY_PREFIX + path.name))
     except OSError as error:
-        temporary.unlink(missing_ok=True)
         raise BlockRobotError("SPOOL_FULL", f"The sealed file could not be written: {error.strerror}.") from None
-    sync_folder(path.parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """So that renames and removals survive power loss."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

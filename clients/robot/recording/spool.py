@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from clients.robot.recording.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, sync_folder, write_durably
+from clients.robot.recording.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
+from clients.sdk.new_files import sync_folder
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
 from consensus.records.clips import ClipUpload

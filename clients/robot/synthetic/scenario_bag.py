@@ -21,6 +21,7 @@ from clients.robot.sources.source import NS_PER_MS
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
 from clients.robot.synthetic.render import RENDERER_VERSION, Renderer, readings
 from clients.robot.synthetic.scenario import Scenario
+from clients.sdk.new_files import replace_file
 from clients.sdk.terminal.processes import is_process_alive
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
@@ -207,9 +208,5 @@ def load_or_draw_tags(folder: Path, scenario: Scenario) -> dict[str, str]:
     if not new:
         return known
     drawn = {**known, **{alias: secrets.token_hex(_UID_BYTES).upper() for alias in new}}
-    temporary = path.with_suffix(".tmp")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        json.dump(drawn, file)
-    temporary.replace(path)
+    replace_file(path, json.dumps(drawn).encode())
     return drawn

@@ -6,13 +6,12 @@ It holds mnemonics, visits (sensitive: they reveal whereabouts) and the newest v
 from __future__ import annotations
 
 import logging
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
+from clients.sdk.new_files import replace_file
 from clients.sdk.passphrase import (
     PassphraseCost,
     PassphraseError,
@@ -137,26 +136,6 @@ class WalletContent(msgspec.Struct):
         return f"WalletContent({len(self.visits)} visits)"
 
 
-def _write_whole(path: Path, data: bytes) -> None:
-    """Sync file and folder: a power cut leaves old or new."""
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=".wallet-")
-    try:
-        os.fchmod(descriptor, 0o600)
-        with os.fdopen(descriptor, "wb") as handle:
-            handle.write(data)
-            handle.flush()
-            os.fsync(handle.fileno())
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
-
-
 def _damaged(error: SealedFileError, path: Path) -> BlockRobotError:
     if str(error) == "changed":
         return refusal("WALLET_DAMAGED", "wallet_changed", path=str(path))
@@ -223,4 +202,4 @@ class Keystore:
         if self._is_read_only:
             _log.info("The wallet is read beside another program: what was to be noted in it is dropped.")
             return
-        _write_whole(self._path, self._key.seal(msgspec.msgpack.encode(self.content)))
+        replace_file(self._path, self._key.seal(msgspec.msgpack.encode(self.content)))

@@ -21,10 +21,9 @@ import msgspec
 
 from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place, read_events, read_place
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.new_files import open_to_append
+from clients.sdk.new_files import open_to_append, replace_file
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console
-from clients.sdk.trust_pin import write_pin_file
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -258,7 +257,7 @@ def events(
                 _show(event, as_json=as_json)
             sys.stdout.flush()
         if state is not None and page.next != written:
-            write_pin_file(state, wanted.memory(page.next))
+            replace_file(state, wanted.memory(page.next))
         written = page.next
 
     async def read(client: NetworkClient, key: PrivateKey) -> None:
