@@ -168,10 +168,10 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool,
         as_json=as_json,
     )
 
-    def tell(number: int, count: int) -> None:
+    def on_progress(number: int, count: int) -> None:
         click.echo(f"erasing records: {number} of {count} are asked for", err=True)
 
-    count, after = _run(ctx, breach, lambda handled, found: handled.close(found, outcome, reason, tell))
+    count, after = _run(ctx, breach, lambda handled, found: handled.close(found, outcome, reason, on_progress))
     going = f" {pluralize(count, 'record is', 'records are')} being erased." if outcome == "erased" else ""
     line = OUTCOMES[outcome] + going
     _tell(ctx, after, line, as_json=as_json, erasing=count)

@@ -19,7 +19,7 @@ from consensus.rights.right_codes import Correction, commit_correction
 from consensus.state import rights
 from consensus.state.rights import BreachRow, CorrectionRow
 
-Tell = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Breaches:
         """Raises CALL_REFUSED with the contract's code."""
         return await self._call("notify", [breach.breach_id, recipient, reason])
 
-    async def close(self, breach: Breach, outcome: str, reason: str, tell: Tell) -> int:
+    async def close(self, breach: Breach, outcome: str, reason: str, on_progress: OnProgress) -> int:
         """Return how many erasures were ordered; `erased` erases all records after notices. Raises CALL_REFUSED."""
         ids: list[bytes] = []
         if outcome == "erased":
@@ -81,7 +81,7 @@ class Breaches:
             require_notified(breach)
             ids = await active_records(self._wallet, breach.state.owner)
         for start in range(0, len(ids), RECORDS_A_CALL_MAX_COUNT):
-            tell(start, len(ids))
+            on_progress(start, len(ids))
             await self._call("order_erasure", [breach.breach_id, ids[start : start + RECORDS_A_CALL_MAX_COUNT]])
         if breach.is_open or not ids:
             await self._call("close", [breach.breach_id, outcome, reason])

@@ -29,7 +29,7 @@ _HALVING_PAGE_COUNT = 8
 LATE_MAX_MS = 24 * 3600 * 1000 + 2 * TIME_BUCKET_MS
 """How much later than its bucket a visit may come to the chain: a robot's spool outlasts a day's cut of the network."""
 _KEPT_MEANWHILE = frozenset({"RECORD_RESTRICTED", "VISIT_QUARANTINED", "RECORD_ERASED"})
-Tell = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +225,7 @@ class LostKeys:
         """Raises CALL_REFUSED."""
         await self._call("stop", [proposal.proposal_id])
 
-    async def erase(self, proposal: Proposal, tell: Tell) -> OrderedErasures:
+    async def erase(self, proposal: Proposal, on_progress: OnProgress) -> OrderedErasures:
         """Erase at most the approved visits; repeatable, skips restricted or denied. Raises CALL_REFUSED."""
         preview = await self.preview_span(proposal.span)
         keys = {visit.owner: officers.TOUCHED.key(proposal.proposal_id, visit.owner) for visit in preview.touched}
@@ -237,7 +237,7 @@ class LostKeys:
         ids: list[bytes] = []
         records = kept = visits = 0
         for number, visit in enumerate(chosen):
-            tell(number, len(chosen))
+            on_progress(number, len(chosen))
             before = records
             try:
                 for start in range(0, len(visit.erasable), RECORDS_A_CALL_MAX_COUNT):

@@ -293,7 +293,7 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
     Example: blockrobot officer lost-keys erase 3fa2c19b07de
     """
 
-    def tell(number: int, count: int) -> None:
+    def on_progress(number: int, count: int) -> None:
         click.echo(f"visit {number + 1} of {count}: erasure is being ordered", err=True)
 
     async def main(handling: LostKeys) -> tuple[OrderedErasures, Proposal]:
@@ -304,7 +304,7 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
         if found.touched:
             question = f"Erase the records of {pluralize(len(found.touched), 'visit')} for everyone, for ever?"
             confirm_or_print(question, yes=yes, as_json=as_json)
-        ordered = await handling.erase(before, tell)
+        ordered = await handling.erase(before, on_progress)
         return ordered, await handling.find(before.proposal_id.hex())
 
     ordered, after = run_with_wallet(ctx, lambda opened: main(LostKeys(opened)))

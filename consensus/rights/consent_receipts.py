@@ -14,7 +14,7 @@ from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey, verify
-from consensus.rights.notices import Notice, NoticeRow, Party, PublishedNotice
+from consensus.rights.notices import Notice, NoticeVersion, Party, PublishedNotice
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.sensors import SENSORS
 from consensus.state.consent import GIVEN
@@ -111,7 +111,7 @@ def _from_height(receipt: Receipt, status: str) -> int:
     raise _invalid("The chain does not tell from when the word holds.")
 
 
-def is_notice_of(row: NoticeRow | None, following: NoticeRow | None, statement: ConsentStatement) -> bool:
+def is_notice_of(row: NoticeVersion | None, following: NoticeVersion | None, statement: ConsentStatement) -> bool:
     """Return whether a version was in force; `row` None: there was none, `following` the first or None."""
     come = row is None or row.height <= statement.seen_height
     return come and (following is None or following.height > statement.seen_height)
@@ -159,7 +159,7 @@ def _party(party: Party) -> dict[str, str]:
     return {"party_name": party.name, "party_address": party.address, "party_contact": party.contact}
 
 
-def _notice_reference(row: NoticeRow) -> dict[str, Any]:
+def _notice_reference(row: NoticeVersion) -> dict[str, Any]:
     return {
         "reference": f"{row.organisation}, version {row.version}",
         "organisation": row.organisation,

@@ -112,7 +112,7 @@ class Notice(_Part, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class NoticeRow:
+class NoticeVersion:
     """A version on the chain: number from 1, hash and block."""
 
     organisation: str
@@ -126,7 +126,7 @@ class NoticeRow:
 class PublishedNotice:
     """A version with text matching its hash."""
 
-    row: NoticeRow
+    row: NoticeVersion
     notice: Notice
 
 
@@ -213,12 +213,12 @@ def _texts(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
             yield from _texts(part, f"{place} {number}")
 
 
-def read_row(organisation: str, value: Any) -> NoticeRow | None:
+def read_row(organisation: str, value: Any) -> NoticeVersion | None:
     """Parse a version; None if absent. Raises NOTICE_INVALID."""
     if value is None:
         return None
     try:
-        row = NoticeRow(organisation, value["version"], value["hash"], value["height"], value["time"])
+        row = NoticeVersion(organisation, value["version"], value["hash"], value["height"], value["time"])
     except (KeyError, TypeError, IndexError):
         row = None
     if row is None or [type(part) for part in (row.version, row.digest, row.height, row.time_ms)] != _ROW_TYPES:

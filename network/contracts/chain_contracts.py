@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from clients.sdk.chain.governance import MembershipView, ProposalRow, read_membership
+from clients.sdk.chain.governance import MembershipView, ProvedProposal, read_membership
 from clients.sdk.network_client import NetworkClient
 from consensus.api_documents import PROOF_KEYS_MAX_COUNT
 from consensus.errors import BlockRobotError
@@ -56,7 +56,7 @@ class ContractsView:
     failed: tuple[NamedVersion, ...] = ()
 
     @property
-    def proposals(self) -> list[ProposalRow]:
+    def proposals(self) -> list[ProvedProposal]:
         return [row for row in self.membership.proposals if row.contract == "lifecycle"]
 
     def find(self, name: str) -> NamedContract | None:
@@ -69,9 +69,9 @@ class Edition:
 
     title: str
     source: str
-    abi: Sequence[ContractEntryRow]
-    row: NamedVersion | None = None
-    proposal: ProposalRow | None = None
+import msgspec
+
+from clients.sdk.chain.governance import MembershipView, ProvedProposal, read_membership
 
     def line(self, number: int | None) -> str:
         """Stripped; empty if out of range."""
@@ -142,7 +142,7 @@ async def read_edition(client: NetworkClient, key: PrivateKey, name: str, versio
     return Edition(f"{name} version {number}", source, row.entries, row)
 
 
-async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: ProposalRow) -> Edition:
+async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: ProvedProposal) -> Edition:
     """What a proposal concerns. Raises CONTRACT_NOT_FOUND."""
     if proposal.kind != "deploy":
         name, version = str(proposal.arguments["name"]), int(proposal.arguments.get("version", 0))

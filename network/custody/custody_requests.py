@@ -29,7 +29,7 @@ _LINE_MAX_BYTES = 16 * 1024 * 1024
 _WORK_PATHS: dict[type[Document], str] = {ScrubAnswer: "/custody/scrub", RebuildAnswer: "/custody/rebuild"}
 R = TypeVar("R", ScrubAnswer, RebuildAnswer)
 
-Tell = Callable[[str, str, int, int], None]
+OnProgress = Callable[[str, str, int, int], None]
 """Told of progress: the node's name, what is being looked at, how many are done, and of how many (0: not known)."""
 
 
@@ -79,7 +79,7 @@ async def ask_status(config: NodeConfig) -> CustodyStatus:
             raise _not_read(config) from None
 
 
-async def run_work(config: NodeConfig, kind: type[R], tell: Tell) -> R:
+async def run_work(config: NodeConfig, kind: type[R], on_progress: OnProgress) -> R:
     """Scrub or rebuild, by the report that is wanted. Raises as `ask_status`, and CUSTODY_CATCHING_UP."""
     headers = _headers(config)
     timeout = aiohttp.ClientTimeout(total=None, connect=STATUS_TIMEOUT_S, sock_read=LINE_TIMEOUT_S)
@@ -91,7 +91,7 @@ async def run_work(config: NodeConfig, kind: type[R], tell: Tell) -> R:
                 async for line in response.content:
                     answer = read_json_as(line, WorkLine)
                     if isinstance(answer.progress, Progress):
-                        tell(config.name, answer.progress.what, answer.progress.done, answer.progress.total)
+                        on_progress(config.name, answer.progress.what, answer.progress.done, answer.progress.total)
                     elif isinstance(answer.error, CustodyProblem):
                         raise _refusal(answer.error)
                     elif isinstance(answer.report, msgspec.Raw):

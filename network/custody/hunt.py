@@ -20,7 +20,7 @@ from node.config import NodeConfig
 from node.custody.stores.open_store import MONGO_SCHEMES
 from node.storage.lmdb_reader import LedgerFile
 
-Tell = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 _UNTIL_PRUNED = (
     "what the chain says of it, until its blocks are dropped (an archive never does) and their pages used again"
@@ -164,14 +164,14 @@ class _Tally:
 
 
 def hunt(
-    cluster: Cluster, traces: Sequence[Trace], also: Sequence[Path] = (), tell: Tell = lambda _text: None
+    cluster: Cluster, traces: Sequence[Trace], also: Sequence[Path] = (), on_progress: OnProgress = lambda _text: None
 ) -> HuntReport:
     """`also`: paths beside the network."""
     report, tally = HuntReport(list(traces)), _Tally(traces)
     places = [(path, place_of(path.relative_to(cluster.folder))) for path in files_below(cluster.folder, report.unread)]
     places += [(path, "other") for each in also for path in files_below(each, report.unread)]
     for path, kind in places:
-        tell(str(path))
+        on_progress(str(path))
         try:
             size = path.stat().st_size
             found = tally.search.in_file(path)
@@ -186,7 +186,7 @@ def hunt(
         report.findings += tally.findings(str(name), kind, found)
     for config in _custodians(cluster):
         if config.custody_store.startswith(MONGO_SCHEMES):
-            tell(f"the database of {config.name}")
+            on_progress(f"the database of {config.name}")
             _hunt_documents(config, tally, report)
     return report
 

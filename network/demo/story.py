@@ -71,14 +71,14 @@ class DemoState:
 
 
 class Demo:
-    """One run. `tell` receives progress lines; checks go to `checks`."""
+    """One run. `on_progress` receives progress lines; checks go to `checks`."""
 
-    def __init__(self, options: DemoOptions, checks: CheckList, tell: Callable[[str], None]) -> None:
+    def __init__(self, options: DemoOptions, checks: CheckList, on_progress: Callable[[str], None]) -> None:
         self.options = options
         self.checks = checks
         self.state = DemoState()
         self.scenario: Scenario = published_run_1()
-        self._tell = tell
+        self._on_progress = on_progress
         self._notice_version = 0
         self.stage = Stage(options.out, store=options.store, base_port=options.base_port, purpose=PURPOSE)
 
@@ -104,7 +104,7 @@ class Demo:
             ("patient B takes data along", self.take_along),
         ]
         for name, step in steps:
-            self._tell(name)
+            self._on_progress(name)
             try:
                 await step()
             except BlockRobotError as error:
@@ -119,10 +119,10 @@ class Demo:
             nonlocal shown
             if done * 10 // total > shown:
                 shown = done * 10 // total
-                self._tell(f"rendering the recording: {done} of {total} frames")
+                self._on_progress(f"rendering the recording: {done} of {total} frames")
 
         bag = await asyncio.to_thread(make_bag, self.scenario, self._tags, self.options.cache, progress=progress)
-        self._tell(f"the recording is there ({time.monotonic() - started:.0f} s)")
+        self._on_progress(f"the recording is there ({time.monotonic() - started:.0f} s)")
         return bag
 
     async def start_network(self) -> None:
@@ -168,12 +168,12 @@ class Demo:
 
         def progress(figures: Progress) -> None:
             nonlocal kill
-            self._tell(
+            self._on_progress(
                 f"recording: {figures.frames_read} frames seen, {figures.frames_recorded} recorded (counted for each "
                 f"owner), {figures.waiting} clips on their way"
             )
             if kill is None and figures.frames_recorded >= expected_kept:
-                self._tell("killing the leading node")
+                self._on_progress("killing the leading node")
                 kill = asyncio.create_task(kill_and_restart_leader(self.stage.cluster))
 
         arguments = [*self.stage.robot_arguments(), "replay", str(bag), "--purpose", PURPOSE]

@@ -44,13 +44,13 @@ class PostStage:
     """Checks every wallet's access, also to others' records."""
 
     def __init__(
-        self, stage: Stage, scenario: Scenario, pictures: Path, checks: CheckList, tell: Callable[[str], None]
+        self, stage: Stage, scenario: Scenario, pictures: Path, checks: CheckList, on_progress: Callable[[str], None]
     ) -> None:
         self._stage = stage
         self._scenario = scenario
         self._pictures = pictures
         self._checks = checks
-        self._tell = tell
+        self._on_progress = on_progress
 
     async def look(self, people: Sequence[str], kept: int) -> dict[str, WalletContents]:
         found = {alias: await self._open(alias) for alias in people}
@@ -66,7 +66,7 @@ class PostStage:
         return found
 
     async def _open(self, alias: str) -> WalletContents:
-        self._tell(f"post-stage: {name_person(alias)} looks at their records")
+        self._on_progress(f"post-stage: {name_person(alias)} looks at their records")
         listed = await self._stage.wallet(alias, RecordsAnswer, "records")
         records = [row for visit in listed.visits for row in visit.records]
         if not self._is_in_scene(alias):
@@ -138,7 +138,7 @@ class PostStage:
         alias = next(alias for alias, belongings in found.items() if belongings.records)
         record = max(found[alias].records, key=lambda row: row.frames)
         record_id, index = record.record_id, record.frames // 2
-        self._tell("post-stage: changing a stored byte")
+        self._on_progress("post-stage: changing a stored byte")
         cluster = self._stage.cluster
         for node in cluster.genesis.custodians:
             await asyncio.to_thread(flip_stored_byte, cluster.config(node.name), bytes.fromhex(record_id), index)
@@ -178,7 +178,7 @@ class PostStage:
         )
 
     async def _verify(self, alias: str, *record_ids: str) -> dict[tuple[str, int], str]:
-        self._tell(f"post-stage: {name_person(alias)} verifies their records")
+        self._on_progress(f"post-stage: {name_person(alias)} verifies their records")
         answer = await self._stage.wallet(alias, VerifyAnswer, "verify", *record_ids)
         return {
             (record.record_id, frame.number - 1): frame.status for record in answer.records for frame in record.frames

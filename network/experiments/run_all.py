@@ -32,7 +32,7 @@ class RunOptions:
     out: Path
     cache: Path
     base_port: int
-    tell: Callable[[str], None]
+    on_progress: Callable[[str], None]
     show: Callable[[Experiment, Check], None]
 
 
@@ -82,7 +82,7 @@ async def _run_one(experiment: Experiment, scenario: Scenario, options: RunOptio
         cache=options.cache,
         base_port=options.base_port,
         checks=CheckList(listener=listen),
-        tell=lambda line: options.tell(f"{experiment.name}: {line}"),
+        on_progress=lambda line: options.on_progress(f"{experiment.name}: {line}"),
         guard=guard,
     )
     try:

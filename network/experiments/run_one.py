@@ -76,7 +76,7 @@ AFTER_RECORDING_MAX_S = 120.0
 WITHHELD_MAX_SHARE = {1: 0.30, 2: 0.30, 3: 0.60, 4: 0.30}
 """A floor under what is kept. In the third experiment much is withheld rightly: the other alone is to be seen."""
 
-Tell = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 
 class OutcomeFigures(Struct, frozen=True, kw_only=True):
@@ -136,12 +136,12 @@ class ExperimentRun:
         cache: Path,
         base_port: int,
         checks: CheckList,
-        tell: Tell,
+        on_progress: OnProgress,
         guard: Guard,
     ) -> None:
         self._folder = folder
         self._cache = cache
-        self._tell = tell
+        self._on_progress = on_progress
         self._guard = guard
         self._stopping = False
         self._tags: Mapping[str, str] = {}
@@ -185,7 +185,7 @@ class ExperimentRun:
         def progress(done: int, total: int) -> None:
             if self._stopping:  # the thread would render on for a minute after Ctrl-C
                 raise BlockRobotError("INTERNAL", "Rendering was ended.")
-            self._tell(f"rendering the recording: {done} of {total} frames")
+            self._on_progress(f"rendering the recording: {done} of {total} frames")
 
         try:
             self._bag = await asyncio.to_thread(make_bag, scenario, drawn, self._cache, progress=progress)
@@ -195,7 +195,7 @@ class ExperimentRun:
 
     async def _prepare(self) -> None:
         experiment = self.outcome.experiment
-        self._tell("pre-stage: starting four nodes")
+        self._on_progress("pre-stage: starting four nodes")
         self._guard.watch_network(self.stage.network_dir)
         peers = await self.stage.start_network(experiment.name)
         self._checks.add(
@@ -203,7 +203,7 @@ class ExperimentRun:
             ok=len(peers) == NODES_COUNT and min(peers) == NODES_COUNT - 1,
             detail=f"each in touch with {min(peers, default=0)} others",
         )
-        self._tell("pre-stage: registering people and robot")
+        self._on_progress("pre-stage: registering people and robot")
         held = [await self.stage.enrol_person(alias, self._tags[alias]) for alias in experiment.people]
         robot = await self.stage.enrol_robot()
         rows = await self.stage.make_roster(robot)
@@ -217,7 +217,9 @@ class ExperimentRun:
         self.outcome.conditions = measure_conditions(nodes=NODES_COUNT, seed=self.outcome.scenario.seed)
 
         def progress(figures: Progress) -> None:
-            self._tell(f"run: {figures.frames_read} frames seen, {figures.frames_recorded} recorded (for each owner)")
+            self._on_progress(
+                f"run: {figures.frames_read} frames seen, {figures.frames_recorded} recorded (for each owner)"
+            )
 
         scenario, log = self.outcome.scenario, self._folder / "events.jsonl"
         arguments = [*self.stage.robot_arguments(), "replay", str(self._bag), "--purpose", PURPOSE]
@@ -278,7 +280,7 @@ class ExperimentRun:
         )
 
     async def _look(self) -> None:
-        post = PostStage(self.stage, self.outcome.scenario, self._folder / "pictures", self._checks, self._tell)
+        post = PostStage(self.stage, self.outcome.scenario, self._folder / "pictures", self._checks, self._on_progress)
         assert self.outcome.reading is not None  # the stages run in order, and end where one fails
         kept = total(tag.kept for tag in frames_by_tag(self.outcome.reading.table).values())
         self.outcome.belongings = await post.look(self.outcome.experiment.people, kept)

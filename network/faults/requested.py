@@ -69,8 +69,8 @@ class StepDone:
     error: BlockRobotError | None
 
 
-async def run_plan(plan: FaultPlan, control: FaultControl, tell: Callable[[StepDone], None]) -> list[StepDone]:
-    """Report each step to `tell`. A failed step does not end the plan; its error is reported."""
+async def run_plan(plan: FaultPlan, control: FaultControl, on_progress: Callable[[StepDone], None]) -> list[StepDone]:
+    """Report each step to `on_progress`. A failed step does not end the plan; its error is reported."""
     loop = asyncio.get_running_loop()
     started_s = loop.time()
     done: list[StepDone] = []
@@ -82,5 +82,5 @@ async def run_plan(plan: FaultPlan, control: FaultControl, tell: Callable[[StepD
         except BlockRobotError as problem:
             error = problem
         done.append(StepDone(step, round((loop.time() - started_s) * 1000), error))
-        tell(done[-1])
+        on_progress(done[-1])
     return done

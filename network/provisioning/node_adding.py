@@ -15,7 +15,7 @@ from clients.sdk.chain.governance import (
     Decision,
     Governor,
     MembershipView,
-    ProposalRow,
+    ProvedProposal,
     read_membership,
     read_producers,
 )
@@ -46,7 +46,7 @@ class NodeAddition:
 
     client: NetworkClient
     voices: Mapping[str, PrivateKey]
-    tell: Callable[[Step], None]
+    on_progress: Callable[[Step], None]
     waiting_for: list[str] = field(default_factory=list)
 
     async def begin(self) -> MembershipView:
@@ -72,15 +72,15 @@ class NodeAddition:
 
     async def agree(self, kind: str, arguments: dict[str, Any], first: str) -> bool:
         what = f"{kind.replace('_', '-')} {arguments.get('name') or arguments.get('node')}"
-        proposal: ProposalRow | None = None
+        proposal: ProvedProposal | None = None
         for name in self._order(first):
             governor = Governor(self.client, self.voices[name])
             if proposal is None:
                 decision = await governor.propose("membership", kind, arguments)
-                self.tell(Step(name, f"org propose {what}", decision.height))
+                self.on_progress(Step(name, f"org propose {what}", decision.height))
             else:
                 decision = await governor.approve(proposal)
-                self.tell(Step(name, f"org approve {proposal.id.hex()[:12]} ({what})", decision.height))
+                self.on_progress(Step(name, f"org approve {proposal.id.hex()[:12]} ({what})", decision.height))
             if decision.executed:
                 return True
             proposal = proposal or await self._opened(decision, self.voices[name])
@@ -88,7 +88,7 @@ class NodeAddition:
         self.waiting_for.append(f"blockrobot org approve {shown} --as ORG   (an organisation whose key is not here)")
         return False
 
-    async def _opened(self, decision: Decision, reader: PrivateKey) -> ProposalRow | None:
+    async def _opened(self, decision: Decision, reader: PrivateKey) -> ProvedProposal | None:
         rows = (await read_membership(self.client, reader)).proposals
         return next((row for row in rows if row.id == decision.proposal_id), None)
 
@@ -99,10 +99,10 @@ class NodeAddition:
             if count == 0:
                 needed = (await read_membership(self.client, self.voices[name])).majority
                 decision = await governor.vote("propose", key)
-                self.tell(Step(name, f"producer propose {node}", decision.height))
+                self.on_progress(Step(name, f"producer propose {node}", decision.height))
             else:
                 decision = await governor.vote("approve", key)
-                self.tell(Step(name, f"producer approve {node}", decision.height))
+                self.on_progress(Step(name, f"producer approve {node}", decision.height))
             if count + 1 >= needed:
                 return True
         self.waiting_for.append(
@@ -118,12 +118,16 @@ class NodeAddition:
             view = await read_producers(self.client, reader)
             row = next((row for row in view.candidates if row.key == key), None)
             if row is not None and row.turn is not None:
-                self.tell(Step("", f"{node} was ready at height {row.ready_height}: it has a seat", view.since_height))
+                self.on_progress(
+                    Step("", f"{node} was ready at height {row.ready_height}: it has a seat", view.since_height)
+                )
                 count = len(view.epoch.producers)
-                self.tell(Step("", f"{count} producers; they bear {(count - 1) // 3} that fail"))
+                self.on_progress(Step("", f"{count} producers; they bear {(count - 1) // 3} that fail"))
                 return
             if len(view.epoch.producers) >= view.max_producers:
-                self.tell(Step("", f"{node} is a candidate; all {view.max_producers} seats are taken (max_producers)"))
+                self.on_progress(
+                    Step("", f"{node} is a candidate; all {view.max_producers} seats are taken (max_producers)")
+                )
                 return
             if time.monotonic() > deadline:
                 raise BlockRobotError(

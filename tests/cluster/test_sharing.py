@@ -17,7 +17,7 @@ from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.records.erasure import ErasureClient
 from clients.wallet.recovery.key_rotation import KeyRotation
-from clients.wallet.sharing.incoming_shares import IncomingShares, Receipt
+from clients.wallet.sharing.incoming_shares import DeletionReceipt, IncomingShares
 from clients.wallet.sharing.outgoing_shares import FinalGrant, Share, SharingClient, place_end
 from consensus.errors import BlockRobotError
 from tests.cluster.network_under_test import NetworkUnderTest, running
@@ -59,7 +59,7 @@ class Sides:
         now_ms = time.time_ns() // 1_000_000
         return await self.sharing.share(entries, grantee, "demo", place_end(now_ms + DAY_MS, now_ms), lambda _: None)
 
-    async def received(self, shared: FinalGrant) -> Receipt:
+    async def received(self, shared: FinalGrant) -> DeletionReceipt:
         """Return what the doctor's wallet knows of it, once the node that it asks has followed: one may lag."""
         await self.ward.told_everywhere()
         for _ in range(FOLLOW_MAX_COUNT):

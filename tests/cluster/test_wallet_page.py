@@ -132,7 +132,7 @@ async def _play_and_verify(page: WalletPage, rows: list[dict[str, Any]]) -> None
     assert all(check["ok"] for check in seal["checks"])
     record = await page.settle(lambda told: told["verdict"], f"/api/records/{pictures[0]}")
     assert record["verdict"] == "verified"
-    story = await page.get("/api/story")
+    story = await page.get("/api/audit-events")
     assert {"recorded", "access_requested", "visit_opened", "verdict"} <= {event["kind"] for event in story["events"]}
 
 

@@ -12,7 +12,7 @@ import click
 from clients.robot.cli.run_report import clear_line
 from clients.robot.sources.live import llrp, ros1, ros2, zenoh
 from clients.robot.sources.live.live_feed import Feed
-from clients.robot.sources.live.live_source import LiveSource, Tell
+from clients.robot.sources.live.live_source import LiveSource, OnProgress
 from clients.robot.sources.topics import (
     TagTopic,
     Topics,
@@ -89,7 +89,7 @@ def live_topics(options: Mapping[str, Any]) -> Topics:
     return with_rooted_names(with_topic(load_topics(options["topics_file"]), depth=options["depth"]))
 
 
-def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:
+def open_live(options: Mapping[str, Any], on_progress: OnProgress) -> LiveSource:
     """Raises TOPICS_INVALID, FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
     feeds = make_feeds(options["source"], options)
     tags: tuple[TagTopic, ...] | None = None
@@ -104,19 +104,19 @@ def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:
         tags = (tags_by_type(topic, advertised[topic]),)
     elif len(feeds) > 1 and not options["topics_file"]:
         tags = ()  # a reader of its own brings the readings
-    return LiveSource(feeds, with_topic(live_topics(options), tags=tags), tell)
+    return LiveSource(feeds, with_topic(live_topics(options), tags=tags), on_progress)
 
 
-def open_camera(options: Mapping[str, Any], tell: Tell) -> LiveSource:
+def open_camera(options: Mapping[str, Any], on_progress: OnProgress) -> LiveSource:
     """The camera alone. Raises as `open_live`."""
     alone = replace(live_topics(options), tags=(), rgb="", labels=None, audio=None)
-    return LiveSource(make_feeds(options["source"], options)[:1], alone, tell)
+    return LiveSource(make_feeds(options["source"], options)[:1], alone, on_progress)
 
 
-def notice_teller(*, as_json: bool) -> Tell:
-    def tell(sentence: str) -> None:
+def notice_teller(*, as_json: bool) -> OnProgress:
+    def on_progress(sentence: str) -> None:
         if not as_json:
             clear_line()
         click.echo(json.dumps({"notice": sentence}) if as_json else sentence, err=True)
 
-    return tell
+    return on_progress

@@ -209,21 +209,21 @@ def _common(command: Any) -> Any:
 
 
 @contextlib.contextmanager
-def _stopped_by_signals(stop: asyncio.Event, tell: Callable[[], None]) -> Iterator[None]:
-    """First SIGINT or SIGTERM sets `stop` and calls `tell`; the next cancels."""
+def _stopped_by_signals(stop: asyncio.Event, on_stop: Callable[[], None]) -> Iterator[None]:
+    """First SIGINT or SIGTERM sets `stop` and calls `on_stop`; the next cancels."""
     loop = asyncio.get_running_loop()
     task = asyncio.current_task(loop)
     assert task is not None
 
-    def heard() -> None:
+    def on_signal() -> None:
         if stop.is_set():
             task.cancel()
         else:
             stop.set()
-            tell()
+            on_stop()
 
     for number in _STOP_SIGNALS:
-        loop.add_signal_handler(number, heard)
+        loop.add_signal_handler(number, on_signal)
     try:
         yield
     finally:
@@ -234,15 +234,15 @@ def _stopped_by_signals(stop: asyncio.Event, tell: Callable[[], None]) -> Iterat
 async def _record(
     folder: Path, source: Source, genesis: Genesis, options: ReplayOptions, progress: _Progress
 ) -> tuple[RunSummary, bool]:
-    stop, was_told = asyncio.Event(), False
+    stop, was_stopped = asyncio.Event(), False
 
-    def tell() -> None:
-        nonlocal was_told
-        was_told = True
+    def on_stop() -> None:
+        nonlocal was_stopped
+        was_stopped = True
         click.echo(ending_line(progress.figures), err=True)
 
-    with _stopped_by_signals(stop, tell):
-        return await replay_recording(folder, source, genesis, options, progress, stop), was_told
+    with _stopped_by_signals(stop, on_stop):
+        return await replay_recording(folder, source, genesis, options, progress, stop), was_stopped
 
 
 def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str, Any]) -> None:

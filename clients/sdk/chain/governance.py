@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 
+from clients.sdk.chain.proved_rows import read_proved
 from clients.sdk.network_client import FinalReceipt, NetworkClient
-from consensus.api_documents import PROOF_KEYS_MAX_COUNT
 from consensus.chain.epoch_settings import ChainSettings, Epoch
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -49,13 +49,13 @@ _ERROR_OF = {
 }
 
 
-class ProposalRow(GovernanceProposalRow, frozen=True):
+class ProvedProposal(GovernanceProposalRow, frozen=True):
     """A proposal with its id (32 bytes); approvals by replaced keys are excluded."""
 
     id: bytes
 
 
-class CandidateRow(producers.CandidateRow, frozen=True):
+class ProvedCandidate(producers.CandidateRow, frozen=True):
     """A candidate with its key. `turn`: schedule position, None without seat; `leads`: not leaderless."""
 
     key: bytes
@@ -72,7 +72,7 @@ class ProducersView:
     epoch: Epoch
     since_height: int
     max_producers: int
-    candidates: tuple[CandidateRow, ...]
+    candidates: tuple[ProvedCandidate, ...]
     quotas: UploadQuotas = field(default_factory=UploadQuotas)
 
 
@@ -84,23 +84,11 @@ class MembershipView:
     timestamp_ms: int
     organisations: tuple[OrganisationRow, ...]
     nodes: tuple[NodeRow, ...]
-    proposals: tuple[ProposalRow, ...]
+    proposals: tuple[ProvedProposal, ...]
 
     @property
     def majority(self) -> int:
         return len(self.organisations) // 2 + 1
-
-
-async def _proved(
-    client: NetworkClient, keys: Sequence[bytes], reader: PrivateKey
-) -> tuple[dict[bytes, Any], int, int]:
-    values: dict[bytes, Any] = {}
-    height = timestamp_ms = 0
-    for first in range(0, len(keys), PROOF_KEYS_MAX_COUNT):
-        part = await client.state_values(keys[first : first + PROOF_KEYS_MAX_COUNT], reader)
-        values.update(part.values)
-        height, timestamp_ms = part.height, part.timestamp_ms
-    return values, height, timestamp_ms
 
 
 def _epoch_of(row: producers.EpochRow) -> Epoch:
@@ -108,32 +96,32 @@ def _epoch_of(row: producers.EpochRow) -> Epoch:
     return Epoch(row.number, tuple(row.producers), tuple(row.leaderless), ChainSettings(**settings))
 
 
-def _proposal(proposal_id: bytes, row: GovernanceProposalRow, keys_numbers: Mapping[str, int | None]) -> ProposalRow:
+def _proposal(proposal_id: bytes, row: GovernanceProposalRow, keys_numbers: Mapping[str, int | None]) -> ProvedProposal:
     numbers = row.keys_numbers
     good = [name for name in row.approvals if name in keys_numbers and numbers[name] == keys_numbers[name]]
-    return ProposalRow(**msgspec.structs.asdict(row) | {"approvals": good}, id=proposal_id)
+    return ProvedProposal(**msgspec.structs.asdict(row) | {"approvals": good}, id=proposal_id)
 
 
 async def read_membership(client: NetworkClient, reader: PrivateKey) -> MembershipView:
     """Proved. Raises PROOF_INVALID etc."""
     await client.catch_up(reader)
-    found, _, _ = await _proved(client, [ORGANISATIONS.flat, NODES.flat, OPEN.flat], reader)
+    found = (await read_proved(client, [ORGANISATIONS.flat, NODES.flat, OPEN.flat], reader)).values
     names, nodes = ORGANISATIONS.among(found) or [], NODES.among(found) or []
     opened = [row.proposal_id for row in OPEN.among(found) or []]
     of_names = [key for name in names for key in (ORGANISATION.key(name), KEYS_NUMBER.key(name))]
     of_others = [*map(NODE.key, nodes), *map(PROPOSAL.key, opened)]
-    values, height, timestamp_ms = await _proved(client, [*of_names, *of_others], reader)
-    numbers = {name: KEYS_NUMBER.among(values, name) for name in names}
-    proposals = [(proposal_id, PROPOSAL.among(values, proposal_id)) for proposal_id in opened]
+    state = await read_proved(client, [*of_names, *of_others], reader)
+    numbers = {name: KEYS_NUMBER.among(state.values, name) for name in names}
+    proposals = [(proposal_id, PROPOSAL.among(state.values, proposal_id)) for proposal_id in opened]
     return MembershipView(
-        height=height,
-        timestamp_ms=timestamp_ms,
-        organisations=tuple(row for name in names if (row := ORGANISATION.among(values, name)) is not None),
-        nodes=tuple(node for name in nodes if (node := NODE.among(values, name)) is not None),
+        height=state.height,
+        timestamp_ms=state.timestamp_ms,
+        organisations=tuple(row for name in names if (row := ORGANISATION.among(state.values, name)) is not None),
+        nodes=tuple(node for name in nodes if (node := NODE.among(state.values, name)) is not None),
         proposals=tuple(
             _proposal(proposal_id, row, numbers)
             for proposal_id, row in proposals
-            if row is not None and row.status == "open" and row.expires_ms > timestamp_ms
+            if row is not None and row.status == "open" and row.expires_ms > state.timestamp_ms
         ),
     )
 
@@ -141,27 +129,27 @@ async def read_membership(client: NetworkClient, reader: PrivateKey) -> Membersh
 async def read_producers(client: NetworkClient, reader: PrivateKey) -> ProducersView:
     await client.catch_up(reader)
     index = [producers.EPOCH.flat, producers.MAX_PRODUCERS.flat, producers.KEYS.flat]
-    found, _, _ = await _proved(client, [*index, *map(QUOTA.key, QUOTA_NAMES)], reader)
+    found = (await read_proved(client, [*index, *map(QUOTA.key, QUOTA_NAMES)], reader)).values
     decided, maximum = producers.EPOCH.among(found), producers.MAX_PRODUCERS.among(found)
     if decided is None or maximum is None:
         raise BlockRobotError("NOT_FOUND", "This chain has no contract for its producers; it is older than governance.")
     epoch = _epoch_of(decided)
     keys = list(dict.fromkeys([*epoch.producers, *(producers.KEYS.among(found) or [])]))
-    values, height, timestamp_ms = await _proved(client, [producers.CANDIDATE.key(key) for key in keys], reader)
+    state = await read_proved(client, [producers.CANDIDATE.key(key) for key in keys], reader)
     turns = {key: turn for turn, key in enumerate(epoch.producers)}
     rows = [
-        CandidateRow(
+        ProvedCandidate(
             **msgspec.structs.asdict(row),
             key=key,
             turn=turns.get(key),
             leads=key in turns and turns[key] not in epoch.leaderless,
         )
         for key in keys
-        if (row := producers.CANDIDATE.among(values, key)) is not None
+        if (row := producers.CANDIDATE.among(state.values, key)) is not None
     ]
     return ProducersView(
-        height=height,
-        timestamp_ms=timestamp_ms,
+        height=state.height,
+        timestamp_ms=state.timestamp_ms,
         epoch=epoch,
         since_height=decided.height,
         max_producers=maximum,
@@ -176,7 +164,7 @@ def settings_in_force(view: ProducersView) -> dict[str, int | str]:
     return {**values, "max_producers": view.max_producers, **quotas}
 
 
-def resolve_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
+def resolve_proposal(proposals: Iterable[ProvedProposal], text: str) -> ProvedProposal:
     """Find by id prefix (six or more hex digits). Raises GOVERNANCE_PROPOSAL_CLOSED if none or several."""
     wanted = text.strip().lower()
     found = [row for row in proposals if len(wanted) >= ID_PREFIX_MIN_CHARS and row.id.hex().startswith(wanted)]
@@ -185,13 +173,13 @@ def resolve_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow
     return found[0]
 
 
-async def find_closed(client: NetworkClient, reader: PrivateKey, text: str) -> ProposalRow | None:
+async def find_closed(client: NetworkClient, reader: PrivateKey, text: str) -> ProvedProposal | None:
     wanted = text.strip().lower()
-    closed = CLOSED.among((await _proved(client, [CLOSED.flat], reader))[0]) or []
+    closed = CLOSED.among((await read_proved(client, [CLOSED.flat], reader)).values) or []
     found = [one for one in closed if len(wanted) >= ID_PREFIX_MIN_CHARS and one.hex().startswith(wanted)]
     if len(found) != 1:
         return None
-    row = PROPOSAL.among((await _proved(client, [PROPOSAL.key(found[0])], reader))[0], found[0])
+    row = PROPOSAL.among((await read_proved(client, [PROPOSAL.key(found[0])], reader)).values, found[0])
     return None if row is None else _proposal(found[0], row, {})
 
 
@@ -264,10 +252,10 @@ class Governor:
         """Compile it once; proposals report its errors."""
         return await self._call("lifecycle", "check_upload", [source_hash])
 
-    async def approve(self, proposal: ProposalRow) -> Decision:
+    async def approve(self, proposal: ProvedProposal) -> Decision:
         return await self._call(proposal.contract, "approve", [proposal.id])
 
-    async def withdraw(self, proposal: ProposalRow) -> Decision:
+    async def withdraw(self, proposal: ProvedProposal) -> Decision:
         return await self._call("membership", "withdraw", [proposal.id])
 
     async def vote(self, entry: str, key: bytes) -> Decision:

@@ -13,7 +13,7 @@ from consensus.api_documents import ProofsRequest
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import Card, recover_registrar
 from consensus.rights.notices import (
-    NoticeRow,
+    NoticeVersion,
     PublishedNotice,
     read_published,
     read_row,
@@ -32,7 +32,7 @@ async def public_values(client: NetworkClient, keys: Sequence[bytes]) -> ProvedS
     return await client.prove_public(ask, keys)
 
 
-async def read_newest(client: NetworkClient, organisation: str) -> NoticeRow | None:
+async def read_newest(client: NetworkClient, organisation: str) -> NoticeVersion | None:
     """In force; None if never published."""
     key = NOTICE.key(organisation)
     return read_row(organisation, (await public_values(client, [key])).values[key])

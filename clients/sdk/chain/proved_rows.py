@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
 from clients.sdk.proof_checks import ProvedState
@@ -13,7 +14,7 @@ from consensus.state.keys import DecodedReader, Prefix, Reader, StateKey, Unread
 
 T = TypeVar("T")
 Read = Callable[[Sequence[bytes]], Awaitable[dict[bytes, Any]]]
-"""Returns proved values of any number of flat keys, in somebody's session; None for what is absent."""
+"""Returns proved values of any number of flat keys, in one key's session; None for what is absent."""
 
 
 class ProvingClient(Protocol):
@@ -23,12 +24,18 @@ class ProvingClient(Protocol):
         """Return up to 128 proved values of one state."""
 
 
+async def read_proved(client: ProvingClient, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+    """Read any number of keys, in parts; the height and the time are those of the last part."""
+    values: dict[bytes, Any] = {}
+    for start in range(0, max(1, len(keys)), PROOF_KEYS_MAX_COUNT):
+        part = await client.state_values(keys[start : start + PROOF_KEYS_MAX_COUNT], key)
+        values.update(part.values)
+    return replace(part, values=values)
+
+
 def in_session(client: ProvingClient, key: PrivateKey) -> Read:
     async def read(keys: Sequence[bytes]) -> dict[bytes, Any]:
-        found: dict[bytes, Any] = {}
-        for start in range(0, len(keys), PROOF_KEYS_MAX_COUNT):
-            found.update((await client.state_values(keys[start : start + PROOF_KEYS_MAX_COUNT], key)).values)
-        return found
+        return (await read_proved(client, keys, key)).values if keys else {}
 
     return read
 

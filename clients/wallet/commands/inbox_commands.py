@@ -36,8 +36,8 @@ from clients.wallet.sharing.incoming_shares import (
     KIND_ERASED,
     KIND_FRAMES_ERASED,
     KIND_RESTRICTED,
+    DeletionReceipt,
     IncomingShares,
-    Receipt,
     SharedView,
 )
 from consensus.errors import BlockRobotError
@@ -128,7 +128,7 @@ def _print_looks(looks: Sequence[AuditEntry]) -> None:
         console.print(text("inbox.look", **explanation, **names))
 
 
-async def _find(opened: Wallet, start: str) -> tuple[IncomingShares, Receipt]:
+async def _find(opened: Wallet, start: str) -> tuple[IncomingShares, DeletionReceipt]:
     receiving = IncomingShares(opened)
     found = await receiving.inbox()
     unread = {each.received.grant_id: each.error for each in receiving.unread}
@@ -139,12 +139,12 @@ async def _find(opened: Wallet, start: str) -> tuple[IncomingShares, Receipt]:
     return receiving, receipt
 
 
-def _choose(receipt: Receipt, record_ids: Sequence[str], otherwise: Sequence[bytes]) -> list[bytes]:
+def _choose(receipt: DeletionReceipt, record_ids: Sequence[str], otherwise: Sequence[bytes]) -> list[bytes]:
     known = [record_id.hex() for record_id in receipt.grant.row.records]
     return [bytes.fromhex(resolve_record(known, start)) for start in record_ids] or list(otherwise)
 
 
-def _require_shown(receipt: Receipt, wanted: Sequence[bytes]) -> None:
+def _require_shown(receipt: DeletionReceipt, wanted: Sequence[bytes]) -> None:
     """Raise GRANT_ENDED if anything was erased: the access would be logged in vain."""
     kinds = {notice.kind for notice in receipt.notices if notice.record_id in wanted and notice.kind in _GONE}
     if KIND_FRAMES_ERASED in kinds:

@@ -25,7 +25,7 @@ from clients.wallet.presentation.translations import WrongUsage, code_text, text
 from clients.wallet.presentation.visit_status_text import print_rights, rights_row
 from clients.wallet.store.keystore import WalletContent
 from consensus.records.metadata import NOTICE_SENSOR
-from consensus.rights.notices import NoticeRow
+from consensus.rights.notices import NoticeVersion
 from pages.time_format import format_time
 
 PAGE_RECORDS_COUNT = 50
@@ -162,7 +162,7 @@ def records(
 
     async def action(
         opened: Wallet,
-    ) -> tuple[list[VisitReport], NoticeRow | None, bytes | None, WalletContent, RobotNames]:
+    ) -> tuple[list[VisitReport], NoticeVersion | None, bytes | None, WalletContent, RobotNames]:
         with status_line(text("records.reading"), as_json=as_json):
             reports, content = await opened.records(), opened.store.content
             is_member = not content.left and not opened.member_gone

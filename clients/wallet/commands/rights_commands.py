@@ -105,7 +105,7 @@ def restrict(
     async def action(opened: Wallet) -> Spoken:
         rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
         return await rights.say_each(
-            chosen, lambda one: rights.restrict(one, ground), at_once=now, tell=_print_progress
+            chosen, lambda one: rights.restrict(one, ground), at_once=now, on_progress=_print_progress
         )
 
     words = _all_of(run_with_wallet(ctx, action))
@@ -138,7 +138,7 @@ def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...
 
     async def action(opened: Wallet) -> Spoken:
         rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
-        return await rights.say_each(chosen, rights.lift, at_once=now, tell=_print_progress)
+        return await rights.say_each(chosen, rights.lift, at_once=now, on_progress=_print_progress)
 
     words = _all_of(run_with_wallet(ctx, action))
     if as_json:
@@ -179,7 +179,7 @@ def object_to(
         height = await rights.object_to_recording(list(purposes), handle_of(person))
         if recording_only or person is not None:
             return height, [], person
-        return height, await rights.object_to_release(list(purposes), at_once=now, tell=_print_progress), None
+        return height, await rights.object_to_release(list(purposes), at_once=now, on_progress=_print_progress), None
 
     height, words, person = run_with_wallet(ctx, action)
     if as_json:

@@ -39,9 +39,9 @@ from clients.wallet.sharing.outgoing_shares import (
     STEP_SIGNING,
     FinalGrant,
     Grantee,
+    OnProgress,
     Share,
     SharingClient,
-    Tell,
     place_end,
     require_purpose_to_share,
     select_shareable,
@@ -74,7 +74,7 @@ def step_text(step: str) -> str:
     return text(_STEPS[step])
 
 
-def _show_step(show: Tell, step: str) -> None:
+def _show_step(show: OnProgress, step: str) -> None:
     show(step_text(step))
 
 
@@ -142,9 +142,11 @@ def share(
         confirm_or_print(text("share.ask"), yes=yes, explanation=explanation)
         with status_line(text("share.doing"), as_json=as_json) as show:
             language = DEFAULT_LANGUAGE if as_json else language_in_use()
-            tell = functools.partial(_show_step, show)
+            on_progress = functools.partial(_show_step, show)
             add_made = functools.partial(extend_with_grants, language=language)
-            return grantee, await share_each(sharing, entries, grantee, purpose, until_ms, tell, explain=add_made)
+            return grantee, await share_each(
+                sharing, entries, grantee, purpose, until_ms, on_progress, explain=add_made
+            )
 
     grantee, done = run_with_wallet(ctx, action)
     if as_json:

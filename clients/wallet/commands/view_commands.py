@@ -36,18 +36,18 @@ async def _view_all(
     *,
     verdict: bool,
     album: Album | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Callable[[str], None] = lambda _: None,
 ) -> list[RecordView]:
     viewing = RecordViewer(opened)
     views: list[RecordView] = []
-    tell(text("view.doing", number=1, count=len(entries)))
+    on_progress(text("view.doing", number=1, count=len(entries)))
     async with aclosing(viewing.view_each(entries, purpose, verdict=verdict)) as each:
         async for view in each:
             if album is not None:
                 album.written.update(await write_pictures(viewing, view, album.out, album.seen_by(view.entry)))
                 album.missing_rooms.update(viewing.missing_rooms)
             views.append(view)
-            tell(text("view.doing", number=min(len(views) + 1, len(entries)), count=len(entries)))
+            on_progress(text("view.doing", number=min(len(views) + 1, len(entries)), count=len(entries)))
     return views
 
 
@@ -133,10 +133,10 @@ def view(
 
     async def action(opened: Wallet) -> list[RecordView]:
         entries = warn_of_linked_visits(await choose_records(opened, record_ids), as_json=as_json)
-        with status_line(text("view.asking"), as_json=as_json) as tell:
-            views = await _view_all(opened, entries, purpose, verdict=False, album=album, tell=tell)
+        with status_line(text("view.asking"), as_json=as_json) as on_progress:
+            views = await _view_all(opened, entries, purpose, verdict=False, album=album, on_progress=on_progress)
             if sheet:
-                tell(text("view.drawing"))
+                on_progress(text("view.drawing"))
                 sheets.extend(path for entry in entries for path in album.write_record(entry))
                 sheets.extend(album.write_visits())
         return views
@@ -179,8 +179,8 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
 
     async def action(opened: Wallet) -> list[RecordView]:
         entries = warn_of_linked_visits(await choose_records(opened, record_ids), as_json=as_json)
-        with status_line(text("view.asking"), as_json=as_json) as tell:
-            return await _view_all(opened, entries, purpose, verdict=True, tell=tell)
+        with status_line(text("view.asking"), as_json=as_json) as on_progress:
+            return await _view_all(opened, entries, purpose, verdict=True, on_progress=on_progress)
 
     views = run_with_wallet(ctx, action)
     if as_json:

@@ -13,7 +13,7 @@ from clients.wallet.refusals import refusal
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import decode_card_code
 from consensus.rights.notices import (
-    NoticeRow,
+    NoticeVersion,
     PublishedNotice,
     askable_pairs,
     change_lines,
@@ -35,7 +35,7 @@ class NoticeView:
     organisation: str
     published: PublishedNotice | None
     height: int
-    before: NoticeRow | None = None
+    before: NoticeVersion | None = None
     changes: tuple[str, ...] = ()
 
     @property
@@ -86,7 +86,7 @@ class Notices:
         """In force. Raises NOTICE_INVALID, PROOF_*."""
         return await self._read(organisation, registered=True)
 
-    async def changed_since_consent(self) -> NoticeRow | None:
+    async def changed_since_consent(self) -> NoticeVersion | None:
         """In force, if newer than the consented one."""
         consented = self._wallet.store.content.notice_consented_version
         if not consented:
@@ -127,7 +127,7 @@ class Notices:
             return NoticeView(organisation, None, height)
         return NoticeView(organisation, await self._version(organisation, row.version, registered=registered), height)
 
-    async def _newest(self, organisation: str, *, registered: bool) -> tuple[NoticeRow | None, int]:
+    async def _newest(self, organisation: str, *, registered: bool) -> tuple[NoticeVersion | None, int]:
         """The newest version, and the height of its proof."""
         key = NOTICE.key(organisation)
         state = await self._values([key], registered=registered)

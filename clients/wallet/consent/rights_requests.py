@@ -32,7 +32,7 @@ from consensus.rights.right_codes import (
 from consensus.state.rights import OBJECTION, QUARANTINE
 
 SPREAD_MAX_MS = 4_000
-Tell = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
 Sleep = Callable[[float], Awaitable[None]]
 
 
@@ -143,7 +143,9 @@ class Rights:
         height: int = data["height"]
         return height
 
-    async def object_to_release(self, purposes: list[str], *, at_once: bool, tell: Tell) -> list[RightsStatement]:
+    async def object_to_release(
+        self, purposes: list[str], *, at_once: bool, on_progress: OnProgress
+    ) -> list[RightsStatement]:
         """Object to release per visit, skipping done or denied ones. Random pauses up to four seconds prevent linking,
         unless `at_once`.
         """
@@ -152,7 +154,7 @@ class Rights:
         secrets.SystemRandom().shuffle(visits)
         statements = []
         for number, visit in enumerate(visits):
-            tell(number, len(visits))
+            on_progress(number, len(visits))
             if not at_once:
                 await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
             statements.append(await self._say(RecordChoice(visit), "object_to_release", [purposes], "objected"))
@@ -164,7 +166,7 @@ class Rights:
         say: Callable[[RecordChoice], Awaitable[RightsStatement]],
         *,
         at_once: bool,
-        tell: Tell,
+        on_progress: OnProgress,
     ) -> tuple[list[RightsStatement], BlockRobotError | None]:
         """To each visit, paced as `object_to_release`, until a refusal. Returns results and that refusal."""
         order = list(chosen)
@@ -172,7 +174,7 @@ class Rights:
         statements: list[RightsStatement] = []
         for number, one in enumerate(order):
             if len(order) > 1:
-                tell(number, len(order))
+                on_progress(number, len(order))
                 if not at_once:
                     await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
             try:

@@ -10,11 +10,11 @@ from clients.wallet.store.keystore import KnownVisit, WalletContent
 STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
 
 
-def _taken_lines(count: int, language: str | None = None) -> list[str]:
+def taken_lines(count: int, language: str | None = None) -> list[str]:
     return [text("former.taken", language=language, count=count, page=STOLEN_PAGE)] if count else []
 
 
-def _stuck_lines(count: int, language: str | None = None) -> list[str]:
+def stuck_lines(count: int, language: str | None = None) -> list[str]:
     return [text("former.stuck", language=language, count=count, page=STOLEN_PAGE)] if count else []
 
 
@@ -41,8 +41,8 @@ def words_lines(content: WalletContent, language: str | None = None) -> list[str
     """On visits not controlled by the present mnemonic."""
     count = len(exposed(content))
     lines = [text("former.exposed", language=language, count=count)] if count else []
-    lines += _taken_lines(sum(visit.taken for visit in content.visits), language)
-    return lines + _stuck_lines(sum(visit.stuck and not visit.taken for visit in content.visits), language)
+    lines += taken_lines(sum(visit.taken for visit in content.visits), language)
+    return lines + stuck_lines(sum(visit.stuck and not visit.taken for visit in content.visits), language)
 
 
 def member_gone_line(opened: Wallet, language: str | None = None) -> list[str]:

@@ -22,7 +22,7 @@ from clients.wallet.presentation.translations import (
 )
 from clients.wallet.sharing.inbox import copies_left
 from clients.wallet.sharing.incoming_shares import (
-    Receipt,
+    DeletionReceipt,
     UnreadableGrant,
 )
 from clients.wallet.sharing.outgoing_shares import (
@@ -164,7 +164,7 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
     return lines
 
 
-def received_share(receipt: Receipt) -> ReceivedShare:
+def received_share(receipt: DeletionReceipt) -> ReceivedShare:
     grant = receipt.grant
     return ReceivedShare(
         grant_id=grant.grant_id.hex(),
@@ -185,7 +185,7 @@ def received_share(receipt: Receipt) -> ReceivedShare:
     )
 
 
-def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
+def receipt_lines(receipt: DeletionReceipt, language: str | None = None) -> list[str]:
     say = functools.partial(text, language=language)
     grant, name = receipt.grant, receipt.grant.grant_id.hex()[:12]
     records = say("count.records", count=len(grant.row.records))

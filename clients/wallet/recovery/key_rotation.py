@@ -17,7 +17,7 @@ from consensus.errors import BlockRobotError
 from consensus.members.vouchers import sign_rotation
 from consensus.records.owner_keys import VisitKeys, derive_owner_key, open_visit_keys, sign_transfer
 
-Tell = Callable[[int, int, float], None]
+OnProgress = Callable[[int, int, float], None]
 Sleep = Callable[[float], Awaitable[None]]
 _EPHEMERAL_BYTES = 32
 _MOVED_TOO_OFTEN = "TRANSFERS_TOO_MANY"
@@ -140,7 +140,7 @@ class KeyRotation:
         key = derive_owner_key(keys.spend, keys.view, new.ephemeral, chain_id=chain_id, robot=visit.robot)
         return sign_transfer(key, chain_id=chain_id, root=visit.owner)
 
-    async def transfer_all(self, over_s: float, tell: Tell, *, keep_shares: bool = False) -> Transferred:
+    async def transfer_all(self, over_s: float, on_progress: OnProgress, *, keep_shares: bool = False) -> Transferred:
         """Transfer all visits of former mnemonics, in random order over `over_s` seconds (unlinkability).
 
         Then end unknown grants unless `keep_shares`. Contract refusals are reported last; other errors abort.
@@ -153,7 +153,7 @@ class KeyRotation:
         refusal: BlockRobotError | None = None
         for number, visit in enumerate(order):
             pause_s = moments[number] - (moments[number - 1] if number else 0.0)
-            tell(number, len(order), pause_s)
+            on_progress(number, len(order), pause_s)
             if over_s:
                 await self._sleep(pause_s)
             try:

@@ -9,8 +9,8 @@ from pathlib import Path
 from clients.wallet.ledger.visit_audit import AuditEntry, Finding, audit_visit, findings_of
 from clients.wallet.ledger.wallet import VisitReport, Wallet
 from clients.wallet.sharing.incoming_shares import (
+    DeletionReceipt,
     IncomingShares,
-    Receipt,
     UnreadableGrant,
 )
 from clients.wallet.store.keystore import ReceivedGrant
@@ -23,7 +23,7 @@ class Inbox:
     oldest first; `unread` grants have errors.
     """
 
-    receipts: tuple[Receipt, ...]
+    receipts: tuple[DeletionReceipt, ...]
     alarms: tuple[VisitReport, ...]
     reads_new: bool
     faded: tuple[ReceivedGrant, ...] = ()
@@ -56,7 +56,7 @@ async def read_inbox(opened: Wallet) -> Inbox:
     )
 
 
-def copies_left(receipt: Receipt, records: Sequence[bytes]) -> list[Path]:
+def copies_left(receipt: DeletionReceipt, records: Sequence[bytes]) -> list[Path]:
     """Return local folders still holding pictures of these records."""
     places = [Path(copy.folder) / copy.record_id.hex() for copy in receipt.received.copies if copy.record_id in records]
     return [place for place in places if place.exists()]

@@ -56,7 +56,7 @@ Sleep = Callable[[float], Awaitable[None]]
 
 
 @dataclass(frozen=True, slots=True)
-class Notice:
+class ErasureNotice:
     """A change to a shared record (GDPR Art. 19), and whether the grantee confirmed acting."""
 
     record_id: bytes
@@ -65,7 +65,7 @@ class Notice:
 
 
 @dataclass(frozen=True, slots=True)
-class Receipt:
+class DeletionReceipt:
     """A proven grant for this wallet; `is_open` means viewable by its terms.
 
     `looked`: the grantee requested pictures from any wallet, by the audit trail.
@@ -74,7 +74,7 @@ class Receipt:
     grant: Grant
     received: ReceivedGrant
     is_open: bool
-    notices: tuple[Notice, ...]
+    notices: tuple[ErasureNotice, ...]
     looked: bool = True
 
     @property
@@ -124,7 +124,7 @@ class IncomingShares:
         self.missing_rooms: dict[bytes, BlockRobotError] = {}
         """Empty frames that were asked for in vain, by their hash, and why."""
 
-    async def inbox(self) -> list[Receipt]:
+    async def inbox(self) -> list[DeletionReceipt]:
         """Return all received grants, oldest first, each read in its own session.
 
         Sets `reads_new`, `faded` (keys expired) and `unread` (other failures). Raises transient errors.
@@ -143,7 +143,7 @@ class IncomingShares:
                     self.unread.append(UnreadableGrant(received, error))
         return sorted(found, key=lambda receipt: (receipt.grant.row.time, receipt.grant.grant_id))
 
-    async def read(self, received: ReceivedGrant) -> Receipt:
+    async def read(self, received: ReceivedGrant) -> DeletionReceipt:
         """Current state and notices. Raises PROOF_INVALID if it is gone. Expiry gives a notice only where pictures were
         written on this machine.
         """
@@ -157,12 +157,14 @@ class IncomingShares:
         had = {copy.record_id for copy in received.copies}
         trail = await audit_visit(_TrailReader(self._wallet, key), KnownVisit(grant.row.owner, b"", b"", 0, 0))
         notices = [
-            Notice(record_id, kind, record_id in grant.row.noticed or _mark(record_id, kind) in received.confirmed)
+            ErasureNotice(
+                record_id, kind, record_id in grant.row.noticed or _mark(record_id, kind) in received.confirmed
+            )
             for record_id, kind in await self._find_notices(grant, key, trail, is_open=is_open)
             if kind != KIND_ENDED or record_id in had
         ]
         looked = any(entry.data.get("grant") == grant.grant_id for entry in trail if entry.kind == "access_requested")
-        return Receipt(grant, received, is_open, tuple(notices), looked)
+        return DeletionReceipt(grant, received, is_open, tuple(notices), looked)
 
     async def _find_notices(
         self, grant: Grant, key: PrivateKey, trail: Sequence[AuditEntry], *, is_open: bool
@@ -200,13 +202,13 @@ class IncomingShares:
                 found |= set(grant.row.records).intersection(row.records or grant.row.records)
         return found
 
-    async def request_access(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
+    async def request_access(self, receipt: DeletionReceipt, records: Sequence[bytes]) -> bytes:
         """By the grant's key; wait until final. Raises CALL_REFUSED."""
         grant, key = receipt.grant, grantee_key(receipt.received, self._wallet)
         arguments = [grant.grant_id, list(records), grant.row.purpose]
         return (await self._wallet.network.call(key, "access", "request_granted", arguments)).txid
 
-    async def look(self, receipt: Receipt, record_id: bytes, access_id: bytes) -> SharedView:
+    async def look(self, receipt: DeletionReceipt, record_id: bytes, access_id: bytes) -> SharedView:
         """From the fewest custodians. Raises GRANT_PARTS_MISSING, or the common refusal."""
         key = grantee_key(receipt.received, self._wallet)
         state = await proved_row(self._wallet.reading(key), RECORD, record_id)
@@ -262,18 +264,18 @@ class IncomingShares:
             await self._sleep(_FOLLOW_PAUSE_S)
             waited_ms += _FOLLOW_PAUSE_S * 1000
 
-    async def background(self, receipt: Receipt, rendition: Rendition) -> bytes | None:
+    async def background(self, receipt: DeletionReceipt, rendition: Rendition) -> bytes | None:
         key = grantee_key(receipt.received, self._wallet)
         custody = self._wallet.network.custody
         return await custody.find_background(rendition.background_id, key, self.missing_rooms)
 
-    def remember_copy(self, receipt: Receipt, record_id: bytes, folder: str) -> None:
+    def remember_copy(self, receipt: DeletionReceipt, record_id: bytes, folder: str) -> None:
         copy = SharedCopy(record_id, folder)
         if copy not in receipt.received.copies:
             receipt.received.copies.append(copy)
             self._wallet.store.save()
 
-    async def confirm_deleted(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
+    async def confirm_deleted(self, receipt: DeletionReceipt, records: Sequence[bytes]) -> bytes:
         """On the chain; forget their folders and return the txid. Raises NOTHING_TO_CONFIRM, CALL_REFUSED."""
         received = receipt.received
         if not set(records) <= set(receipt.to_confirm):

@@ -61,7 +61,7 @@ _NOT_YET = frozenset({"CLIP_NOT_CONFIRMED", "CUSTODY_CATCHING_UP", "RATE_LIMITED
 """What a custodian says that follows the chain a moment late, or has too much to do."""
 _NONCE_BYTES = 24
 _GONE = ("erasing", "erased")
-Tell = Callable[[str], None]
+OnProgress = Callable[[str], None]
 Sleep = Callable[[float], Awaitable[None]]
 
 
@@ -239,7 +239,7 @@ class SharingClient:
         return {given.handle for given in self._wallet.store.content.given_grants if _same_name(given.label, name)}
 
     async def share(
-        self, entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int, tell: Tell
+        self, entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int, on_progress: OnProgress
     ) -> FinalGrant:
         """Share up to 64 records of one visit and wait for finality; `until_ms` is a full five minutes.
 
@@ -250,7 +250,7 @@ class SharingClient:
             raise refusal("SHARE_NOT_POSSIBLE", "share_records", most=GRANT_RECORDS_MAX_COUNT)
         visit = entries[0].visit
         custodians = await self._get_custodians()
-        tell(STEP_KEYS)
+        on_progress(STEP_KEYS)
         data_keys = await self._open_keys(entries)
         records = [entry.record_id for entry in entries if data_keys[entry.record_id]]
         if not records:
@@ -275,8 +275,8 @@ class SharingClient:
                 list(custodians),
             )
         ]
-        held, absent = await self._upload_all(uploads, custodians, key, tell)
-        tell(STEP_SIGNING)
+        held, absent = await self._upload_all(uploads, custodians, key, on_progress)
+        on_progress(STEP_SIGNING)
         self._remember(GivenGrant(transaction.txid, visit.owner, to.handle, grantee.label, salt))
         try:
             (await network.submit_and_wait(transaction)).require_ok()
@@ -326,7 +326,7 @@ class SharingClient:
         uploads: Sequence[tuple[bytes, GrantUpload]],
         custodians: dict[bytes, NodeAddress | None],
         key: PrivateKey,
-        tell: Tell,
+        on_progress: OnProgress,
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return who stored all and who is absent. Raises SHARE_CUSTODIANS_MISSING unless two have all parts, or the only
         one has.
@@ -334,7 +334,7 @@ class SharingClient:
         held, absent, failures = [], [], []
         for custodian, node in custodians.items():
             name = f"custodian {custodian.hex()[:12]}" if node is None else node.name
-            tell(STEP_PARTS + name)
+            on_progress(STEP_PARTS + name)
             try:
                 if node is None:
                     raise BlockRobotError("NODE_UNREACHABLE", f"The address of {name} is not known here.")
@@ -468,7 +468,7 @@ async def share_each(
     grantee: Grantee,
     purpose: str,
     until_ms: int,
-    tell: Tell,
+    on_progress: OnProgress,
     *,
     explain: Callable[[BlockRobotError, Sequence[FinalGrant]], BlockRobotError],
 ) -> list[FinalGrant]:
@@ -477,7 +477,7 @@ async def share_each(
     for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
         part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
         try:
-            done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
+            done.append(await sharing.share(part, grantee, purpose, until_ms, on_progress))
         except BlockRobotError as error:
             raise explain(error, done) from None
     return done

@@ -42,7 +42,7 @@ HOSPITAL_DAY_VISITS_COUNT = 20_000
 """What is taken for a day of a large hospital: five thousand people, whom robots meet four times each."""
 _START_MS = 1_800_000_000_000
 
-Tell = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,12 +134,12 @@ class HeldFigures(Struct, frozen=True, kw_only=True):
     cpu_ratio: float
 
 
-async def _measure_following(options: CustodyOptions, folder: Path, tell: Tell) -> FollowingFigures:
+async def _measure_following(options: CustodyOptions, folder: Path, on_progress: OnProgress) -> FollowingFigures:
     async with _open_custody(options.store, folder / "a") as awake, _open_custody(options.store, folder / "b") as away:
         size_bytes, hook_s = 0, 0.0
         blocks: list[FinalizedEvents] = []
         for first in range(0, options.behind, BLOCK_RECORDS_COUNT):
-            tell(f"following: {first} of {options.behind} records")
+            on_progress(f"following: {first} of {options.behind} records")
             clips = [_make_clip(options) for _ in range(min(BLOCK_RECORDS_COUNT, options.behind - first))]
             for clip in clips:
                 await awake.custodian.stage(clip.upload)
@@ -149,7 +149,7 @@ async def _measure_following(options: CustodyOptions, folder: Path, tell: Tell) 
             started_s = time.perf_counter()
             await awake.custodian.on_finalized_block(block)
             hook_s += time.perf_counter() - started_s
-        caught_up_s = await _measure_catching_up(blocks, awake, away, options.behind, tell)
+        caught_up_s = await _measure_catching_up(blocks, awake, away, options.behind, on_progress)
         held = [(await custody.store.counts()).confirmed for custody in (awake, away)]
         stored_bytes = await _stored_bytes(folder / "a", awake)
     return FollowingFigures(
@@ -162,7 +162,7 @@ async def _measure_following(options: CustodyOptions, folder: Path, tell: Tell) 
 
 
 async def _measure_catching_up(
-    blocks: Sequence[FinalizedEvents], awake: _Custody, away: _Custody, behind: int, tell: Tell
+    blocks: Sequence[FinalizedEvents], awake: _Custody, away: _Custody, behind: int, on_progress: OnProgress
 ) -> float:
     started_s = time.perf_counter()
     for block in blocks:
@@ -170,7 +170,7 @@ async def _measure_catching_up(
     fetched = 0
     while count := await away.custodian.fetch_missing([awake]):
         fetched += count
-        tell(f"catching up: {fetched} of {behind} clips fetched")
+        on_progress(f"catching up: {fetched} of {behind} clips fetched")
     return time.perf_counter() - started_s
 
 
@@ -200,7 +200,7 @@ def _measure_scanning() -> float:
     return SCANNED_COUNT / (time.perf_counter() - started_s)
 
 
-async def _measure_erasing(options: CustodyOptions, tell: Tell) -> tuple[list[float], dict[str, int]]:
+async def _measure_erasing(options: CustodyOptions, on_progress: OnProgress) -> tuple[list[float], dict[str, int]]:
     took_ms: list[float] = []
     errors: dict[str, int] = {}
     async with FreshNetwork(NODES_COUNT, store=options.store) as network:
@@ -208,7 +208,7 @@ async def _measure_erasing(options: CustodyOptions, tell: Tell) -> tuple[list[fl
         robot = ClipRobot(enrolled.key, network.open_client())
         owner = await robot.open_visit()
         for number in range(options.erasures):
-            tell(f"erasing: {number} of {options.erasures}")
+            on_progress(f"erasing: {number} of {options.erasures}")
             try:
                 clip = await robot.record(owner, options.frames, options.frame_bytes)
                 started_s = time.perf_counter()
@@ -219,11 +219,11 @@ async def _measure_erasing(options: CustodyOptions, tell: Tell) -> tuple[list[fl
     return took_ms, errors
 
 
-async def _run_held(options: CustodyOptions, tell: Tell) -> Result[HeldFigures]:
+async def _run_held(options: CustodyOptions, on_progress: OnProgress) -> Result[HeldFigures]:
     conditions = measure_conditions(nodes=0, store="sqlite", erasures=options.erasures, held=list(options.held))
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
     try:
-        rows = [await measure_held(held, options.erasures, folder / str(held), tell) for held in options.held]
+        rows = [await measure_held(held, options.erasures, folder / str(held), on_progress) for held in options.held]
     finally:
         await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
     costs = [row.erase_block_cpu_p50_ms for row in rows]
@@ -233,11 +233,11 @@ async def _run_held(options: CustodyOptions, tell: Tell) -> Result[HeldFigures]:
 
 
 async def run_custody_benchmark(
-    options: CustodyOptions, tell: Tell = lambda _text: None
+    options: CustodyOptions, on_progress: OnProgress = lambda _text: None
 ) -> Result[CustodyFigures] | Result[HeldFigures]:
     """`ok` is False after any error or missing clip."""
     if options.held:
-        return await _run_held(options, tell)
+        return await _run_held(options, on_progress)
     conditions = measure_conditions(
         nodes=NODES_COUNT,
         store="mongodb" if options.store.startswith(MONGO_SCHEMES) else options.store,
@@ -249,11 +249,11 @@ async def run_custody_benchmark(
     )
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
     try:
-        took_ms, errors = await _measure_erasing(options, tell)
-        following = await _measure_following(options, folder, tell)
+        took_ms, errors = await _measure_erasing(options, on_progress)
+        following = await _measure_following(options, folder, on_progress)
     finally:
         await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
-    tell("scanning")
+    on_progress("scanning")
     scanned_per_s = await asyncio.to_thread(_measure_scanning)
     figures = CustodyFigures(
         **msgspec.structs.asdict(following),

@@ -31,7 +31,7 @@ _AT_ONCE_COUNT = 2_000
 _START_MS = 1_800_000_000_000
 _EXPIRES_MS = _START_MS + 30 * 24 * 3_600_000
 
-Tell = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 
 def _kept_rows(slots: Sequence[int]) -> Iterator[tuple[ClipRow, list[FrameRow]]]:
@@ -45,14 +45,14 @@ def _kept_rows(slots: Sequence[int]) -> Iterator[tuple[ClipRow, list[FrameRow]]]
         yield clip, [FrameRow(record_id, index, text, wrapped, slot) for index, slot in places]
 
 
-def fill(folder: Path, keys: EraseKeys, held: int, tell: Tell) -> None:
+def fill(folder: Path, keys: EraseKeys, held: int, on_progress: OnProgress) -> None:
     folder.mkdir(mode=0o700, parents=True)
     with closing(sqlite3.connect(folder / DATABASE_FILE_NAME, isolation_level=None)) as database:
         for setting in ("journal_mode = WAL", "synchronous = OFF", "secure_delete = ON"):
             database.execute(f"PRAGMA {setting}").fetchall()
         database.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
         for first in range(0, held, _AT_ONCE_COUNT):
-            tell(f"filling: {first} of {held} clips")
+            on_progress(f"filling: {first} of {held} clips")
             count = min(_AT_ONCE_COUNT, held - first)
             slots = [slot for slot, _ in keys.allocate(count * KEPT_FRAMES_COUNT)]
             database.execute("BEGIN")
@@ -101,13 +101,13 @@ class HeldRow(Struct, frozen=True, kw_only=True):
     bytes_left: int
 
 
-async def measure_held(held: int, erasures: int, folder: Path, tell: Tell) -> HeldRow:
+async def measure_held(held: int, erasures: int, folder: Path, on_progress: OnProgress) -> HeldRow:
     """Measure erasing blocks (one five-frame clip each) beside `held` clips."""
     with EraseKeys(folder / "erase-keys") as keys:
-        await asyncio.to_thread(fill, folder / "custody", keys, held, tell)
+        await asyncio.to_thread(fill, folder / "custody", keys, held, on_progress)
         async with SqliteStore(folder / "custody") as store:
             custodian = Custodian(store, keys, member=bytes(33), clock_ms=lambda: _START_MS)
-            tell(f"erasing among {held} clips")
+            on_progress(f"erasing among {held} clips")
             took = [each async for each in _erasures(custodian, WARM_UP_COUNT + erasures)][WARM_UP_COUNT:]
             left = await store.leftovers()
             counts = await store.counts()

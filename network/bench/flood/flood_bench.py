@@ -345,7 +345,7 @@ def choose_kinds(options: FloodOptions) -> list[str]:
     return chosen
 
 
-async def run_flood_benchmark(options: FloodOptions, tell: Callable[[str], None]) -> FloodResult:
+async def run_flood_benchmark(options: FloodOptions, on_progress: Callable[[str], None]) -> FloodResult:
     """As a node, each kind uses another never started node's certificate."""
     kinds = choose_kinds(options)
     conditions = measure_conditions(nodes=NODES_COUNT, identity=options.identity, seconds=options.seconds)
@@ -359,7 +359,7 @@ async def run_flood_benchmark(options: FloodOptions, tell: Callable[[str], None]
             for own, kind in enumerate(group):
                 row = await _measure(scene, options, kind, own)
                 rows.append(row)
-                tell(f"{kind}: finality {row.ratio} times as late, /status {row.status_max_ms} ms at most")
+                on_progress(f"{kind}: finality {row.ratio} times as late, /status {row.status_max_ms} ms at most")
     met = [(row.kind, msgspec.structs.asdict(row.goals)) for row in rows]
     figures = FloodFigures(
         worst_ratio=max(row.ratio for row in rows),

@@ -42,7 +42,7 @@ SETTLING_MAX_S = 600.0
 
 _MB = 1024 * 1024
 
-Tell = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class _Cut:
     until_ms: int = 0
 
 
-async def run_robot_benchmark(options: RobotOptions, tell: Tell) -> Result[RobotFigures]:
+async def run_robot_benchmark(options: RobotOptions, on_progress: OnProgress) -> Result[RobotFigures]:
     """A cut stops all nodes by SIGSTOP; connections stay open."""
     scene = make_scene(loop_seconds(options.seconds), options.fps, options.seed)
     tags = load_or_draw_tags(options.cache, scene)
@@ -93,23 +93,23 @@ async def run_robot_benchmark(options: RobotOptions, tell: Tell) -> Result[Robot
         scene,
         tags,
         options.cache,
-        progress=lambda done, total: tell(f"rendering the recording: {done} of {total} frames"),
+        progress=lambda done, total: on_progress(f"rendering the recording: {done} of {total} frames"),
     )
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-"))
     stage = Stage(folder, store="sqlite", base_port=find_base_port(NODES_COUNT), purpose=PURPOSE)
     try:
-        tell("starting four nodes")
+        on_progress("starting four nodes")
         await stage.start_network("bench-robot")
-        tell("registering people and robots")
+        on_progress("registering people and robots")
         for alias in PEOPLE:
             await stage.enrol_person(alias, tags[alias])
         robots = [await _enrol(stage, number) for number in range(options.robots)]
         conditions = _conditions(options, scene)
-        cut = await _play(stage, robots, bag, scene, options, tell)
+        cut = await _play(stage, robots, bag, scene, options, on_progress)
         for robot in robots:
             with robot.log.open(encoding="utf-8") as lines:
                 robot.logged = await asyncio.to_thread(read_frames, lines)
-        tell("looking with the owners' eyes")
+        on_progress("looking with the owners' eyes")
         owners = await _look(stage)
     finally:
         await stage.stop()
@@ -142,7 +142,7 @@ async def _enrol(stage: Stage, number: int) -> _Played:
 
 
 async def _play(
-    stage: Stage, robots: list[_Played], bag: Path, scene: Scenario, options: RobotOptions, tell: Tell
+    stage: Stage, robots: list[_Played], bag: Path, scene: Scenario, options: RobotOptions, on_progress: OnProgress
 ) -> _Cut:
     loop_ms = round(scene.duration_s * 1000)
 
@@ -152,7 +152,7 @@ async def _play(
             if robot.frames_read:
                 robot.begun.set()
             least = min(one.frames_read for one in robots)
-            tell(f"playing: {least} of {options.frames} frames, {figures.waiting} waiting")
+            on_progress(f"playing: {least} of {options.frames} frames, {figures.waiting} waiting")
 
         where = {"folder": robot.folder, "genesis": stage.genesis_file, "bag": bag, "events": robot.log}
         where["approver"] = stage.approver_file
@@ -162,7 +162,7 @@ async def _play(
         robot.summary = await command.run(options.seconds + options.cut_s + SETTLING_MAX_S)
 
     playing = [asyncio.create_task(play(robot)) for robot in robots]
-    cutting = asyncio.create_task(_cut(stage, robots, options, tell))
+    cutting = asyncio.create_task(_cut(stage, robots, options, on_progress))
     try:
         await asyncio.gather(*playing)
         return await cutting
@@ -172,7 +172,7 @@ async def _play(
         await asyncio.gather(*playing, cutting, return_exceptions=True)
 
 
-async def _cut(stage: Stage, robots: list[_Played], options: RobotOptions, tell: Tell) -> _Cut:
+async def _cut(stage: Stage, robots: list[_Played], options: RobotOptions, on_progress: OnProgress) -> _Cut:
     if not options.cut_s:
         return _Cut()
     for robot in robots:
@@ -180,7 +180,7 @@ async def _cut(stage: Stage, robots: list[_Played], options: RobotOptions, tell:
     await asyncio.sleep(max(0.0, (options.seconds - options.cut_s) / 2))
     control = FaultControl(stage.cluster)
     cut = _Cut(from_ms=_now_ms())
-    tell("the network is cut")
+    on_progress("the network is cut")
     try:
         for name in stage.cluster.names:
             await control.carry_out(Pause(name))
@@ -188,7 +188,7 @@ async def _cut(stage: Stage, robots: list[_Played], options: RobotOptions, tell:
     finally:
         await control.carry_out(Heal(()))
     cut.until_ms = _now_ms()
-    tell("the network is back")
+    on_progress("the network is back")
     return cut
 
 

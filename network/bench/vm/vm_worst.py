@@ -116,10 +116,10 @@ def run_worst_benchmark(programs: Iterable[Program] = PROGRAMS, *, rounds: int =
     return _judge("vm-worst", figures, rows, conditions)
 
 
-def run_worst_search(minutes: float, seed: int, tell: Callable[[str], None]) -> WorstResult[SearchFigures]:
+def run_worst_search(minutes: float, seed: int, on_progress: Callable[[str], None]) -> WorstResult[SearchFigures]:
     conditions = measure_conditions(nodes=0, seed=seed)
     started = time.monotonic()
-    found = search(minutes * 60, seed, tell)
+    found = search(minutes * 60, seed, on_progress)
     before = measure_reference()
     sure = confirm(found)
     reference_ms = min(before, measure_reference())

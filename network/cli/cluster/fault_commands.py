@@ -244,13 +244,13 @@ def run(plan: Path, dry_run: bool, folder: Path | None, as_json: bool) -> None:
     control = _control(folder)
     read = parse_plan(text, control.cluster.names)
 
-    def tell(done: StepDone) -> None:
+    def on_progress(done: StepDone) -> None:
         if not as_json:
             problem = "" if done.error is None else f"  [red]{done.error.code}[/red]: {escape(done.error.detail)}"
             console.print(f"{done.at_ms / 1000:8.2f} s  {escape(done.step.action.describe())}{problem}")
 
     control = FaultControl(control.cluster, read.seed)
-    results = asyncio.run(run_plan(read, control, tell))
+    results = asyncio.run(run_plan(read, control, on_progress))
     is_stopped = _is_stopped(control.cluster, results)
     is_ok = all(done.error is None for done in results) and not is_stopped
     if as_json:

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.chain.governance import Decision, Governor, MembershipView, ProposalRow
+from clients.sdk.chain.governance import Decision, Governor, MembershipView, ProvedProposal
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer
@@ -67,7 +67,7 @@ async def _require_room(
             raise BlockRobotError("GOVERNANCE_PROPOSALS_TOO_MANY", f"{text} {_way_out(row, organisation)}")
 
 
-def _way_out(row: ProposalRow, organisation: str) -> str:
+def _way_out(row: ProvedProposal, organisation: str) -> str:
     command = f"blockrobot {command_group(row.contract)} withdraw {shown_id(row.id)} --as {organisation}"
     return f"Take one back, such as {summary_of(row)}: {command}"
 
@@ -128,10 +128,10 @@ def _report(signer: Signer, submitted: SubmittedAct, what: str, name: str, *, wa
 
 
 def _await_arrival(signer: Signer, name: str, decision: Decision) -> ChangeOutcome | None:
-    def tell(line: str) -> None:
+    def on_progress(line: str) -> None:
         click.echo(line, err=True)
 
-    return with_client(signer, lambda client: await_change(client, signer.key, name, decision, tell))
+    return with_client(signer, lambda client: await_change(client, signer.key, name, decision, on_progress))
 
 
 def _told_arrival(name: str, arrival: ChangeOutcome) -> str:

@@ -10,7 +10,7 @@ import click
 import msgspec
 from rich.syntax import Syntax
 
-from clients.sdk.chain.governance import ID_PREFIX_MIN_CHARS, ProposalRow, resolve_proposal
+from clients.sdk.chain.governance import ID_PREFIX_MIN_CHARS, ProvedProposal, resolve_proposal
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_answer
@@ -79,18 +79,18 @@ def _print_failed(row: NamedVersion) -> None:
     console.print(f"[bold]{escape(text)}[/bold]")
 
 
-def _told_proposal(row: ProposalRow) -> str:
+def _told_proposal(row: ProvedProposal) -> str:
     note = f": {row.arguments['note']}" if row.arguments.get("note") else ""
     return f"Proposal {shown_id(row.id)}: {summary_of(row)}, proposed by {row.organisation}{note}"
 
 
-def _compared_answer(row: ProposalRow) -> ComparedProposal:
+def _compared_answer(row: ProvedProposal) -> ComparedProposal:
     return ComparedProposal(
         id=row.id.hex(), kind=row.kind, organisation=row.organisation, arguments=to_json(dict(row.arguments))
     )
 
 
-def _print_proposal(row: ProposalRow, needed: int) -> None:
+def _print_proposal(row: ProvedProposal, needed: int) -> None:
     arguments = row.arguments
     console.print(escape(_told_proposal(row)))
     when = [f"not before block {arguments['height']}"] if arguments.get("height") else []
@@ -349,7 +349,7 @@ def _read_file(name: str, text: str) -> Edition | None:
     return edition_of_source(read_source(path), name, text) if text and path.is_file() else None
 
 
-def _proposal_about(view: ContractsView, name: str, text: str) -> ProposalRow:
+def _proposal_about(view: ContractsView, name: str, text: str) -> ProvedProposal:
     """Raises GOVERNANCE_PROPOSAL_CLOSED."""
     found = resolve_proposal(view.proposals, text)
     if found.arguments["name"] != name:

@@ -40,7 +40,7 @@ async def pause() -> None:
 
 
 async def await_change(
-    client: NetworkClient, key: PrivateKey, name: str, decision: Decision, tell: Callable[[str], None]
+    client: NetworkClient, key: PrivateKey, name: str, decision: Decision, on_progress: Callable[[str], None]
 ) -> ChangeOutcome | None:
     """Proved, once final; None if too far ahead or late."""
     height = decision.due_height
@@ -62,11 +62,11 @@ async def await_change(
                 raise
         now = time.monotonic()
         if now >= ends:
-            tell(f"Block {height} is not final yet ({seen}); no longer waiting.")
+            on_progress(f"Block {height} is not final yet ({seen}); no longer waiting.")
             return None
         if now - told_at >= TELL_EVERY_S:
             told_at = now
-            tell(f"Waiting for block {height} to be final; {seen}.")
+            on_progress(f"Waiting for block {height} to be final; {seen}.")
         await pause()
 
 

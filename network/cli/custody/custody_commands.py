@@ -148,12 +148,12 @@ def _run(configs: list[NodeConfig], kind: type[R], work: str, *, as_json: bool) 
     reports = []
     with status_line("Asking ...", as_json=as_json) as show:
 
-        def tell(name: str, what: str, done: int, total: int) -> None:
+        def on_progress(name: str, what: str, done: int, total: int) -> None:
             show(f"{name}: {what} {done}{f' of {total}' if total else ''}")
 
         for config in configs:
-            tell(config.name, work, 0, 0)
-            reports.append((config.name, asyncio.run(run_work(config, kind, tell))))
+            on_progress(config.name, work, 0, 0)
+            reports.append((config.name, asyncio.run(run_work(config, kind, on_progress))))
     return reports
 
 

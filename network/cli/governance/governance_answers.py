@@ -174,7 +174,7 @@ class NoticeCheckAnswer(Answer, frozen=True, kw_only=True):
     bytes: Annotated[Count, doc("Its size in bytes")]
 
 
-class NoticeVersion(Answer, frozen=True, kw_only=True):
+class NoticeVersionAnswer(Answer, frozen=True, kw_only=True):
     """A version of a notice on the chain."""
 
     organisation: Annotated[str, doc("Whose notice it is")]
@@ -183,13 +183,13 @@ class NoticeVersion(Answer, frozen=True, kw_only=True):
     height: Annotated[Height, doc("The block in which it was published")]
 
 
-class NoticePublishAnswer(NoticeVersion, frozen=True, kw_only=True):
+class NoticePublishAnswer(NoticeVersionAnswer, frozen=True, kw_only=True):
     """A notice that is in force."""
 
     is_new: Annotated[bool, doc("Whether it was published now; false if it was in force already")]
 
 
-class NoticeShowAnswer(NoticeVersion, frozen=True, kw_only=True):
+class NoticeShowAnswer(NoticeVersionAnswer, frozen=True, kw_only=True):
     """What an organisation tells people."""
 
     time_ms: Annotated[TimeMs, doc("That block's time")]

@@ -19,7 +19,7 @@ from clients.sdk.chain.governance import (
     Decision,
     Governor,
     MembershipView,
-    ProposalRow,
+    ProvedProposal,
     find_closed,
     read_membership,
     resolve_proposal,
@@ -159,7 +159,7 @@ class SubmittedAct:
 
     decision: Decision
     membership: MembershipView
-    proposal: ProposalRow | None
+    proposal: ProvedProposal | None
 
 
 async def _read_act(
@@ -226,10 +226,10 @@ async def _tell_closed(client: NetworkClient, key: PrivateKey, text: str) -> Non
 
 def decide_on_proposal(
     signer: Signer, contract: str, text: str, entry: str, check: Check | None = None
-) -> tuple[SubmittedAct, ProposalRow]:
+) -> tuple[SubmittedAct, ProvedProposal]:
     """By id prefix; check if requested, approve or withdraw."""
 
-    async def run(client: NetworkClient) -> tuple[SubmittedAct, ProposalRow]:
+    async def run(client: NetworkClient) -> tuple[SubmittedAct, ProvedProposal]:
         before = await read_membership(client, signer.key)
         try:
             proposal = resolve_proposal([row for row in before.proposals if row.contract == contract], text)
@@ -264,7 +264,7 @@ def to_json(value: Any) -> Any:
     return [to_json(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def proposal_answer(row: ProposalRow, needed: int) -> OpenProposal:
+def proposal_answer(row: ProvedProposal, needed: int) -> OpenProposal:
     return OpenProposal(
         id=row.id.hex(),
         kind=row.kind,
@@ -277,7 +277,7 @@ def proposal_answer(row: ProposalRow, needed: int) -> OpenProposal:
     )
 
 
-def summary_of(row: ProposalRow) -> str:
+def summary_of(row: ProvedProposal) -> str:
     arguments = row.arguments
     if row.kind == "set":
         return f"{arguments['name']} = {arguments['value']}"
@@ -286,7 +286,7 @@ def summary_of(row: ProposalRow) -> str:
     return f"{row.kind.replace('_', '-')} {named}{version}"
 
 
-def print_proposals(rows: list[ProposalRow], needed: int, group: str) -> None:
+def print_proposals(rows: list[ProvedProposal], needed: int, group: str) -> None:
     if not rows:
         console.print("No open proposals.")
         return

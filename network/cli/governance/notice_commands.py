@@ -19,7 +19,7 @@ from consensus.errors import BlockRobotError
 from consensus.rights.notices import (
     Notice,
     NoticePurpose,
-    NoticeRow,
+    NoticeVersion,
     Party,
     PublishedNotice,
     change_lines,
@@ -42,7 +42,7 @@ from network.cli.governance.governance_answers import (
     NoticePublishAnswer,
     NoticeReference,
     NoticeShowAnswer,
-    NoticeVersion,
+    NoticeVersionAnswer,
     ProcessingActivity,
     ProcessingPlace,
 )
@@ -121,8 +121,10 @@ def check(file: Path, as_json: bool) -> None:
     )
 
 
-def _version_answer(row: NoticeRow) -> NoticeVersion:
-    return NoticeVersion(organisation=row.organisation, version=row.version, hash=row.digest.hex(), height=row.height)
+def _version_answer(row: NoticeVersion) -> NoticeVersionAnswer:
+    return NoticeVersionAnswer(
+        organisation=row.organisation, version=row.version, hash=row.digest.hex(), height=row.height
+    )
 
 
 async def _own_organisation(client: NetworkClient, signer: Signer) -> str:

@@ -8,11 +8,11 @@ import click
 import msgspec
 
 from clients.sdk.chain.governance import (
-    CandidateRow,
     Decision,
     Governor,
     MembershipView,
     ProducersView,
+    ProvedCandidate,
     read_membership,
     read_producers,
 )
@@ -51,7 +51,7 @@ async def _read(client: NetworkClient, key: PrivateKey) -> tuple[ProducersView, 
     return await read_producers(client, key), await read_membership(client, key)
 
 
-def _candidate_answer(row: CandidateRow) -> ProducerCandidate:
+def _candidate_answer(row: ProvedCandidate) -> ProducerCandidate:
     return ProducerCandidate(
         key=row.key.hex(),
         node=row.name,
@@ -68,7 +68,7 @@ def _candidate_answer(row: CandidateRow) -> ProducerCandidate:
     )
 
 
-def _ready(row: CandidateRow, view: ProducersView) -> str:
+def _ready(row: ProvedCandidate, view: ProducersView) -> str:
     if row.status == "producing":
         return "seated"
     if row.ready_ms == 0:
@@ -76,13 +76,13 @@ def _ready(row: CandidateRow, view: ProducersView) -> str:
     return f"at height {row.ready_height}, {max(0, view.timestamp_ms - row.ready_ms) // 1000} s ago"
 
 
-def _seat_of(row: CandidateRow) -> str:
+def _seat_of(row: ProvedCandidate) -> str:
     if row.turn is None:
         return "-"
     return str(row.turn + 1) if row.leads else f"{row.turn + 1}*"
 
 
-def _print_evidence(row: CandidateRow) -> None:
+def _print_evidence(row: ProvedCandidate) -> None:
     """Two signatures over two ids in one round prove it to outsiders."""
     evidence = row.evidence
     console.print(
@@ -163,7 +163,7 @@ def _vote(
     entry: str,
     *,
     as_json: bool,
-    after: Callable[[ProducersView, bytes], list[CandidateRow]] | None = None,
+    after: Callable[[ProducersView, bytes], list[ProvedCandidate]] | None = None,
 ) -> None:
     """Vote on a candidate and report the final standing.
 
@@ -201,7 +201,7 @@ def _vote(
         console.print(f"Now: {_standing(row, view)}. {_next_step(node, row, membership)}")
 
 
-def _standing(row: CandidateRow | None, view: ProducersView) -> str:
+def _standing(row: ProvedCandidate | None, view: ProducersView) -> str:
     seats = f"{len(view.epoch.producers)} producers"
     if row is None:
         return f"it is no candidate any more; {seats}"
@@ -209,7 +209,7 @@ def _standing(row: CandidateRow | None, view: ProducersView) -> str:
     return f"{row.status}, votes: {', '.join(row.votes) or 'none'}{ready}; {seats}"
 
 
-def _next_step(node: str, row: CandidateRow | None, membership: MembershipView) -> str:
+def _next_step(node: str, row: ProvedCandidate | None, membership: MembershipView) -> str:
     if row is not None and row.removals:
         return f"Next step for a removal: another organisation says blockrobot producer remove {node} --as ORG."
     if row is None or row.status in {"producing", "removed"}:

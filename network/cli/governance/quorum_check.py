@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.chain.governance import CandidateRow, MembershipView, ProducersView, read_producers
+from clients.sdk.chain.governance import MembershipView, ProducersView, ProvedCandidate, read_producers
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
 from consensus.errors import BlockRobotError
@@ -59,7 +59,7 @@ def seats_after(
     leaving_organisation: str = "",
     withdrawn: tuple[bytes, str] | None = None,
     maximum: int | None = None,
-) -> list[CandidateRow]:
+) -> list[ProvedCandidate]:
     """By the election contract's rules. `withdrawn` is a candidate key and the organisation withdrawing its vote (empty:
     any). Waiting newcomers are excluded: they may be unready.
     """
@@ -83,7 +83,7 @@ async def require_live_quorum(
     client: NetworkClient,
     folder: Path,
     view: ProducersView,
-    after: Sequence[CandidateRow],
+    after: Sequence[ProvedCandidate],
     silenced: Collection[str] = (),
 ) -> None:
     """`silenced` nodes keep a seat but cannot sign until given a new key. Raises GOVERNANCE_QUORUM_AT_RISK."""

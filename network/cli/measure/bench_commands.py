@@ -248,11 +248,11 @@ def matcher_command(tracks: int, seed: int, workers: int | None, as_json: bool) 
     """
     from network.lab.matcher.matcher_judge import judge_matcher  # noqa: PLC0415 - only when it is needed
 
-    def tell(done: int, of: int) -> None:
+    def on_progress(done: int, of: int) -> None:
         if sys.stderr.isatty():
             overwrite_line(f"drawn and judged: {done} of {of} hundreds", ends=done == of)
 
-    _finish(judge_matcher(tracks, seed, workers=workers, progress=tell), as_json=as_json)
+    _finish(judge_matcher(tracks, seed, workers=workers, progress=on_progress), as_json=as_json)
 
 
 def _tell_line(line: str) -> None:
@@ -314,7 +314,7 @@ def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path |
     from network.lab.pedestrians.film import FILM  # noqa: PLC0415 - only when it is needed
     from network.lab.pedestrians.judge import judge_pedestrians  # noqa: PLC0415
 
-    result = judge_pedestrians(seed, tags=tags, film_file=film or FILM, picture=picture, tell=_Teller())
+    result = judge_pedestrians(seed, tags=tags, film_file=film or FILM, picture=picture, on_progress=_Teller())
     _finish(result, as_json=as_json)
 
 

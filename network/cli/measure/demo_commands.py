@@ -63,7 +63,7 @@ def demo(out: Path, store: str, base_port: int, keep: bool, as_json: bool) -> No
 
     pace = ProgressThrottle()
 
-    def tell(line: str) -> None:
+    def on_progress(line: str) -> None:
         if not as_json:
             status.update(escape(line))
             if not console.is_terminal and pace.lets_pass(line, time.monotonic()):
@@ -71,7 +71,7 @@ def demo(out: Path, store: str, base_port: int, keep: bool, as_json: bool) -> No
 
     checks = CheckList(listener=show)
     options = DemoOptions(out=place, cache=home_folder() / "recordings", store=store, base_port=base_port, keep=keep)
-    story = Demo(options, checks, tell)
+    story = Demo(options, checks, on_progress)
     if not as_json and console.is_terminal:
         status.start()
     # A demonstration that is told to end takes its nodes along, as it does on Ctrl-C.

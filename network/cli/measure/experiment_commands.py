@@ -48,7 +48,7 @@ def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
         out=place,
         cache=home_folder() / "recordings",
         base_port=base_port,
-        tell=progress.tell,
+        on_progress=progress.tell,
         show=progress.show,
     )
     try:

@@ -61,13 +61,13 @@ def add(
         raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no admin's key in {place / 'organisations'}.")
     steps: list[Step] = []
 
-    def tell(step: Step) -> None:
+    def on_progress(step: Step) -> None:
         steps.append(step)
         if not as_json:
             console.print(f"  {len(steps)}. {escape(step.sentence())}", soft_wrap=True)
 
     wanted = _NewNode(name, organisation, is_producer, is_custodian, base_port)
-    added, growth = asyncio.run(_add(cluster, voices, wanted, tell))
+    added, growth = asyncio.run(_add(cluster, voices, wanted, on_progress))
     if as_json:
         done = [NodeAddStep(who=step.who, what=step.what, height=step.height) for step in steps]
         answer = NodeAddAnswer(
@@ -91,24 +91,24 @@ class _NewNode:
 
 
 async def _add(
-    cluster: Cluster, voices: dict[str, PrivateKey], wanted: _NewNode, tell: Callable[[Step], None]
+    cluster: Cluster, voices: dict[str, PrivateKey], wanted: _NewNode, on_progress: Callable[[Step], None]
 ) -> tuple[NodeEntry, NodeAddition]:
     async with open_pinned_client(cluster.genesis, cluster.folder / PIN_FILE) as client:
-        growth = NodeAddition(client, voices, tell)
+        growth = NodeAddition(client, voices, on_progress)
         membership = await growth.begin()
         entry = _make(cluster, membership, growth, wanted)
         home = cluster.folder / "nodes" / entry.name
-        tell(Step("", f"node init {entry.name} --organisation {entry.organisation}: {home}"))
+        on_progress(Step("", f"node init {entry.name} --organisation {entry.organisation}: {home}"))
         fields = {field: getattr(entry, field) for field in NodeEntry.__struct_fields__}
         is_agreed = await growth.agree("add_node", fields, entry.organisation)
         cluster.configs[entry.name] = load_config(home)
         cluster.start(entry.name)
         await cluster.wait_answering(entry.name)
         if not is_agreed:
-            tell(Step("", f"node run {entry.name}: it runs, and waits for the organisations"))
+            on_progress(Step("", f"node run {entry.name}: it runs, and waits for the organisations"))
             return entry, growth
         await cluster.wait_ready([entry.name])
-        tell(Step("", f"node run {entry.name}: it has fetched the chain and follows it"))
+        on_progress(Step("", f"node run {entry.name}: it has fetched the chain and follows it"))
         if wanted.is_producer and await growth.vote_in(entry.name, entry.producer_key, entry.organisation):
             await growth.wait_seated(entry.name, entry.producer_key)
         return entry, growth

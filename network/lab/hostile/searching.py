@@ -326,7 +326,7 @@ def _judge(genome: Genome, number: int, reference_s: float, beyond: float) -> fl
     return again.seconds_per_million_gas / beside.seconds_per_million_gas
 
 
-def search(cpu_s: float, seed: int, tell: Callable[[str], None]) -> Search:
+def search(cpu_s: float, seed: int, on_progress: Callable[[str], None]) -> Search:
     breeder, done = Breeder(seed), Search(dearest={})
     best = done.dearest
     assert best is not None
@@ -357,7 +357,9 @@ def search(cpu_s: float, seed: int, tell: Callable[[str], None]) -> Search:
         if time.process_time() - reported_s > 30:
             reported_s = time.process_time()
             top = max((price for price, _ in best.values()), default=0.0)
-            tell(f"{spent / 60:.1f} min of CPU time: {done.tried} programs, the dearest {top:.1f} times the reference")
+            on_progress(
+                f"{spent / 60:.1f} min of CPU time: {done.tried} programs, the dearest {top:.1f} times the reference"
+            )
     done.cpu_s = time.process_time() - started
     return done
 

@@ -89,7 +89,7 @@ def judge_pedestrians(
     frames: range | None = None,
     film_file: Path = FILM,
     picture: Path | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    on_progress: Callable[[str], None] = lambda _: None,
 ) -> PedestrianResult:
     """Return the measurement.
 
@@ -101,14 +101,14 @@ def judge_pedestrians(
     conditions = measure_conditions(
         nodes=0, seed=seed, tags_drawn=tags, readings_a_second=FRAME_RATE / READ_EVERY_FRAMES, sigma_m=SIGMA_M
     )
-    tell("reading the film")
+    on_progress("reading the film")
     film, first = _stretch(read_film(film_file), frames)
     started = time.process_time()
-    tell("following everybody")
+    on_progress("following everybody")
     depths = work_out_depths(film)
     seen = follow_everybody(film, depths)
     bearers = choose_bearers(seen, tags)
-    tell("hiding")
+    on_progress("hiding")
     played = play(film, depths, bearers, seed)
     took_s = time.process_time() - started
     shown = _look(film, played, first, marked_people() if is_marked_film(film_file) else {})

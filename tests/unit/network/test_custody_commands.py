@@ -104,8 +104,8 @@ def says(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     async def ask_all(configs: list[Any]) -> list[Any]:
         return [said[config.name] for config in configs]
 
-    async def run_work(config: Any, kind: type[Any], tell: Any) -> Any:
-        tell(config.name, "records", 1, 2)
+    async def run_work(config: Any, kind: type[Any], on_progress: Any) -> Any:
+        on_progress(config.name, "records", 1, 2)
         report = said[f"{'scrub' if kind is ScrubAnswer else 'rebuild'} {config.name}"]
         if isinstance(report, BlockRobotError):
             raise report

@@ -21,10 +21,10 @@ def growth_of(chain: Consortium, *names: str) -> tuple[NodeAddition, list[str]]:
     client = cast(NetworkClient, ConsortiumClient(chain))
     voices = {name: key_of("not in force") if name == "stranger" else admin_of(name) for name in names}
 
-    def tell(step: Step) -> None:
+    def on_progress(step: Step) -> None:
         told.append(step.sentence())
 
-    return NodeAddition(client, voices, tell), told
+    return NodeAddition(client, voices, on_progress), told
 
 
 async def agreed(growth: NodeAddition) -> bool:

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
-from consensus.rights.notices import NoticeRow, PublishedNotice, encode_notice, notice_digest
+from consensus.rights.notices import NoticeVersion, PublishedNotice, encode_notice, notice_digest
 from network.cli.governance import notice_commands
 from network.cli.governance.notice_commands import read_notice_file
 from network.cli.main import main
@@ -53,7 +53,7 @@ def test_publishing_asks_and_shows_what_changes(tmp_path: Path, monkeypatch: pyt
     assert (refused.exit_code, "--yes" in refused.output) == (2, True)
     asked: list[str] = []
     monkeypatch.setattr(notice_commands, "ask", lambda text, **_: asked.append(text))
-    row = NoticeRow("hospital", 3, bytes(32), 9, 1)
+    row = NoticeVersion("hospital", 3, bytes(32), 9, 1)
     other = msgspec.structs.replace(demo_notice(), automated_decisions="None, in other words.")
     said: list[str] = []
     monkeypatch.setattr(notice_commands.click, "echo", lambda text, **_: said.append(text))

@@ -81,7 +81,7 @@ SENTENCES_MAX_COUNT = 256
 YIELD_EVERY_COUNT = 16
 _FOREVER_MS = 1 << 53
 
-Tell = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 
 class LiveCounts(NamedTuple):
@@ -95,17 +95,17 @@ class LiveCounts(NamedTuple):
 
 
 class LiveSource:
-    """A source of `feeds`, as context; `tell` receives status sentences in `play`'s thread.
+    """A source of `feeds`, as context; `on_progress` receives status sentences in `play`'s thread.
 
     Entering raises FEED_UNREACHABLE, MIDDLEWARE_MISSING, TOPICS_INVALID. Before `play` only focal length counts.
     """
 
-    def __init__(self, feeds: Sequence[Feed], topics: Topics, tell: Tell | None = None) -> None:
+    def __init__(self, feeds: Sequence[Feed], topics: Topics, on_progress: OnProgress | None = None) -> None:
         self._feeds = tuple(feeds)
         self._topics = topics
         self._kinds = {topic: KINDS[what] for topic, what in topics.wanted.items()}
         self._known = types_with(topics.definitions)
-        self._tell = tell or (lambda _: None)
+        self._on_progress = on_progress or (lambda _: None)
         self._reader = MessageReader(topics)
         self._queue = LiveQueue()
         self._opened = ExitStack()
@@ -319,7 +319,7 @@ class LiveSource:
     def _tell_all(self) -> None:
         while self._sentences:
             with suppress(OSError, ValueError):
-                self._tell(self._sentences.popleft())
+                self._on_progress(self._sentences.popleft())
 
 
 class _FeedListener:

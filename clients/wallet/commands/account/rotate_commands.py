@@ -16,7 +16,7 @@ from clients.wallet.cli.mnemonic_handover import show_and_check, write_words
 from clients.wallet.cli.wallet_context import confirm_or_print, on_abort, print_linked_moves, run_with_wallet
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.presentation.former_text import _stuck_lines, _taken_lines, exposed, words_lines
+from clients.wallet.presentation.former_text import exposed, stuck_lines, taken_lines, words_lines
 from clients.wallet.presentation.translations import WrongUsage, text
 from clients.wallet.recovery.key_rotation import KeyRotation, Transferred
 from clients.wallet.store.keystore import WalletContent
@@ -88,13 +88,13 @@ def _print_transferred(done: Transferred) -> None:
 
 def print_taken(count: int) -> None:
     """Somebody else's key controls them."""
-    for line in _taken_lines(count):
+    for line in taken_lines(count):
         console.print(f"[red]{line}[/red]")
 
 
 def print_stuck(count: int) -> None:
     """Say of how many visits the key cannot be replaced any more."""
-    for line in _stuck_lines(count):
+    for line in stuck_lines(count):
         console.print(f"[red]{line}[/red]")
 
 

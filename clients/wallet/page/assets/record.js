@@ -47,11 +47,11 @@ export async function showVisit(context, visit, day) {
   const title = t("visit.of", { day: dayName(from) });
   const back = { href: `#/day/${day ?? dayOf(from)}`, label: dayName(from) };
   const screen = makeScreen(context, rows, { title, back: `visit/${visit}`, meeting: true });
-  const story = await get("story", { visit, limit: 100 }, context.signal);
+  const story = await get("audit-events", { visit, limit: 100 }, context.signal);
   const list = h("div", {}, storyList(story.events));
   const node = h("div", { class: "record" }, h("p", {}, `${t("calendar.robot")} ${rows[0].robot_called} · `, t("visit.span", { from: clock(from), to: clock(rows.at(-1).ended_at_ms), count: rows.filter((row) => row.kind !== "notice").length })), screen.node, h("section", { class: "card" }, h("h2", {}, t("record.story")), list));
   return { title, back, node, keep: screen.keep, onShown: () => screen.show(isWished), shows: (id) => rows.some((row) => row.record_id === id), async refresh() {
-    replace(list, storyList((await get("story", { visit, limit: 100 }, context.signal)).events));
+    replace(list, storyList((await get("audit-events", { visit, limit: 100 }, context.signal)).events));
     rows = await rowsOf(visit, context.signal);
     screen.update(rows);
   } };

@@ -46,7 +46,7 @@ export function storyList(events, level = 3) {
 /** Show all that happened, of all visits. */
 export async function showStory(context) {
   let events = [];
-  let page = await get("story", { limit: EVENTS_COUNT }, context.signal);
+  let page = await get("audit-events", { limit: EVENTS_COUNT }, context.signal);
   events = page.events;
   const list = h("div", {});
   const more = h("p", {});
@@ -55,14 +55,14 @@ export async function showStory(context) {
     replace(more, page.next && h("button", { type: "button", "data-key": "more", onclick: load }, t("story.more", { count: page.total - events.length })));
   };
   const load = async () => {
-    page = await get("story", { limit: EVENTS_COUNT, cursor: page.next }, context.signal);
+    page = await get("audit-events", { limit: EVENTS_COUNT, cursor: page.next }, context.signal);
     events = [...events, ...page.events];
     redraw(node, draw);
   };
   const node = h("div", {}, h("p", { class: "lead" }, t("story.lead")), list, more);
   draw();
   return { title: t("story.title"), node, async refresh() {
-    const first = await get("story", { limit: Math.max(EVENTS_COUNT, events.length) }, context.signal);
+    const first = await get("audit-events", { limit: Math.max(EVENTS_COUNT, events.length) }, context.signal);
     page = first;
     events = first.events;
     redraw(node, draw);

@@ -63,7 +63,7 @@ def routes(session: PageSession) -> list[LocalRoute]:
         route(session, "GET", "/api/days", _days),
         route(session, "GET", "/api/records", _records),
         route(session, "GET", "/api/records/{record}", _record),
-        route(session, "GET", "/api/story", _story),
+        route(session, "GET", "/api/audit-events", _audit_events),
         route(session, "GET", "/api/shares", _shares),
         route(session, "GET", "/api/erasures", _erasures),
     ]
@@ -347,7 +347,7 @@ def _events(session: PageSession, trail: Sequence[AuditEntry], language: str) ->
     return [page_event(entry, names, language) for entry in ordered]
 
 
-async def _story(session: PageSession, request: web.Request) -> web.Response:
+async def _audit_events(session: PageSession, request: web.Request) -> web.Response:
     asked = query_of(request)
     record, visit = asked.text("record", "", max_chars=64), asked.text("visit", "", max_chars=66)
     limit = asked.number("limit", PAGE_EVENTS_COUNT, least=1, most=EVENTS_MAX_COUNT)

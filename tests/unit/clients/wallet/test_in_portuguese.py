@@ -27,7 +27,7 @@ from clients.wallet.presentation.visit_status_text import rights_lines
 from clients.wallet.refusals import DEFAULT_LANGUAGE, load
 from consensus.errors import BlockRobotError
 from consensus.rights import right_codes as codes
-from consensus.rights.notices import NOTICE_LINES, NoticeRow, PublishedNotice, notice_lines
+from consensus.rights.notices import NOTICE_LINES, NoticeVersion, PublishedNotice, notice_lines
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import LOST_KEY_REASONS
 from consensus.state.rights import RestrictionRow
@@ -265,7 +265,7 @@ def test_who_tells_nothing_is_named_in_portuguese(monkeypatch: pytest.MonkeyPatc
 
 def test_a_notice_has_portuguese_headings_and_the_words_that_were_published(monkeypatch: pytest.MonkeyPatch) -> None:
     notice = demo_notice()
-    row = NoticeRow("hospital", 1, b"\x01" * 32, 1, NOW_MS)
+    row = NoticeVersion("hospital", 1, b"\x01" * 32, 1, NOW_MS)
     told = NoticeView("hospital", PublishedNotice(row, notice), 7)
     assert section("notice.line", "en") == NOTICE_LINES
     english = [line.strip() for line in notice_text(told)[1:-1]]

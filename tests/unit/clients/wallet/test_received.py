@@ -20,8 +20,8 @@ from clients.wallet.sharing.incoming_shares import (
     KIND_FRAMES_ERASED,
     KIND_RESTRICTED,
     KIND_REVOKED,
+    DeletionReceipt,
     IncomingShares,
-    Receipt,
 )
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
@@ -35,12 +35,12 @@ def receiving(ward: SharedWard, doctor: Wallet) -> IncomingShares:
     return ward.receiving(doctor)
 
 
-async def only(receiving: IncomingShares) -> Receipt:
+async def only(receiving: IncomingShares) -> DeletionReceipt:
     (receipt,) = await receiving.inbox()
     return receipt
 
 
-async def grant_again(ward: SharedWard, receipt: Receipt, records: list[bytes]) -> bytes:
+async def grant_again(ward: SharedWard, receipt: DeletionReceipt, records: list[bytes]) -> bytes:
     """Grant records to the very key of a grant before, as no honest wallet does; return the new grant's id."""
     row, (visit,) = receipt.grant.row, await ward.wallet.scan()
     arguments = [records, row.grantee, row.ephemeral, row.view_tag, row.member_hash, row.purpose]
@@ -48,7 +48,7 @@ async def grant_again(ward: SharedWard, receipt: Receipt, records: list[bytes]) 
     return ward.chain.must(owner, "access", "grant", *arguments, row.until_ms).txid
 
 
-def kinds(receipt: Receipt) -> set[str]:
+def kinds(receipt: DeletionReceipt) -> set[str]:
     return {notice.kind for notice in receipt.notices}
 
 

@@ -73,13 +73,13 @@ async def test_an_objection_speaks_as_the_member_of_recording_and_as_each_owner_
 
     rights = Rights(world.wallet, sleep=sleep)
     assert await rights.object_to_recording(["demo"]) == 8
-    said = await rights.object_to_release(["demo"], at_once=False, tell=quiet)
+    said = await rights.object_to_release(["demo"], at_once=False, on_progress=quiet)
     member = world.keys.identity.public_key
     assert saying.said[0] == (member, "rights.object_to", [b"h" * 32, ["demo"]])
     assert {key for key, _, _ in saying.said[1:]} == {visit.owner for visit in visits[2:]}
     assert all(member not in repr(arguments).encode() for _, _, arguments in saying.said[1:])
     assert len(said) == len(slept) == 3
-    await rights.object_to_release(["demo"], at_once=True, tell=quiet)
+    await rights.object_to_release(["demo"], at_once=True, on_progress=quiet)
     assert len(slept) == 3, "at once means without a pause"
 
 
@@ -88,7 +88,7 @@ async def test_the_order_in_which_visits_are_told_is_drawn(world: World, saying:
     orders = set()
     for _ in range(4):
         saying.said.clear()
-        await Rights(world.wallet, sleep=no_sleep).object_to_release(["demo"], at_once=False, tell=quiet)
+        await Rights(world.wallet, sleep=no_sleep).object_to_release(["demo"], at_once=False, on_progress=quiet)
         orders.add(tuple(key for key, _, _ in saying.said))
     assert len(orders) > 1
     assert all(set(order) == set(visits) for order in orders)
@@ -108,12 +108,12 @@ async def test_restricting_several_visits_is_spread_too_and_one_alone_waits_for_
     rights, orders = Rights(world.wallet, sleep=sleep), set()
     for _ in range(4):
         saying.said.clear()
-        said, refusal = await rights.say_each(visits, rights.lift, at_once=False, tell=quiet)
+        said, refusal = await rights.say_each(visits, rights.lift, at_once=False, on_progress=quiet)
         assert (len(said), refusal) == (12, None)
         orders.add(tuple(key for key, _, _ in saying.said))
     assert (len(slept), len(orders) > 1) == (48, True)
-    await rights.say_each(visits[:1], rights.lift, at_once=False, tell=quiet)
-    await rights.say_each(visits, rights.lift, at_once=True, tell=quiet)
+    await rights.say_each(visits[:1], rights.lift, at_once=False, on_progress=quiet)
+    await rights.say_each(visits, rights.lift, at_once=True, on_progress=quiet)
     assert len(slept) == 48
 
 
@@ -127,7 +127,7 @@ async def test_what_was_said_before_a_refusal_is_returned_with_it(world: World, 
         saying.refusal = "CALL_REFUSED" if len(saying.said) == 2 else ""
         return await rights.lift(chosen)
 
-    said, refusal = await rights.say_each(visits, lift_twice, at_once=False, tell=quiet)
+    said, refusal = await rights.say_each(visits, lift_twice, at_once=False, on_progress=quiet)
     assert len(said) == 2
     assert refusal is not None
     assert refusal.code == "CALL_REFUSED"

@@ -253,7 +253,7 @@ async def test_what_the_chain_would_refuse_is_refused_before_anything_is_asked_f
         return len(select_shareable(reports, choose(reports, (), (visit.owner.hex()[:12],)), purpose))
 
     assert await select() == 2
-    await rights.object_to_release(["research"], at_once=True, tell=lambda _, __: None)
+    await rights.object_to_release(["research"], at_once=True, on_progress=lambda _, __: None)
     with pytest.raises(BlockRobotError, match="PURPOSE_OBJECTED"):
         await select("research")
     one = RecordChoice(visit, tuple(entry for entry in await ward.entries() if entry.record_id == first))

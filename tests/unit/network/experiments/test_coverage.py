@@ -37,7 +37,14 @@ def failed(tmp_path: Path, table: EventTable, **said: int) -> list[str]:
     """The checks that fail for a log, where the robot says that all is well."""
     checks = CheckList(listener=lambda check: None)
     run = ExperimentRun(
-        EXPERIMENT, SCENARIO, tmp_path, cache=tmp_path, base_port=1, checks=checks, tell=lambda _: None, guard=Guard()
+        EXPERIMENT,
+        SCENARIO,
+        tmp_path,
+        cache=tmp_path,
+        base_port=1,
+        checks=checks,
+        on_progress=lambda _: None,
+        guard=Guard(),
     )
     tags = frames_by_tag(table).values()
     withheld = sum(len(tag.withheld) for tag in tags)

@@ -81,7 +81,7 @@ async def test_of_a_finding_on_a_meeting_each_recordings_page_tells_its_own(desk
         ("bad", "You checked it: it is not as the robot took it."),
         ("good", "You checked it: it is as the robot took it."),
     ]
-    story = (await desk.page.get("/api/story"))["events"][0]
+    story = (await desk.page.get("/api/audit-events"))["events"][0]
     assert story["sentence"] == "You checked 2 recordings. Not as the robot took them: 1."
 
 
@@ -131,7 +131,7 @@ async def test_what_was_found_before_she_stopped_is_written_down(
     _, ids = ward.record_visit(3)
     entries, told, download = await ward.entries(), list[str](), ward.custody.download_clip
 
-    def tell(line: str) -> None:
+    def on_progress(line: str) -> None:
         told.append(line)
         if len(told) == 3 and place == "between two records":
             raise asyncio.CancelledError
@@ -143,7 +143,7 @@ async def test_what_was_found_before_she_stopped_is_written_down(
         return await download(*rest)
 
     monkeypatch.setattr(ward.custody, "download_clip", download_until_stopped)
-    looking = asyncio.create_task(_view_all(ward.wallet, entries, "own-access", verdict=True, tell=tell))
+    looking = asyncio.create_task(_view_all(ward.wallet, entries, "own-access", verdict=True, on_progress=on_progress))
     with pytest.raises(asyncio.CancelledError):
         await looking
     kind, data = (await trail_of(ward))[-1]

@@ -117,7 +117,7 @@ async def test_one_record_is_told_with_its_neighbours_and_its_story(desk: Desk) 
     assert record["events"][0]["who"] == "robot"
     assert await desk.page.refused("GET", f"/api/records/{bytes(16).hex()}") == "NOT_FOUND"
     assert await desk.page.refused("GET", "/api/records/zz") == "REQUEST_INVALID"
-    story = await desk.page.get("/api/story", limit=2)
+    story = await desk.page.get("/api/audit-events", limit=2)
     assert (story["total"], story["next"], len(story["events"])) == (5, "2", 2)
     assert story["events"][0]["kind"] == "visit_closed"
     assert "3" in story["events"][0]["sentence"]
