@@ -69,9 +69,9 @@ class Edition:
 
     title: str
     source: str
-import msgspec
-
-from clients.sdk.chain.governance import MembershipView, ProvedProposal, read_membership
+    abi: Sequence[ContractEntryRow]
+    row: NamedVersion | None = None
+    proposal: ProvedProposal | None = None
 
     def line(self, number: int | None) -> str:
         """Stripped; empty if out of range."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from clients.robot.run.run_summary import FrameCounts, RunLatencies
+from clients.robot.recording.frame_answers import FrameCounts, RunLatencies
 from clients.sdk.pictures.picture_names import read_robot_frame
 from network.demo.checks import Check, CheckList
 from network.demo.story import DemoState

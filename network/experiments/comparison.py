@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from clients.robot.run.event_log import write_csv, write_xes
+from clients.robot.recording.event_log import write_csv, write_xes
 from consensus.errors import BlockRobotError
 from network.experiments.log_files import read_log
 from network.experiments.pages.event_table import EventTable

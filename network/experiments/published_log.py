@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from clients.robot.run.event_log import RFID_RETRIEVE
+from clients.robot.recording.event_log import RFID_RETRIEVE
 from consensus.errors import BlockRobotError
 from network.experiments.pages.event_table import EventTable, LoggedEvent
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from dataclasses import asdict, dataclass
 
-from clients.robot.run.event_log import (
+from clients.robot.recording.event_log import (
     BLOCKCHAIN_TRANSACTION,
     DATABASE_PERSISTANCE,
     IMAGE_PAIRED,

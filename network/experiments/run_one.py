@@ -11,8 +11,9 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from clients.robot.run.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_RETRIEVE, IMAGE_WITHHELD
-from clients.robot.run.run_summary import FrameCounts, RunLatencies, RunSummary
+from clients.robot.recording.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_RETRIEVE, IMAGE_WITHHELD
+from clients.robot.recording.frame_answers import FrameCounts, RunLatencies
+from clients.robot.run.run_summary import RunSummary
 from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scenario_bag import load_or_draw_tags, make_bag
 from consensus.errors import BlockRobotError

@@ -29,7 +29,7 @@ WRITES_BESIDE = {
     # below a folder that is made for it with mode 0700, or that a node, a robot, a registrar or a wallet holds
     "clients/registrar/registrar.py": "a registrar's list of cards",
     "clients/robot/identity/robot_keys.py": "a robot's keys, O_EXCL",
-    "clients/robot/recording/sealed_file.py": "a robot's sealed files",
+    "clients/robot/identity/sealed_file.py": "a robot's sealed files",
     "clients/robot/run/runner.py": "a lock",
     "clients/robot/synthetic/scenario_bag.py": "drawn tags",
     "clients/sdk/trust_pin.py": "a client's pin",
@@ -44,7 +44,7 @@ WRITES_BESIDE = {
     "clients/wallet/presentation/guardian_sheets.py": "all sheets of a set or none",
     "clients/wallet/cli/mnemonic_handover.py": "words, where a file that holds the same ones will do",
     # folders of figures, pages and sources, where nothing of anybody is
-    "clients/robot/run/event_log.py": "tables of a log that an experiment wrote",
+    "clients/robot/recording/event_log.py": "tables of a log that an experiment wrote",
     "clients/robot/recording/waiting_samples.py": "into memory",
     "network/demo/report.py": "a demo's folder",
     "network/experiments/comparison.py": "an experiment's folder, held by its mark",

@@ -18,7 +18,7 @@ _FORMATS = {"strftime", "isoformat", "ctime", "asctime", "localtime", "gmtime", 
 _TIME_FORMAT = re.compile(r"%[aAbBcdHIjmMpSUwWxXyYZ]")
 NOT_SHOWN = {
     _MOMENTS: "the one place",
-    "clients/robot/run/event_log.py": "XES, a file format, wants ISO 8601",
+    "clients/robot/recording/event_log.py": "XES, a file format, wants ISO 8601",
     "clients/wallet/page/record_days.py": "computes days in the zone of the page",
     "network/console/routes.py": "the name of a file",
 }

@@ -25,7 +25,7 @@ import numpy as np
 
 from clients.registrar.registrar import Registrar
 from clients.robot.identity.robot_keys import create_identity, load_identity, register_robot
-from clients.robot.recording.sealed_file import read_sealed
+from clients.robot.identity.sealed_file import read_sealed
 from clients.robot.recording.spool import SpooledClip
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.sensing.sensor_events import Frame

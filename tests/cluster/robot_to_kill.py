@@ -23,11 +23,11 @@ from clients.robot.cli import main as robot_cli
 from clients.robot.delivery.delivery import Delivery
 from clients.robot.delivery.robot_network import RobotNetwork
 from clients.robot.recording import sealing, sensor_recorder, spool, visit_book
+from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import SensorRecorder
 from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.run import runner
-from clients.robot.run.run_statistics import RunStatistics
 from clients.sdk import network_client, new_files
 from clients.sdk.chain.custody_client import CustodyClient
 from clients.sdk.network_client import NetworkClient

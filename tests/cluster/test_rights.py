@@ -16,7 +16,8 @@ import pytest
 from clients.officer.breaches import Breaches
 from clients.registrar.registrar import Registrar
 from clients.robot.identity.robot_keys import create_identity, register_robot
-from clients.robot.run.run_summary import FrameCounts, RunSummary
+from clients.robot.recording.frame_answers import FrameCounts
+from clients.robot.run.run_summary import RunSummary
 from clients.robot.run.runner import ReplayOptions, replay_recording
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import parse_scenario

@@ -14,7 +14,7 @@ from llrpkit.protocol import decode_message, messages, params
 from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
 from clients.robot.sources.live.llrp import _Library, _Link, _Opening
 from clients.robot.sources.messages.field_map import EPC_MAX_CHARS
-from clients.robot.sources.topics import LlrpReader
+from clients.robot.sources.messages.topics import LlrpReader
 from tests.fuzz.target import FlipBytes, Target
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting
-from clients.robot.sources.live.live_feed import Message
+from clients.robot.sources.messages.message_types import Message
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec

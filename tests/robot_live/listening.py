@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting, SourceEvent
 from clients.robot.sources.live.live_feed import Feed
 from clients.robot.sources.live.live_source import LiveCounts, LiveSource
+from clients.robot.sources.messages.topics import Topics
 from clients.robot.sources.source import StoppableClock
-from clients.robot.sources.topics import Topics
 
 WAIT_S = 60.0
 

@@ -16,8 +16,8 @@ from clients.robot.sensing.sensor_clocks import RunClocks
 from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting
 from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.live.ros1 import Ros1Feed
+from clients.robot.sources.messages.topics import parse_topics
 from clients.robot.sources.source import StoppableClock
-from clients.robot.sources.topics import parse_topics
 from consensus.errors import BlockRobotError
 
 SAY_EVERY_S = 0.2

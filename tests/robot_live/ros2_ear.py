@@ -16,7 +16,7 @@ from clients.robot.sensing.sensor_events import Frame, RefusedMessage
 from clients.robot.sources.live.ros2 import Ros2Feed
 from clients.robot.sources.messages.decoding import MessageReader
 from clients.robot.sources.messages.message_types import LearntTypes, types_with
-from clients.robot.sources.topics import parse_topics
+from clients.robot.sources.messages.topics import parse_topics
 from consensus.errors import BlockRobotError
 
 

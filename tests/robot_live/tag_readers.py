@@ -9,7 +9,7 @@ from asyncio.subprocess import Process
 from pathlib import Path
 from typing import Any
 
-from clients.robot.sources.topics import LlrpReader
+from clients.robot.sources.messages.topics import LlrpReader
 from tests.robot_live.ward import START_TIMEOUT_S, free_port
 
 READER = Path(__file__).with_name("llrp_reader.py")

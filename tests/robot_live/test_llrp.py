@@ -12,7 +12,7 @@ from clients.robot.sensing.sensor_events import Facing
 from clients.robot.sources.live.live_feed import CLOSE_MAX_S
 from clients.robot.sources.live.llrp import ANSWER_MAX_S, ASK_EVERY_S, LlrpFeed
 from clients.robot.sources.live.llrp_readings import GATHER_MS
-from clients.robot.sources.topics import LlrpReader, Topics
+from clients.robot.sources.messages.topics import LlrpReader, Topics
 from consensus.errors import BlockRobotError
 from tests.robot_live.listening import Heard, listening
 from tests.robot_live.tag_readers import ANN, BEN, TagReaders

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 from clients.robot.sources.live.ros1 import Ros1Feed
-from clients.robot.sources.topics import load_topics
+from clients.robot.sources.messages.topics import load_topics
 from consensus.errors import BlockRobotError
 from tests.cluster.killed_robot import ROOT
 from tests.robot_live.ros1_graph import Ros1Graph, ros1_graph

@@ -16,7 +16,7 @@ from clients.robot.sources.live.live_feed import CLOSE_MAX_S
 from clients.robot.sources.live.live_sampling import Sample
 from clients.robot.sources.live.live_source import LOOK_EVERY_S
 from clients.robot.sources.live.zenoh import ZenohFeed
-from clients.robot.sources.topics import Topics, parse_topics
+from clients.robot.sources.messages.topics import Topics, parse_topics
 from consensus.errors import BlockRobotError
 from tests.robot_live.listening import WAIT_S, listening
 from tests.robot_live.ward import free_port, make_scene

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.sources.topics import LlrpReader
+from clients.robot.sources.messages.topics import LlrpReader
 from tests.cluster.killed_robot import killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.robot_live.live_robot import LiveRobot

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from clients.officer.mandate_papers import read_receipt
-from clients.robot.sources.topics import load_topics
+from clients.robot.sources.messages.topics import load_topics
 from clients.robot.synthetic.scenario import load_scenario
 from clients.sdk.terminal.terminal import load_genesis
 from clients.wallet.consent.rights_requests import read_correction

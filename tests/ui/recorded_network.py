@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from clients.robot.run.run_summary import FrameCounts
+from clients.robot.recording.frame_answers import FrameCounts
 from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.store.keystore import Keystore

@@ -13,7 +13,7 @@ from clients.robot.cli.run_report import clear_line
 from clients.robot.sources.live import llrp, ros1, ros2, zenoh
 from clients.robot.sources.live.live_feed import Feed
 from clients.robot.sources.live.live_source import LiveSource, OnProgress
-from clients.robot.sources.topics import (
+from clients.robot.sources.messages.topics import (
     TagTopic,
     Topics,
     load_topics,

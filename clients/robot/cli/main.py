@@ -18,6 +18,7 @@ from msgspec import UNSET, UnsetType
 
 from clients.robot.cli.background_commands import background
 from clients.robot.cli.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
+from clients.robot.cli.reading_warnings import warn_of_lens, warn_of_readings
 from clients.robot.cli.robot_answers import (
     RobotNewAnswer,
     RobotPassphraseAnswer,
@@ -43,7 +44,6 @@ from clients.robot.recording.batching import CLIP_DEFAULT_MS
 from clients.robot.recording.spool import count_waiting
 from clients.robot.run.run_summary import RunProgress, RunSummary
 from clients.robot.run.runner import SPOOL_FOLDER, ReplayOptions, replay_recording
-from clients.robot.sensing.reading_warnings import warn_of_lens, warn_of_readings
 from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.live.synthetic_source import SyntheticSource
 from clients.robot.sources.recordings.bag_source import BagSource

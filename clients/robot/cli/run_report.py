@@ -8,23 +8,14 @@ from typing import TypeVar
 
 from msgspec import UnsetType
 
-from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX
+from clients.robot.consent.consent_view import ConsentCounts
 from clients.robot.hiding.match_evidence import Obstacle
 from clients.robot.hiding.withhold_reason import MergedBy
-from clients.robot.run.run_summary import (
-    AmbiguousTag,
-    CameraFigures,
-    ConsentCounts,
-    FrameCounts,
-    MergedTag,
-    RunFault,
-    RunIntake,
-    RunProgress,
-    RunSummary,
-    UnknownTagCounts,
-)
-from clients.robot.sensing.camera_intrinsics import ASSUMED
-from clients.robot.sensing.input_checks import KIND_WORDS
+from clients.robot.pairing.rosters import UnknownTagCounts
+from clients.robot.recording.frame_answers import AmbiguousTag, FrameCounts, MergedTag
+from clients.robot.run.run_summary import RunIntake, RunProgress, RunSummary
+from clients.robot.sensing.camera_intrinsics import ASSUMED, FOCAL_DEFAULT_PX, CameraFigures
+from clients.robot.sensing.input_checks import KIND_WORDS, RunFault
 from clients.sdk.terminal.safe_output import overwrite_line
 from consensus.errors import BlockRobotError
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
+from clients.robot.sources.messages.topics import load_topics, tags_by_type, with_topic
 from clients.robot.sources.recordings.bag_source import BagSource, EmptyScene
 from clients.robot.sources.recordings.recording import Recording
-from clients.robot.sources.topics import load_topics, tags_by_type, with_topic
 from clients.sdk.terminal.terminal import FILE
 
 

@@ -13,14 +13,14 @@ import hashlib
 import hmac
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Annotated, Protocol
 
 import structlog
 
 from clients.robot.consent.registry_reader import Majority, Reading, RegistryReader
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.pairing.rosters import RosterBook
-from clients.robot.recording.spool import SpooledClip
-from clients.robot.run.run_summary import ConsentCounts
+from clients.sdk.terminal.json_answers import Answer, Count, Ms, doc
 from consensus.errors import BlockRobotError
 from consensus.state.consent import GIVEN, StepRow, effective_consent
 
@@ -38,6 +38,20 @@ _Place = tuple[bytes, str, str, int]
 """Whose consent, to which purpose and sensor, from which height on."""
 
 _log = structlog.get_logger("consents")
+
+
+class ConsentCounts(Answer, frozen=True, kw_only=True):
+    """What was read of consents."""
+
+    readings: Annotated[Count, doc("How often the registry was proved")]
+    failed_readings: Annotated[Count, doc("How often it could not be")]
+    stale_times: Annotated[Count, doc("How often what was proved was too old to record by")]
+    stale_ms: Annotated[Ms, doc("For how long, together")]
+    sightings_refused: Annotated[
+        dict[str, Count],
+        doc("Tag readings that counted for nothing, by reason: `no-consent`, `consent-coming`, `registry-stale`"),
+    ]
+    clips_dropped: Annotated[Count, doc("Clips dropped from the spool: consent had ended, or they were too old")]
 
 
 def compute_stale_after_ms(heartbeat_ms: int) -> int:
@@ -71,6 +85,28 @@ class ConsentFigures:
             sightings_refused=dict(sorted(self.sightings_refused.items())),
             clips_dropped=self.clips_dropped,
         )
+
+
+class SealedClip(Protocol):
+    """Whom and what a sealed clip shows; times in ms."""
+
+    @property
+    def person(self) -> bytes: ...
+
+    @property
+    def purpose(self) -> str: ...
+
+    @property
+    def sensor(self) -> str: ...
+
+    @property
+    def captured_from_ms(self) -> int: ...
+
+    @property
+    def captured_until_ms(self) -> int: ...
+
+    @property
+    def decided_at_ms(self) -> int: ...
 
 
 class Consents:
@@ -252,7 +288,7 @@ class Consents:
     def person_tag(self, handle: bytes) -> bytes:
         return compute_person_tag(self._person_key, handle)
 
-    async def decide_recording(self, clip: SpooledClip) -> bool:
+    async def decide_recording(self, clip: SealedClip) -> bool:
         """Wait for a fresh view later than the clip's last picture; return whether it may be recorded. In replays faster
         than real time, the sealing time counts. Raises SESSION_REFUSED, INTERNAL.
         """

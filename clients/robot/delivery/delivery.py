@@ -10,13 +10,12 @@ import asyncio
 import random
 from collections import Counter
 from collections.abc import Awaitable, Callable, Coroutine
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import msgspec
 import structlog
 
-from clients.robot.recording.spool import Spool, SpooledClip
+from clients.robot.recording.spool import Delivered, Spool, SpooledClip
 from clients.robot.recording.unclosed_visits import OpenVisits
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
@@ -75,16 +74,6 @@ class Confirmation(Protocol):
     @property
     def code(self) -> str:
         """`OK`, or the contract's code."""
-
-
-@dataclass(frozen=True, slots=True)
-class Delivered:
-    """A clip whose record is final; times by the robot's wall clock."""
-
-    clip: SpooledClip
-    txid: bytes
-    submitted_at_ms: int
-    final_at_ms: int
 
 
 class Delivery:

@@ -20,12 +20,12 @@ from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Segmented, segment
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.pairing.tag_pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
+from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
 from clients.robot.sensing.sensor_events import Frame, Sighting, check_depth
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16
 
 BUFFER_DEFAULT_MS = 10_000
-FOCAL_DEFAULT_PX = 525.0
 FORGET_EVERY_MS = 5_000
 
 

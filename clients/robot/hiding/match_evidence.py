@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
-from clients.robot.run.run_summary import MatchNumbers
+from clients.sdk.terminal.json_answers import Answer, Count, Ms, doc
 
 BIND_LOG_ODDS = 9.2
 READINGS_MIN_COUNT = 4
@@ -20,6 +21,34 @@ _CONTRADICTS_BELOW = -2.3  # log-odds of the distances: an absent bearer explain
 _SPREAD_SIGMAS = 3.0
 _UNIT_MIN_DECADES = 0.8
 _OFF_MIN_M = 0.3  # what the matcher takes for the reader's constant error without objection
+
+
+class MatchNumbers(Answer, frozen=True, kw_only=True):
+    """The matcher's numbers for a tag."""
+
+    obstacle: Annotated[
+        str,
+        doc(
+            "What stood in the way: `few-distances`, `behind`, `unit`, `delayed`, `off`, `vague`, `rival`, `no-facing` or "
+            "`undecided`"
+        ),
+    ]
+    log_odds: Annotated[float, doc("For the person in view who fits best")]
+    needed: Annotated[float, doc("The log-odds at which a tag is bound")]
+    distance_log_odds: Annotated[float, doc("What distances alone say for that person; 1.1 of it is needed")]
+    rival_log_odds: Annotated[float | UnsetType, doc("For who fits next best; absent if one person was in view")] = (
+        UNSET
+    )
+    distances: Annotated[Count, doc("How many distances were compared with the camera's")]
+    gap_m: Annotated[float, doc("Mean of distance minus camera range, in metres")]
+    spread_m: Annotated[float, doc("Standard deviation of distance minus camera range, in metres")]
+    sigma_m: Annotated[float, doc("Mean stated standard deviation, in metres")]
+    front: Annotated[Count, doc("Readings by antennas that look as the camera looks")]
+    back: Annotated[Count, doc("Readings by antennas that look away from it")]
+    people: Annotated[Count, doc("How many people were in view")]
+    delay_ms: Annotated[
+        Ms | UnsetType, doc("How much later than the person the distances are; absent if no shift makes them fit")
+    ] = UNSET
 
 
 class Obstacle(StrEnum):

@@ -4,8 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
-from clients.robot.run.run_summary import MergedNumbers
+from clients.sdk.terminal.json_answers import Answer, doc
+
+
+class MergedNumbers(Answer, frozen=True, kw_only=True):
+    """Why a silhouette was taken for two people, in numbers."""
+
+    by: Annotated[str, doc("Which rule took it for two people: `area`, `breadth`, `shape` or `before`")]
+    limit: Annotated[float, doc("Above what: square metres, metres, or log-odds (`shape` and `before`)")]
+    log_odds: Annotated[float, doc("Of two people")]
+    area_m2: Annotated[float, doc("The silhouette's area in square metres")]
+    breadth_m: Annotated[float, doc("Its breadth about half a metre below the top of the head, in metres")]
+    range_m: Annotated[float, doc("How far away it was, in metres")]
 
 
 class WithholdReason(StrEnum):

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 from nacl.public import PrivateKey as SealingPrivateKey
 
-from clients.robot.recording.sealed_file import write_durably
+from clients.robot.identity.sealed_file import write_durably
 from clients.sdk.chain.enrolment import NewMember, Registration, register_member
 from clients.sdk.network_client import open_pinned_client
 from clients.sdk.passphrase import (

@@ -9,11 +9,12 @@ from __future__ import annotations
 import hashlib
 import secrets
 from pathlib import Path
+from typing import Annotated
 
 import structlog
 
 from clients.robot.identity.robot_keys import RobotIdentity
-from clients.robot.run.run_summary import UnknownTagCounts
+from clients.sdk.terminal.json_answers import Answer, Count, doc
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.members.roster import Roster, RosterRow, is_usable, open_roster, roster_tag
@@ -23,6 +24,14 @@ UNKNOWN_TAGS_MAX_COUNT = 4_096
 
 _DIGEST_BYTES = 16
 _log = structlog.get_logger("rosters")
+
+
+class UnknownTagCounts(Answer, frozen=True, kw_only=True):
+    """Tags that are not on the roster."""
+
+    readings: Annotated[Count, doc("How many readings")]
+    tags: Annotated[Count, doc("Of how many tags")]
+    more_tags: Annotated[bool, doc("Whether there were more than could be told apart")]
 
 
 class RosterBook:

@@ -19,12 +19,12 @@ from clients.robot.hiding.frame_redactor import KeptFrame, SampleForm, WithheldF
 from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.recording.batching import Batcher, ReadyClip
+from clients.robot.recording.event_log import EventLog
+from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sealing import ClipContent, seal_clip
 from clients.robot.recording.spool import SpooledClip
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
-from clients.robot.run.event_log import EventLog
-from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.sensing.sensor_clocks import RunClocks
 from consensus.members.roster import RosterRow
 from consensus.primitives.hashing import HASH_SIZE_BYTES

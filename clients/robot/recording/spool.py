@@ -7,9 +7,10 @@ them.
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
-from clients.robot.recording.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
+from clients.robot.identity.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
 from clients.sdk.new_files import sync_folder
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
@@ -52,6 +53,16 @@ def number_of(name: str) -> int:
 
 def count_waiting(folder: Path) -> int:
     return sum(path.stem.isdecimal() for path in folder.glob(f"*{_SUFFIX}"))
+
+
+@dataclass(frozen=True, slots=True)
+class Delivered:
+    """A clip whose record is final; times by the robot's wall clock."""
+
+    clip: SpooledClip
+    txid: bytes
+    submitted_at_ms: int
+    final_at_ms: int
 
 
 class Spool:

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from clients.robot.recording.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
+from clients.robot.identity.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
 from clients.robot.recording.spool import Spool, number_of
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode

@@ -22,10 +22,10 @@ import numpy.typing as npt
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import KeptFrame, SampleForm, WithheldFrame
 from clients.robot.hiding.withhold_reason import WithholdReason
-from clients.robot.pairing.occupancy import OccupancyMonitor
 from clients.robot.recording.batching import ReadyClip
+from clients.robot.recording.occupancy import OccupancyMonitor
+from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import NO_PICTURE, RunContext, SensorRecorder
-from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Label, SensorSample
 from consensus.errors import BlockRobotError
 from consensus.members.roster import RosterRow

@@ -11,17 +11,15 @@ from contextlib import suppress
 
 import msgspec
 
-from clients.robot.delivery.delivery import Delivered, Delivery
+from clients.robot.delivery.delivery import Delivery
 from clients.robot.hiding.background import EmptyFrame
 from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output
 from clients.robot.hiding.withhold_reason import WithholdReason
+from clients.robot.pairing.input_throttle import InputThrottle, PipelineIntake
 from clients.robot.pairing.rosters import RosterBook, UnknownTags
 from clients.robot.pairing.tag_pairing import REFUSED_AND_COUNTED, Decision
 from clients.robot.recording.batching import ReadyClip
-from clients.robot.recording.sensor_recorder import RunContext, SensorRecorder
-from clients.robot.recording.spool import Spool, SpooledClip
-from clients.robot.recording.waiting_samples import WaitingSamples
-from clients.robot.run.event_log import (
+from clients.robot.recording.event_log import (
     BLOCKCHAIN_TRANSACTION,
     CLOCK_ESTIMATED,
     DATABASE_PERSISTANCE,
@@ -33,9 +31,10 @@ from clients.robot.run.event_log import (
     AliasBook,
     EventLog,
 )
-from clients.robot.run.run_statistics import RunStatistics
-from clients.robot.run.run_summary import PipelineIntake
-from clients.robot.sensing.input_throttle import InputThrottle
+from clients.robot.recording.run_statistics import RunStatistics
+from clients.robot.recording.sensor_recorder import RunContext, SensorRecorder
+from clients.robot.recording.spool import Delivered, Spool, SpooledClip
+from clients.robot.recording.waiting_samples import WaitingSamples
 from clients.robot.sensing.sensor_events import Event, Frame, SensorSample, Sighting
 from consensus.errors import BlockRobotError
 from consensus.members.roster import RosterRow

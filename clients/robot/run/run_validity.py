@@ -12,17 +12,6 @@ from consensus.errors import BlockRobotError
 LOOK_EVERY_S = 2.0
 """How often the bank of empty frames is looked at while a run lasts."""
 
-ENDS = frozenset(
-    {
-        "ROSTER_EXPIRED",
-        "BACKGROUND_NOT_FOUND",
-        "BACKGROUND_INVALID",
-        "BACKGROUND_NOT_APPROVED",
-        "BACKGROUND_EXPIRED",
-    }
-)
-"""What `RunValidity.check` raises: a run ends at it in good order."""
-
 
 class RunValidity:
     """Validity of roster and bank; `look` returns the approved bank or raises BACKGROUND_*."""
@@ -42,7 +31,7 @@ class RunValidity:
         return self._over is not None
 
     def check(self) -> None:
-        """Raise one of `ENDS` if the run must end, then always."""
+        """Raise one of `RUN_ENDS` if the run must end, then always."""
         self._judge()
         if self._over is not None:
             raise self._over

@@ -24,16 +24,16 @@ from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.frame_redactor import FrameRedactor
 from clients.robot.identity.robot_keys import load_identity
 from clients.robot.pairing.rosters import load_roster
+from clients.robot.recording.event_log import MESSAGE_REFUSED, EventLog
+from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import RunContext
 from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
-from clients.robot.run.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.run.pipeline import Pipeline, note_delivered, note_dropped
-from clients.robot.run.run_statistics import RunStatistics
-from clients.robot.run.run_summary import CameraFigures, RunIntake, RunProgress, RunSummary
+from clients.robot.run.run_summary import RunIntake, RunProgress, RunSummary
 from clients.robot.run.run_validity import RunValidity
-from clients.robot.sensing.camera_intrinsics import CameraIntrinsics
+from clients.robot.sensing.camera_intrinsics import CameraFigures, CameraIntrinsics
 from clients.robot.sensing.input_checks import Inputs
 from clients.robot.sensing.sensor_events import RefusedMessage, SourceEvent
 from clients.robot.sources.live.live_source import LiveSource

@@ -4,21 +4,39 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from typing import Annotated, Protocol
 
-from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX
-from clients.robot.run.run_summary import CameraFigures
 from clients.robot.sensing.sensor_events import Frame, SourceEvent
-from clients.robot.sources.source import Source
+from clients.sdk.terminal.json_answers import Answer, Count, doc
 
+FOCAL_DEFAULT_PX = 525.0
 FOCAL_WAIT_MAX_S = 2.0
 ASSUMED = "assumed"
 _ASK_EVERY_S = 0.05
 
 
+class Lens(Protocol):
+    """A source of frames that may learn the focal length only later."""
+
+    @property
+    def focal_px(self) -> float | None: ...
+
+    @property
+    def focal_from(self) -> str: ...
+
+
+class CameraFigures(Answer, frozen=True, kw_only=True):
+    """The camera's lens."""
+
+    focal_px: Annotated[float, doc("Focal length in pixels")]
+    focal_from: Annotated[str, doc("Where that is from")]
+    frames_before: Annotated[Count, doc("How many frames came before it was known")]
+
+
 class CameraIntrinsics:
     """`source`'s focal length; `use` receives it, until then the FrameRedactor's default."""
 
-    def __init__(self, source: Source, use: Callable[[float], None], *, live: bool) -> None:
+    def __init__(self, source: Lens, use: Callable[[float], None], *, live: bool) -> None:
         self._source = source
         self._use = use
         self._live = live

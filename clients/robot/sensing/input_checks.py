@@ -6,9 +6,8 @@ Broken or useless streams and expired run validity end here; `fault` says why.
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
+from typing import Annotated
 
-from clients.robot.run.run_summary import RunFault
-from clients.robot.run.run_validity import ENDS
 from clients.robot.sensing.sensor_events import (
     AudioClip,
     ColourFrame,
@@ -20,6 +19,7 @@ from clients.robot.sensing.sensor_events import (
     Sighting,
     SourceEvent,
 )
+from clients.sdk.terminal.json_answers import Answer, doc
 from consensus.errors import BlockRobotError
 
 REFUSED_IN_A_ROW_MAX_COUNT = 300
@@ -28,7 +28,25 @@ NOTED_EACH_COUNT = 300
 
 NOTED_TOGETHER_COUNT = 1_000
 
-_FAULTS = frozenset({"BAG_DAMAGED", "FEED_LOST"}) | ENDS
+RUN_ENDS = frozenset(
+    {
+        "ROSTER_EXPIRED",
+        "BACKGROUND_NOT_FOUND",
+        "BACKGROUND_INVALID",
+        "BACKGROUND_NOT_APPROVED",
+        "BACKGROUND_EXPIRED",
+    }
+)
+"""The errors of `RunValidity.check`: a run that meets one ends in good order."""
+
+_FAULTS = frozenset({"BAG_DAMAGED", "FEED_LOST"}) | RUN_ENDS
+
+
+class RunFault(Answer, frozen=True, kw_only=True):
+    """What ended a source, or a run."""
+
+    code: Annotated[str, doc("The error's code")]
+    detail: Annotated[str, doc("What happened")]
 
 
 class Inputs:

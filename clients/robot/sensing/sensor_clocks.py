@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
-from clients.robot.run.run_summary import DeviceClock
 from clients.robot.sensing.sensor_events import Event, Frame, Sighting
+from clients.sdk.terminal.json_answers import Answer, Count, MsFloat, doc
 
 DELAY_MAX_MS = 2_000  # between stamp and receipt; what does not fit in is a clock that was set, or a wrong stamp
 LATE_MAX_MS = 60_000  # unless the stamp goes on from the one before: then the host was busy, at most so long
@@ -26,6 +26,16 @@ READERS_MAX_COUNT = 32  # more than a robot can be told of
 READING_MAX_MS = 10_000  # of a longer reading its end counts: some readers tell when they saw a tag first of all
 _PPM = 1e-6
 _Kind = TypeVar("_Kind", bound=Event)
+
+
+class DeviceClock(Answer, frozen=True, kw_only=True):
+    """What was found of a device's clock."""
+
+    offset_ms: Annotated[MsFloat, doc("Host time minus device time")]
+    drift_ppm: Annotated[float, doc("How fast that grows, in millionths")]
+    uncertainty_ms: Annotated[MsFloat, doc("How far it may be off")]
+    sample_count: Annotated[Count, doc("From how many timestamps")]
+    started_anew_count: Annotated[Count, doc("How often the clock was found to be set")]
 
 
 class TimestampStatus(StrEnum):

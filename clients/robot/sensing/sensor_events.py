@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 from consensus.errors import BlockRobotError
 
+NS_PER_MS = 1_000_000
+
 DEPTH_WIDTH_MAX_PX = 4096
 DEPTH_HEIGHT_MAX_PX = 4096
 

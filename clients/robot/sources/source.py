@@ -11,9 +11,8 @@ import time
 from collections.abc import AsyncIterator, Iterator
 from typing import Protocol
 
-from clients.robot.sensing.sensor_events import Depth, Frame, Sighting, SourceEvent
+from clients.robot.sensing.sensor_events import NS_PER_MS, Depth, Frame, Sighting, SourceEvent
 
-NS_PER_MS = 1_000_000
 EMPTY_FRAMES_READ_MAX_COUNT = 300
 EMPTY_FRAMES_MAX_COUNT = 64
 EMPTY_FRAMES_MAX_BYTES = 256 * 1024 * 1024

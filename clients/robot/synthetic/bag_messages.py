@@ -9,8 +9,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from clients.robot.sensing.sensor_events import Depth, Sighting
-from clients.robot.sources.source import NS_PER_MS
+from clients.robot.sensing.sensor_events import NS_PER_MS, Depth, Sighting
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 SIGHTING_TYPE = "blockrobot_msgs/msg/RfidDetection"

@@ -16,8 +16,7 @@ from pathlib import Path
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-from clients.robot.sensing.sensor_events import Sighting
-from clients.robot.sources.source import NS_PER_MS
+from clients.robot.sensing.sensor_events import NS_PER_MS, Sighting
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
 from clients.robot.synthetic.render import RENDERER_VERSION, Renderer, readings
 from clients.robot.synthetic.scenario import Scenario

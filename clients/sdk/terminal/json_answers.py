@@ -12,6 +12,7 @@ Hex = Annotated[str, Meta(pattern="^([0-9a-f]{2})*$")]
 Count = Annotated[int, Meta(ge=0)]
 Height = Annotated[int, Meta(ge=0, extra_json_schema={"unit": "block height"})]
 Ms = Annotated[int, Meta(extra_json_schema={"unit": "ms"})]
+MsFloat = Annotated[float, Meta(extra_json_schema={"unit": "ms"})]
 TimeMs = Annotated[int, Meta(extra_json_schema={"unit": "ms since 1970, UTC"})]
 Seconds = Annotated[float, Meta(extra_json_schema={"unit": "s"})]
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 
-from clients.robot.run.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_RETRIEVE, IMAGE_WITHHELD
+from clients.robot.recording.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_RETRIEVE, IMAGE_WITHHELD
 from consensus.bounded_text import read_json_text
 
 

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from clients.robot.run.event_log import Event
+from clients.robot.recording.event_log import Event
 
 _FRAME_CASE = re.compile(r"frame-(\d{1,18})")
 

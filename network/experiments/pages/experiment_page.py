@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from clients.robot.run.run_summary import FrameCounts, RunLatencies
+from clients.robot.recording.frame_answers import FrameCounts, RunLatencies
 from clients.sdk.pictures.picture_names import read_robot_frame
 from consensus.errors import BlockRobotError
 from network.bench.conditions import Condition

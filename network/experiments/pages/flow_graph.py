@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from dataclasses import dataclass, field
 
-from clients.robot.run.event_log import RUN_NOTES
+from clients.robot.recording.event_log import RUN_NOTES
 from network.experiments.pages.event_table import EventTable, follow
 
 Pair = tuple[str, str]

@@ -12,7 +12,7 @@ from msgspec import Struct
 from msgspec.structs import asdict
 
 from clients.robot.hiding.frame_redactor import KeptFrame
-from clients.robot.pairing.occupancy import OccupancyMonitor
+from clients.robot.recording.occupancy import OccupancyMonitor
 from clients.robot.recording.waiting_samples import cut_out_colour
 from clients.robot.sensing.sensor_events import Mask
 from consensus.errors import BlockRobotError

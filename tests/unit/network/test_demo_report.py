@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from clients.robot.hiding.withhold_reason import WithholdReason
-from clients.robot.run.run_summary import FrameCounts, Latency, RunLatencies
+from clients.robot.recording.frame_answers import FrameCounts, Latency, RunLatencies
 from clients.sdk.pictures.picture_names import name_picture
 from clients.wallet.answers.record_answers import AuditEvent
 from consensus.errors import BlockRobotError

@@ -7,10 +7,10 @@ threads.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
+from clients.robot.sources.messages.message_types import Message
 from consensus.errors import BlockRobotError
 
 CLOSE_MAX_S = 5.0
@@ -21,16 +21,6 @@ MESSAGE_MAX_BYTES = 80 * 1024 * 1024
 
 NODE_NAME = "blockrobot"
 """How the robot's own node is called on a ROS graph."""
-
-
-@dataclass(frozen=True, slots=True)
-class Message:
-    """One received message: `type` is `pkg/msg/Name`, `at_ns` host Unix ns, `data` ROS 1 or CDR."""
-
-    topic: str
-    type: str
-    at_ns: int
-    data: bytes
 
 
 class Listener(Protocol):

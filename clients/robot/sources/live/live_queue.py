@@ -12,8 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
-from clients.robot.sources.live.live_feed import Message
-from clients.robot.sources.messages.message_types import MessageTypes
+from clients.robot.sources.messages.message_types import Message, MessageTypes
 
 QUEUE_MAX_COUNT = 20_000
 QUEUE_MAX_BYTES = 128 * 1024 * 1024

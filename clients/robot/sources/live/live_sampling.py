@@ -9,10 +9,10 @@ from contextlib import ExitStack
 from typing import Any
 
 from clients.robot.sensing.sensor_events import Depth, Frame, RefusedMessage, Sighting
-from clients.robot.sources.live.live_feed import Feed, Message
+from clients.robot.sources.live.live_feed import Feed
 from clients.robot.sources.live.live_source import LiveSource
 from clients.robot.sources.messages.decoding import KINDS
-from clients.robot.sources.messages.message_types import LearntTypes, MessageTypes, own_types
+from clients.robot.sources.messages.message_types import LearntTypes, Message, MessageTypes, own_types
 from clients.robot.sources.recordings.recording import TopicFigures, explain_undefined
 from clients.robot.sources.source import EmptyFrames, StoppableClock, SystemClock
 from consensus.errors import BlockRobotError

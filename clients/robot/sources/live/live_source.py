@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import NamedTuple, Self
 
 from clients.robot.sensing.sensor_events import Depth, RefusedMessage, Sighting, SourceEvent
-from clients.robot.sources.live.live_feed import Feed, Message
+from clients.robot.sources.live.live_feed import Feed
 from clients.robot.sources.live.live_queue import LiveQueue, Queued
 from clients.robot.sources.messages.decoding import (
     IMAGE_TYPES,
@@ -23,10 +23,10 @@ from clients.robot.sources.messages.decoding import (
     read_focal_px,
     wrong_type,
 )
-from clients.robot.sources.messages.message_types import LearntTypes, MessageTypes, types_with
+from clients.robot.sources.messages.message_types import LearntTypes, Message, MessageTypes, types_with
+from clients.robot.sources.messages.topics import Topics, missing_field
 from clients.robot.sources.recordings.topic_listing import LISTED_MAX_COUNT
 from clients.robot.sources.source import Clock, SystemClock
-from clients.robot.sources.topics import Topics, missing_field
 from consensus.errors import BlockRobotError
 
 SILENT_AFTER_S = 5.0

@@ -14,11 +14,10 @@ from typing import Any
 
 import click
 
-from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
+from clients.robot.sensing.sensor_events import NS_PER_MS, RefusedMessage, Sighting
 from clients.robot.sources.live.live_feed import CLOSE_MAX_S, Feed, Listener
 from clients.robot.sources.live.llrp_readings import GATHER_MS, LlrpReadings
-from clients.robot.sources.source import NS_PER_MS
-from clients.robot.sources.topics import LLRP_PORT, LlrpReader, load_topics
+from clients.robot.sources.messages.topics import LLRP_PORT, LlrpReader, load_topics
 from clients.sdk.terminal.ascii_output import printable
 from consensus.errors import BlockRobotError
 

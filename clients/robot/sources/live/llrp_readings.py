@@ -11,7 +11,7 @@ from typing import Any
 from clients.robot.sensing.sensor_clocks import RunClocks
 from clients.robot.sensing.sensor_events import Facing, RefusedMessage, Sighting
 from clients.robot.sources.messages.field_map import EPC_MAX_CHARS
-from clients.robot.sources.topics import LlrpReader
+from clients.robot.sources.messages.topics import LlrpReader
 
 GATHER_MS = 100
 """For so long readings of one tag by one antenna are gathered into one sighting."""

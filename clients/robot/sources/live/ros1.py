@@ -25,7 +25,8 @@ from urllib.parse import urlsplit
 
 import click
 
-from clients.robot.sources.live.live_feed import CLOSE_MAX_S, MESSAGE_MAX_BYTES, NODE_NAME, Feed, Listener, Message
+from clients.robot.sources.live.live_feed import CLOSE_MAX_S, MESSAGE_MAX_BYTES, NODE_NAME, Feed, Listener
+from clients.robot.sources.messages.message_types import Message
 from consensus.errors import BlockRobotError
 
 MASTER_DEFAULT_URI = "http://127.0.0.1:11311"

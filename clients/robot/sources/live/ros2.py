@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from clients.robot.sources.live import ros2_types
-from clients.robot.sources.live.live_feed import CLOSE_MAX_S, NODE_NAME, Feed, Listener, Message
+from clients.robot.sources.live.live_feed import CLOSE_MAX_S, NODE_NAME, Feed, Listener
 from clients.robot.sources.messages.decoding import IMAGE_TYPES
+from clients.robot.sources.messages.message_types import Message
 from consensus.errors import BlockRobotError
 
 OWN_TOPIC = "/parameter_events"

@@ -16,7 +16,7 @@ from typing import Any
 
 import click
 
-from clients.robot.sources.live.live_feed import MESSAGE_MAX_BYTES, Feed, Listener, Message
+from clients.robot.sources.live.live_feed import MESSAGE_MAX_BYTES, Feed, Listener
 from clients.robot.sources.live.zenoh_keys import (
     DOMAIN_MAX,
     HASHES_UNSAID,
@@ -26,8 +26,8 @@ from clients.robot.sources.live.zenoh_keys import (
     parse_token,
     subscription_key,
 )
-from clients.robot.sources.messages.message_types import types_with
-from clients.robot.sources.topics import load_topics
+from clients.robot.sources.messages.message_types import Message, types_with
+from clients.robot.sources.messages.topics import load_topics
 from consensus.errors import BlockRobotError
 
 ENDPOINT_DEFAULT = "tcp/127.0.0.1:7447"

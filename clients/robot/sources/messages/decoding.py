@@ -11,8 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Frame, Label, RefusedMessage, SourceEvent
-from clients.robot.sources.live.live_feed import Message
+from clients.robot.sensing.sensor_events import (
+    NS_PER_MS,
+    AudioClip,
+    ColourFrame,
+    Frame,
+    Label,
+    RefusedMessage,
+    SourceEvent,
+)
 from clients.robot.sources.messages.field_map import TagMap, header_ms, read_path
 from clients.robot.sources.messages.image_decoding import (
     COMPRESSED_TYPE,
@@ -21,9 +28,8 @@ from clients.robot.sources.messages.image_decoding import (
     refuse,
     refusing_other_fields,
 )
-from clients.robot.sources.messages.message_types import MessageTypes
-from clients.robot.sources.source import NS_PER_MS
-from clients.robot.sources.topics import AudioTopic, LabelTopic, Topics
+from clients.robot.sources.messages.message_types import Message, MessageTypes
+from clients.robot.sources.messages.topics import AudioTopic, LabelTopic, Topics
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE
 from consensus.errors import BlockRobotError
 

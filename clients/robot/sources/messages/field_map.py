@@ -15,9 +15,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
+from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M, NS_PER_MS, Facing, Sighting
 from clients.robot.sources.messages.image_decoding import refuse
-from clients.robot.sources.source import NS_PER_MS
 from consensus.errors import BlockRobotError
 
 EPC_MAX_CHARS = 64

@@ -9,13 +9,13 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.type_bounds import is_bounded
 from clients.robot.synthetic.bag_messages import typestore
 from consensus.errors import BlockRobotError
@@ -92,6 +92,16 @@ def types_with(definitions: Mapping[str, str]) -> Typestore:
         except Exception as error:
             raise BlockRobotError("TOPICS_INVALID", f"The definition of {name} makes no sense.") from error
     return store
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One received message: `type` is `pkg/msg/Name`, `at_ns` host Unix ns, `data` ROS 1 or CDR."""
+
+    topic: str
+    type: str
+    at_ns: int
+    data: bytes
 
 
 class MessageTypes:

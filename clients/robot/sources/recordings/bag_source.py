@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clients.robot.sensing.sensor_events import Depth, RefusedMessage, SourceEvent
-from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.decoding import AntennaCounts, MessageReader, info_topic, read_focal_px, wrong_type
 from clients.robot.sources.messages.image_decoding import decode_depth, refusing_other_fields
+from clients.robot.sources.messages.message_types import Message
+from clients.robot.sources.messages.topics import Topics, missing_field
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.recordings.topic_listing import describe
 from clients.robot.sources.source import Clock, EmptyFrames, happened_ms, play_events
-from clients.robot.sources.topics import Topics, missing_field
 from consensus.errors import BlockRobotError
 
 

@@ -15,12 +15,12 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_typestore
 
-from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.message_types import (
     DEFINITIONS_MAX_COUNT,
     DEFINITIONS_MAX_WORK,
     WORD_MAX_CHARS,
     DefinitionTooLongError,
+    Message,
     MessageTypes,
     count_work,
     parse_definition,

@@ -15,8 +15,8 @@ from clients.robot.sources.messages.image_decoding import (
     encoding_of,
 )
 from clients.robot.sources.messages.message_types import MessageTypes, own_types
+from clients.robot.sources.messages.topics import STRING_TYPE, Topics, own_paths, shown_fields
 from clients.robot.sources.recordings.recording import TopicFigures
-from clients.robot.sources.topics import STRING_TYPE, Topics, own_paths, shown_fields
 from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
 
 LISTED_MAX_COUNT = 12

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clients.robot.consent.consent_view import compute_person_tag
-from clients.robot.recording.sealed_file import read_sealed
+from clients.robot.identity.sealed_file import read_sealed
 from clients.robot.recording.spool import SpooledClip
 from consensus.errors import BlockRobotError
 from consensus.members.roster import Roster, RosterRow, SignedRoster, roster_tag

@@ -12,13 +12,13 @@ from contextlib import suppress
 from typing import Any
 
 from clients.robot.consent.consent_view import compute_person_tag
-from clients.robot.delivery.delivery import Delivered, Delivery
+from clients.robot.delivery.delivery import Delivery
 from clients.robot.pairing.rosters import RosterBook
+from clients.robot.recording.event_log import AliasBook
 from clients.robot.recording.sealing import ClipContent, seal_clip
-from clients.robot.recording.spool import Spool, SpooledClip
+from clients.robot.recording.spool import Delivered, Spool, SpooledClip
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
-from clients.robot.run.event_log import AliasBook
 from clients.robot.run.pipeline import CLOSE_EVERY_S
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError

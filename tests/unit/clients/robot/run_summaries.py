@@ -7,11 +7,13 @@ from typing import Any
 from msgspec.structs import replace
 
 from clients.robot.consent.consent_view import ConsentFigures
+from clients.robot.pairing.input_throttle import InputThrottle
 from clients.robot.pairing.rosters import UnknownTags
 from clients.robot.pairing.tag_pairing import Pairing
-from clients.robot.run.run_statistics import RunStatistics
-from clients.robot.run.run_summary import CameraFigures, FrameCounts, RunIntake, RunSummary
-from clients.robot.sensing.input_throttle import InputThrottle
+from clients.robot.recording.frame_answers import FrameCounts
+from clients.robot.recording.run_statistics import RunStatistics
+from clients.robot.run.run_summary import RunIntake, RunSummary
+from clients.robot.sensing.camera_intrinsics import CameraFigures
 from clients.sdk.terminal.json_answers import extend
 
 FRAMES = FrameCounts(published=6, covered=6, kept=6, withheld=0, withheld_reasons={}, lost=0)

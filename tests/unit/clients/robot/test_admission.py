@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clients.robot.pairing.rosters import UnknownTags
-from clients.robot.pairing.tag_pairing import Pairing
-from clients.robot.run.run_summary import PipelineIntake, UnknownTagCounts
-from clients.robot.sensing.input_throttle import (
+from clients.robot.pairing.input_throttle import (
     APART_MS,
     KNOWN_MAX_PER_S,
     READINGS_MAX_COUNT,
@@ -15,7 +12,10 @@ from clients.robot.sensing.input_throttle import (
     TAGS_MAX_COUNT,
     TELL_EVERY_MS,
     InputThrottle,
+    PipelineIntake,
 )
+from clients.robot.pairing.rosters import UnknownTagCounts, UnknownTags
+from clients.robot.pairing.tag_pairing import Pairing
 from clients.robot.sensing.sensor_events import Sighting
 
 START_MS = 1_579_278_405_000

@@ -5,8 +5,8 @@ from __future__ import annotations
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import KeptFrame, WithheldFrame
 from clients.robot.hiding.withhold_reason import WithholdReason
-from clients.robot.pairing.occupancy import OccupancyMonitor
 from clients.robot.pairing.tag_pairing import Decision
+from clients.robot.recording.occupancy import OccupancyMonitor
 
 CUT = EncodedCutout(0, 0, 1, 1, b"")
 

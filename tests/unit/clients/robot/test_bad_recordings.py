@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clients.robot.run.run_summary import FrameCounts
+from clients.robot.recording.frame_answers import FrameCounts
 from clients.robot.sensing.input_checks import REFUSED_IN_A_ROW_MAX_COUNT
-from clients.robot.sources.topics import parse_topics
+from clients.robot.sources.messages.topics import parse_topics
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE
 from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import parse_scenario

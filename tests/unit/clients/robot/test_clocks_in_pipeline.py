@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from clients.robot.hiding.frame_redactor import FrameRedactor, Output
-from clients.robot.run.event_log import Event as LoggedEvent
-from clients.robot.run.event_log import read_events
+from clients.robot.recording.event_log import Event as LoggedEvent
+from clients.robot.recording.event_log import read_events
 from clients.robot.sensing.sensor_events import Event, Frame, Sighting
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.test_pipeline import UID, Robot, roster

@@ -17,10 +17,9 @@ from clients.robot.delivery.delivery import (
     DELIVERIES_AT_ONCE_MAX_COUNT,
     RETRY_MAX_MS,
     SUBMIT_DELAY_MAX_MS,
-    Delivered,
     Delivery,
 )
-from clients.robot.recording.spool import Spool, SpooledClip
+from clients.robot.recording.spool import Delivered, Spool, SpooledClip
 from clients.robot.recording.unclosed_visits import OpenVisits
 from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.errors import BlockRobotError

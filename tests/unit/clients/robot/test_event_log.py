@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from clients.robot.run.event_log import (
+from clients.robot.recording.event_log import (
     ACTIVITIES,
     BLOCKCHAIN_TRANSACTION,
     IMAGE_PAIRED,
@@ -42,7 +42,7 @@ def test_a_tag_has_one_alias_in_a_run_which_says_nothing_of_the_uid() -> None:
 def test_two_tags_never_share_an_alias(monkeypatch: pytest.MonkeyPatch) -> None:
     """People are told apart by alias during a run: two of one name would be recorded for each other."""
     drawn = iter(["aaaaaa", "aaaaaa", "aaaaaa", "bbbbbb"])
-    monkeypatch.setattr("clients.robot.run.event_log.secrets.token_hex", lambda size: next(drawn))
+    monkeypatch.setattr("clients.robot.recording.event_log.secrets.token_hex", lambda size: next(drawn))
     book = AliasBook()
     assert (book.alias(b"one"), book.alias(b"two")) == ("tag-aaaaaa", "tag-bbbbbb")
 

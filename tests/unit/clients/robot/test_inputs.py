@@ -7,13 +7,13 @@ from collections.abc import AsyncIterator, Sequence
 import numpy as np
 import pytest
 
-from clients.robot.run.run_summary import RunFault
-from clients.robot.run.run_validity import ENDS
 from clients.robot.sensing.input_checks import (
     NOTED_EACH_COUNT,
     NOTED_TOGETHER_COUNT,
     REFUSED_IN_A_ROW_MAX_COUNT,
+    RUN_ENDS,
     Inputs,
+    RunFault,
 )
 from clients.robot.sensing.sensor_events import ColourFrame, Frame, RefusedMessage, Sighting, SourceEvent
 from clients.robot.sources.live.llrp_readings import LlrpReadings
@@ -136,7 +136,7 @@ async def test_a_stream_that_breaks_off_gives_all_before_and_any_other_failure_i
         await drain(Inputs(SHAPE), [frame(0)], BlockRobotError("BAG_TOPIC_MISSING"))
 
 
-@pytest.mark.parametrize("code", sorted(ENDS))
+@pytest.mark.parametrize("code", sorted(RUN_ENDS))
 async def test_what_ends_a_run_before_its_stream_is_its_fault(code: str) -> None:
     inputs = Inputs(SHAPE)
     assert await drain(inputs, [SIGHTING], BlockRobotError(code, "It is over.")) == [SIGHTING]

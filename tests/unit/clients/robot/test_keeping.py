@@ -14,12 +14,12 @@ from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import KeptFrame, WithheldFrame
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.recording.batching import ReadyClip
+from clients.robot.recording.event_log import EventLog, read_events
+from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import RunContext, SensorRecorder
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
-from clients.robot.run.event_log import EventLog, read_events
 from clients.robot.run.pipeline import note_dropped
-from clients.robot.run.run_statistics import RunStatistics
 from clients.robot.sensing.sensor_clocks import ClockEstimator
 from consensus.members.roster import ROSTER_VERSION, Roster, RosterRow
 from consensus.primitives.keys import PrivateKey

@@ -13,13 +13,11 @@ from msgspec.structs import replace
 
 from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding import frame_redactor
-from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX
-from clients.robot.run.run_summary import CameraFigures
-from clients.robot.sensing.camera_intrinsics import FOCAL_WAIT_MAX_S, CameraIntrinsics
+from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX, FOCAL_WAIT_MAX_S, CameraFigures, CameraIntrinsics
 from clients.robot.sensing.sensor_events import Frame, Sighting, SourceEvent
+from clients.robot.sources.messages.topics import Topics
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source
-from clients.robot.sources.topics import Topics
 from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
 from tests.unit.clients.robot.test_days_end import a_day
 from tests.virtual_time import run_virtual, virtual_now_ms

@@ -17,8 +17,10 @@ from clients.robot.cli.live_options import BESIDE, CAMERAS, notice_teller
 from clients.robot.cli.run_report import broken_line, summary_lines, waiting_line
 from clients.robot.hiding.match_evidence import MatchEvidence, Obstacle
 from clients.robot.identity.robot_keys import create_identity
-from clients.robot.run.run_statistics import RunStatistics
-from clients.robot.run.run_summary import CameraFigures, FrameCounts, RunProgress
+from clients.robot.recording.frame_answers import FrameCounts
+from clients.robot.recording.run_statistics import RunStatistics
+from clients.robot.run.run_summary import RunProgress
+from clients.robot.sensing.camera_intrinsics import CameraFigures
 from tests.unit.clients.robot.run_summaries import summary_of
 
 NOBODY = "http://127.0.0.1:9"

@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 import pytest
 
+from clients.robot.identity.sealed_file import seal_content
 from clients.robot.recording import unclosed_visits
-from clients.robot.recording.sealed_file import seal_content
 from clients.robot.recording.spool import Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from consensus.errors import BlockRobotError

@@ -12,22 +12,23 @@ import pytest
 from nacl.public import PrivateKey as SealingPrivateKey
 
 from clients.robot.consent.consent_view import Consents
-from clients.robot.delivery.delivery import Delivered, Delivery
+from clients.robot.delivery.delivery import Delivery
 from clients.robot.hiding.background import empty_bank, learn_background
-from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX, FrameRedactor
-from clients.robot.pairing.rosters import RosterBook
+from clients.robot.hiding.frame_redactor import FrameRedactor
+from clients.robot.pairing.input_throttle import PipelineIntake
+from clients.robot.pairing.rosters import RosterBook, UnknownTagCounts
+from clients.robot.recording.event_log import EventLog, read_events
+from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import RunContext
-from clients.robot.recording.spool import Spool
+from clients.robot.recording.spool import Delivered, Spool
 from clients.robot.recording.unclosed_visits import OpenVisits
 from clients.robot.recording.visit_book import VisitBook
-from clients.robot.run.event_log import EventLog, read_events
 from clients.robot.run.pipeline import Pipeline, note_delivered, note_dropped
-from clients.robot.run.run_statistics import RunStatistics
-from clients.robot.run.run_summary import PipelineIntake, UnknownTagCounts
+from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
 from clients.robot.sensing.input_checks import Inputs
 from clients.robot.sensing.sensor_events import Frame, Sighting, SourceEvent
+from clients.robot.sources.messages.topics import Topics
 from clients.robot.sources.recordings.bag_source import BagSource
-from clients.robot.sources.topics import Topics
 from consensus.members.roster import ROSTER_VERSION, Roster, RosterRow, roster_tag
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.sensing.reading_warnings import READ_EVERY_MS, time_to_bind_s, warn_of_lens, warn_of_readings
+from clients.robot.cli.reading_warnings import READ_EVERY_MS, time_to_bind_s, warn_of_lens, warn_of_readings
 from clients.robot.sensing.sensor_events import Facing
-from clients.robot.sources.topics import Topics, parse_topics
+from clients.robot.sources.messages.topics import Topics, parse_topics
 
 TAGS = '[[tags]]\ntopic = "/rfid"\nepc = "data{}.uid"\n'
 DISTANCE = 'distance = "data{}.range"\ndistance_sigma = 0.15\ndistance_unit = "m"\n'

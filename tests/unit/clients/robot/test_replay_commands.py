@@ -13,7 +13,10 @@ from msgspec.structs import replace
 
 from clients.robot.cli import main
 from clients.robot.identity.robot_keys import create_identity
-from clients.robot.run.run_summary import RunFault, RunSummary, SenseCounts, UnknownTagCounts
+from clients.robot.pairing.rosters import UnknownTagCounts
+from clients.robot.recording.frame_answers import SenseCounts
+from clients.robot.run.run_summary import RunSummary
+from clients.robot.sensing.input_checks import RunFault
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.sdk.terminal.json_answers import extend
 from tests.unit.clients.robot.run_summaries import FRAMES, summary_of

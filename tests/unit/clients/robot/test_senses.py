@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from clients.robot.recording import waiting_samples
-from clients.robot.sources.topics import parse_topics
+from clients.robot.sources.messages.topics import parse_topics
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE
 from clients.robot.synthetic.render import Renderer, readings
 from clients.robot.synthetic.scenario import Scenario, parse_scenario

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.robot.recording.sealed_file import seal_content
+from clients.robot.identity.sealed_file import seal_content
 from clients.robot.recording.spool import Spool, SpooledClip
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode

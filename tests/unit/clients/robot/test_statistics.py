@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clients.robot.delivery.delivery import Delivered
-from clients.robot.run.run_statistics import ARRIVALS_MAX_COUNT, Distribution, RunStatistics
-from clients.robot.run.run_summary import Latency
+from clients.robot.recording.frame_answers import Latency
+from clients.robot.recording.run_statistics import ARRIVALS_MAX_COUNT, Distribution, RunStatistics
+from clients.robot.recording.spool import Delivered
 from tests.unit.clients.robot.test_spool import clip
 
 

@@ -7,8 +7,7 @@ import pickle
 import pytest
 
 from clients.robot.pairing import rosters
-from clients.robot.pairing.rosters import UnknownTags
-from clients.robot.run.run_summary import UnknownTagCounts
+from clients.robot.pairing.rosters import UnknownTagCounts, UnknownTags
 
 
 def test_readings_and_tags_are_counted_apart_and_what_is_remembered_is_no_uid() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from clients.robot.run.run_summary import FrameCounts, Latency
+from clients.robot.recording.frame_answers import FrameCounts, Latency
 from clients.sdk.terminal.json_answers import extend
 from network.bench.robot.robot_bench import RobotFigures, RobotOptions, is_good, make_figures
 from network.bench.robot.robot_counts import LoggedFrames, Timed

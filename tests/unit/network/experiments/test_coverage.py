@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from clients.robot.run.run_summary import FrameCounts
+from clients.robot.recording.frame_answers import FrameCounts
 from network.demo.checks import CheckList
 from network.demo.scene_truth import covered_frames
 from network.experiments.comparison import work_out

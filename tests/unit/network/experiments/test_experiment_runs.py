@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.run.run_summary import FrameCounts
+from clients.robot.recording.frame_answers import FrameCounts
 from clients.robot.synthetic.scenario import Scenario
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check, CheckList

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.run.event_log import (
+from clients.robot.recording.event_log import (
     IMAGE_PAIRED,
     IMAGE_RETRIEVE,
     RFID_RETRIEVE,

@@ -10,7 +10,7 @@ from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding.background import Background, learn_background
 from clients.robot.hiding.frame_redactor import FrameRedactor, WithheldFrame
 from clients.robot.hiding.withhold_reason import MergedBy, MergedEvidence, WithholdReason
-from clients.robot.run.run_statistics import RunStatistics
+from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Sighting
 from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
 

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from clients.robot.sensing.sensor_events import RefusedMessage
-from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.decoding import MessageReader, read_focal_px
-from clients.robot.sources.messages.message_types import LearntTypes
+from clients.robot.sources.messages.message_types import LearntTypes, Message
+from clients.robot.sources.messages.topics import SIGHTING_TOPIC, Topics
 from clients.robot.sources.recordings.bag_source import BagSource
-from clients.robot.sources.topics import SIGHTING_TOPIC, Topics
 from clients.robot.synthetic.bag_messages import SIGHTING_TYPE, typestore
 from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC
 from consensus.errors import BlockRobotError

@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from clients.robot.cli.topics_commands import topics
+from clients.robot.sources.messages.topics import parse_topics
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.recordings.topic_listing import describe, draft_topics, list_topics, next_steps
-from clients.robot.sources.topics import parse_topics
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import FORMATS, Topic, image, record, storage_file
 

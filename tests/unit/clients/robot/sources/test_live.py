@@ -12,13 +12,14 @@ import pytest
 
 from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting, SourceEvent
 from clients.robot.sources.live import live_source
-from clients.robot.sources.live.live_feed import Listener, Message
+from clients.robot.sources.live.live_feed import Listener
 from clients.robot.sources.live.live_queue import LiveQueue
 from clients.robot.sources.live.live_sampling import Sample, record_empty_frames
 from clients.robot.sources.live.live_source import INFO_TYPE, LiveSource
+from clients.robot.sources.messages.message_types import Message
+from clients.robot.sources.messages.topics import Topics, parse_topics
 from clients.robot.sources.recordings.topic_listing import draft_topics, list_topics, next_steps
 from clients.robot.sources.source import StoppableClock
-from clients.robot.sources.topics import Topics, parse_topics
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
 from consensus.errors import BlockRobotError
 

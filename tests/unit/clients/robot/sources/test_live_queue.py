@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from clients.robot.sensing.sensor_events import RefusedMessage, Sighting
-from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.live.live_queue import ENTRY_BYTES, LiveQueue, Queued
-from clients.robot.sources.messages.message_types import MessageTypes, own_types
+from clients.robot.sources.messages.message_types import Message, MessageTypes, own_types
 
 TYPES = MessageTypes(own_types(), ros1=True)
 

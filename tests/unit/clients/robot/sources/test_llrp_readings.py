@@ -9,7 +9,7 @@ from llrpkit.protocol import BitStr, params
 
 from clients.robot.sensing.sensor_events import Facing, RefusedMessage, Sighting
 from clients.robot.sources.live.llrp_readings import GATHER_MS, GATHERED_MAX_COUNT, LlrpReadings
-from clients.robot.sources.topics import LlrpReader
+from clients.robot.sources.messages.topics import LlrpReader
 
 EPC = bytes.fromhex("e28011606000020512345678")
 NOW_MS = 1_800_000_000_000

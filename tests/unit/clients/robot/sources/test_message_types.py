@@ -8,12 +8,12 @@ import time
 
 import pytest
 
-from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.messages.message_types import (
     DEFINITION_MAX_CHARS,
     DEFINITION_MAX_WORDS,
     LEARNT_MAX_COUNT,
     LearntTypes,
+    Message,
     MessageTypes,
     own_types,
 )

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 from clients.robot.sources.live import llrp, zenoh
 from clients.robot.sources.live.llrp import _why, parse_address
-from clients.robot.sources.topics import LlrpReader
+from clients.robot.sources.messages.topics import LlrpReader
 from consensus.errors import BlockRobotError
 
 

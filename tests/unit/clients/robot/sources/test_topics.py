@@ -6,7 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.sources.topics import Topics, load_topics, parse_topics, tags_by_type, with_rooted_names, with_topic
+from clients.robot.sources.messages.topics import (
+    Topics,
+    load_topics,
+    parse_topics,
+    tags_by_type,
+    with_rooted_names,
+    with_topic,
+)
 from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
 from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, SIGHTING_TOPIC
 from consensus.errors import BlockRobotError

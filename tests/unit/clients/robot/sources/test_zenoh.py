@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from clients.robot.sources.live.live_feed import Message
 from clients.robot.sources.live.zenoh import ZenohFeed, _Subscription
 from clients.robot.sources.live.zenoh_keys import parse_key
+from clients.robot.sources.messages.message_types import Message
 from consensus.errors import BlockRobotError
 
 HASH = "RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47"

@@ -11,11 +11,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from clients.robot.delivery.delivery import Delivered
 from clients.robot.hiding import match_evidence
 from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.withhold_reason import MERGED_HELP, MergedEvidence
-from clients.robot.run.run_summary import (
+from clients.robot.recording.frame_answers import (
     AmbiguousTag,
     DistancesOff,
     FrameCounts,
@@ -24,6 +23,7 @@ from clients.robot.run.run_summary import (
     RunLatencies,
     SenseCounts,
 )
+from clients.robot.recording.spool import Delivered
 from clients.sdk.terminal.json_answers import extend
 
 ARRIVALS_MAX_COUNT = 4_096

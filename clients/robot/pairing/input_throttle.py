@@ -8,12 +8,13 @@ from __future__ import annotations
 from bisect import bisect_left, insort
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Annotated
 
-from clients.robot.pairing.rosters import UnknownTags
+from clients.robot.pairing.rosters import UnknownTagCounts, UnknownTags
 from clients.robot.pairing.tag_pairing import Pairing
-from clients.robot.run.run_summary import PipelineIntake
-from clients.robot.sensing.sensor_clocks import RunClocks
+from clients.robot.sensing.sensor_clocks import DeviceClock, RunClocks
 from clients.robot.sensing.sensor_events import Sighting
+from clients.sdk.terminal.json_answers import Answer, Count, doc
 
 APART_MS = 50  # readings of one tag by one antenna that are closer tell matching nothing new
 KNOWN_MAX_PER_S = 200
@@ -23,6 +24,18 @@ TAGS_MAX_COUNT = 4_096  # remembered, tags times antennas
 FORGET_EVERY_MS = 10_000
 MEMORY_MS = 30_000
 TELL_EVERY_MS = 10_000
+
+
+class PipelineIntake(Answer, frozen=True, kw_only=True):
+    """What the pipeline found of its input."""
+
+    clocks: Annotated[dict[str, DeviceClock], doc("What was found of each device's clock")]
+    turned_away: Annotated[dict[str, Count], doc("How much was rejected for its time, by reason")]
+    sightings_late: Annotated[Count, doc("Tag readings that came too late")]
+    sightings_shortened: Annotated[Count, doc("Tag readings whose uncertain end was cut")]
+    sightings_only_paired: Annotated[Count, doc("Tag readings that were thinned out")]
+    timelines: Annotated[Count, doc("How many timelines the timestamps made")]
+    unknown_tags: Annotated[UnknownTagCounts, doc("Tags that are not on the roster")]
 
 
 @dataclass(slots=True)

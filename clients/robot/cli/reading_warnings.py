@@ -8,12 +8,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from clients.robot.hiding.frame_redactor import FOCAL_DEFAULT_PX
 from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.tracking import Track
+from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
 from clients.robot.sensing.sensor_events import Facing, Sighting
 from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, TagMap
-from clients.robot.sources.topics import Topics
+from clients.robot.sources.messages.topics import Topics
 
 ASSUMED_SIGMA_M = 0.3
 READ_EVERY_MS = 500
