@@ -26,13 +26,9 @@ def test_texts_of_others_are_parsed_and_files_of_users_written_by_one_module_eac
 NEW_FILES = ROOT / "clients" / "sdk" / "new_files.py"
 WRITES = re.compile(r"\.write_bytes\(|(?<!formatter)\.write_text\(|\bopen\((?:.*, )?[\"'][wax]|\bO_CREAT\b")
 WRITES_BESIDE = {
-    # below a folder that is made for it with mode 0700, or that a node, a robot, a registrar or a wallet holds
-    "clients/registrar/registrar.py": "a registrar's list of cards",
+    # below a folder that is made for it with mode 0700, or that a node, a robot or a wallet holds
     "clients/robot/identity/robot_keys.py": "a robot's keys, O_EXCL",
-    "clients/robot/identity/sealed_file.py": "a robot's sealed files",
     "clients/robot/run/runner.py": "a lock",
-    "clients/robot/synthetic/scenario_bag.py": "drawn tags",
-    "clients/sdk/trust_pin.py": "a client's pin",
     "clients/wallet/store/wallet_lock.py": "a lock",
     "network/cluster.py": "a local network's state and its nodes' output",
     "network/provisioning/certificate_authority.py": "keys of a network, O_EXCL",
