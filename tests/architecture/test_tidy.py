@@ -20,6 +20,7 @@ PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
 DIALECT_FOLDERS = (ROOT / "contracts" / "privacy", ROOT / "contracts" / "system")
 
 MODULE_MAX_LINES = 600
+VIRTUAL = re.compile(r"@in_virtual_time|\brun_virtual\(|import .*\bstory\b|(Virtual|Sim)Loop")
 FOLDER_MAX_MODULES = 15
 FUNCTION_MAX_LINES = 80
 BANNED_NAMES = {"utils", "util", "helpers", "helper", "manager", "common", "misc"}
@@ -257,3 +258,15 @@ def test_no_code_is_commented_out_behind_a_hash() -> None:
             if re.match(r"^(?:import \w+$|from \w[\w.]* import |\w+ = \w+\(.*\)$|return \w+$|print\()", text):
                 dead.append(f"{place(path, token.start[0])}: {text}")
     assert dead == []
+
+
+def test_a_unit_test_that_sleeps_stands_in_virtual_time() -> None:
+    """What makes the clock virtual is a decorator, a harness or a call in the same file."""
+    sleeping = set()
+    for path in (ROOT / "tests" / "unit").rglob("test_*.py"):
+        source = path.read_text(encoding="utf-8")
+        calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call) and node.args]
+        named = {ast.unparse(call) for call in calls if ast.unparse(call.func) in ("asyncio.sleep", "time.sleep")}
+        if any("sleep(0" not in call for call in named) and not VIRTUAL.search(source):
+            sleeping.add(path.relative_to(ROOT).as_posix())
+    assert sleeping == set()

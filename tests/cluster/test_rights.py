@@ -142,7 +142,7 @@ async def test_what_a_person_says_of_her_visit_is_what_every_custodian_does(
         await _deny_and_decide(ann, officer, rights, viewing, report)
 
         await rights.object_to_recording(["demo"])
-        said = await rights.object_to_release(["demo"], at_once=True, tell=quiet)
+        said = await rights.object_to_release(["demo"], at_once=True, on_progress=quiet)
         assert [one.visit.owner for one in said] == [report.visit.owner]
         with pytest.raises(BlockRobotError, match="PURPOSE_OBJECTED"):
             await viewing.request_access([entry], "demo")

@@ -35,7 +35,7 @@ async def run_short(folder: Path, seconds: float, show: Callable[[Experiment, Ch
         out=folder / "out",
         cache=folder / "cache",
         base_port=find_base_port(4),
-        tell=lambda _: None,
+        on_progress=lambda _: None,
         show=show,
     )
     result, _ = await run_experiments([(EXPERIMENT, shortened(seconds))], options)

@@ -16,7 +16,7 @@ from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain import secantus
-from tests.offchain.house import House
+from tests.offchain.house import CustodianHarness
 
 
 @pytest.fixture(scope="session")
@@ -64,11 +64,11 @@ async def store(make_store: Callable[[], CustodyStore]) -> AsyncIterator[Custody
 
 
 @pytest.fixture
-def house(make_store: Callable[[], CustodyStore], tmp_path: Path) -> House:
-    return House(make_store, tmp_path / "erase-keys")
+def house(make_store: Callable[[], CustodyStore], tmp_path: Path) -> CustodianHarness:
+    return CustodianHarness(make_store, tmp_path / "erase-keys")
 
 
 @pytest.fixture
-async def opened(house: House) -> AsyncIterator[House]:
+async def opened(house: CustodianHarness) -> AsyncIterator[CustodianHarness]:
     async with house.open():
         yield house

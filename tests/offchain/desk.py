@@ -9,7 +9,7 @@ from consensus.records.clips import ClipDownload, FrameDownload
 from node.custody.chain_facts import ChainFacts
 from node.custody.repair.rebuild import Rebuild, RebuildReport
 from node.custody.repair.scrub import ScrubReport, scrub
-from tests.offchain.house import House, read_all
+from tests.offchain.house import CustodianHarness, read_all
 from tests.offchain.small_chain import RecordedClip
 from tests.offchain.small_state import State
 
@@ -40,10 +40,10 @@ class Peer:
         )
 
 
-class Desk:
+class CustodyHarness:
     """An opened house beside a state of the chain that the test puts together."""
 
-    def __init__(self, house: House) -> None:
+    def __init__(self, house: CustodianHarness) -> None:
         self.house, self.state = house, State()
 
     async def hold(self, *clips: RecordedClip) -> None:

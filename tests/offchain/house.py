@@ -27,7 +27,7 @@ from tests.offchain.small_chain import (
 ACCESS_ID, ERASURE_ID = b"\xa1" * 32, b"\xe1" * 32
 
 
-class House:
+class CustodianHarness:
     """A custodian with its store and its erase keys, which can be closed and opened again."""
 
     def __init__(self, make_store: Callable[[], CustodyStore], directory: Path) -> None:

@@ -7,7 +7,7 @@ import inspect
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
-from tests.offchain.house import House
+from tests.offchain.house import CustodianHarness
 
 NEVER = 1 << 30
 
@@ -42,7 +42,7 @@ class _Stop:
 class Interleaving:
     """Puts stops around every call of an open house's store."""
 
-    def __init__(self, house: House) -> None:
+    def __init__(self, house: CustodianHarness) -> None:
         self.house = house
         self._stops: dict[str, _Stop] = {}
         self._news = asyncio.Event()

@@ -26,7 +26,7 @@ from consensus.records.sharing import (
 )
 from node.custody.shares import HeldPart
 from node.custody.stores.sqlite_store import SqliteStore
-from tests.offchain.house import House, read_all
+from tests.offchain.house import CustodianHarness, read_all
 from tests.offchain.small_chain import ALICE, CUSTODIAN, OTHER_CUSTODIAN, START_MS, RecordedClip, erasure, record_clip
 from tests.offchain.test_sharing import GRANT_ID, GRANTEE, asked, granted, revoked
 
@@ -37,7 +37,7 @@ NAMES = (CUSTODIAN, OTHER_CUSTODIAN)
 class League:
     """Two custodians' houses, a shared clip, and copies that they took of all of it."""
 
-    houses: list[House]
+    houses: list[CustodianHarness]
     clip: RecordedClip
     doctor: SealingKey
     clips: list[ClipDownload]
@@ -81,7 +81,7 @@ async def league(tmp_path: Path) -> AsyncIterator[League]:
     clip, doctor = record_clip(), SealingKey.generate()
     brought = _split(clip, doctor)
     houses = [
-        House(lambda place=place: SqliteStore(tmp_path / f"store-{place}"), tmp_path / f"keys-{place}")
+        CustodianHarness(lambda place=place: SqliteStore(tmp_path / f"store-{place}"), tmp_path / f"keys-{place}")
         for place in (0, 1)
     ]  # type: ignore[misc]
     async with AsyncExitStack() as stack:

@@ -10,7 +10,7 @@ import pytest
 
 from consensus.records.clips import check_clip_download
 from node.custody.shares import CLOCK_SLACK_MS
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
     BOB,
@@ -25,7 +25,7 @@ from tests.offchain.small_chain import (
 )
 
 
-async def test_an_owner_gets_her_clip_after_a_final_access_request(opened: House) -> None:
+async def test_an_owner_gets_her_clip_after_a_final_access_request(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.follow(access(ACCESS_ID, clip))
     download = await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
@@ -33,12 +33,12 @@ async def test_an_owner_gets_her_clip_after_a_final_access_request(opened: House
     assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
-async def test_nothing_leaves_before_the_access_request_is_final(opened: House) -> None:
+async def test_nothing_leaves_before_the_access_request_is_final(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
 
 
-async def test_a_request_opens_only_what_it_names_and_only_to_its_owner(opened: House) -> None:
+async def test_a_request_opens_only_what_it_names_and_only_to_its_owner(opened: CustodianHarness) -> None:
     clip, other, bobs = await opened.keep(), await opened.keep(), await opened.keep(owner=BOB)
     await opened.follow(access(ACCESS_ID, clip, bobs))
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(other.record_id, ACCESS_ID, ALICE))
@@ -47,7 +47,7 @@ async def test_a_request_opens_only_what_it_names_and_only_to_its_owner(opened: 
     assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
-async def test_a_request_that_names_nothing_is_for_the_visit_up_to_then(opened: House) -> None:
+async def test_a_request_that_names_nothing_is_for_the_visit_up_to_then(opened: CustodianHarness) -> None:
     clip, bobs, later = record_clip(), record_clip(), record_clip()
     await opened.keep(clip)
     await opened.keep(bobs, BOB)
@@ -58,7 +58,7 @@ async def test_a_request_that_names_nothing_is_for_the_visit_up_to_then(opened: 
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(later.record_id, ACCESS_ID, ALICE))
 
 
-async def test_releases_are_told_in_batches_that_fit_a_call(opened: House) -> None:
+async def test_releases_are_told_in_batches_that_fit_a_call(opened: CustodianHarness) -> None:
     clips = [record_clip(1) for _ in range(33)]
     for clip in clips:
         await opened.custodian.stage(clip.upload)
@@ -69,7 +69,7 @@ async def test_releases_are_told_in_batches_that_fit_a_call(opened: House) -> No
     assert {record_id for batch in told for record_id in batch} == {clip.record_id for clip in clips}
 
 
-async def test_the_same_upload_twice_is_harmless_and_another_under_its_id_is_refused(opened: House) -> None:
+async def test_the_same_upload_twice_is_harmless_and_another_under_its_id_is_refused(opened: CustodianHarness) -> None:
     clip, other = record_clip(), record_clip()
     await opened.custodian.stage(clip.upload)
     await opened.custodian.stage(clip.upload)
@@ -80,7 +80,7 @@ async def test_the_same_upload_twice_is_harmless_and_another_under_its_id_is_ref
 
 
 @pytest.mark.parametrize("change", ["fewer keys", "fewer leaves", "no frames", "short key", "short leaf", "huge frame"])
-async def test_an_upload_that_is_not_whole_leaves_nothing(opened: House, change: str) -> None:
+async def test_an_upload_that_is_not_whole_leaves_nothing(opened: CustodianHarness, change: str) -> None:
     upload = record_clip().upload
     changes = {
         "fewer keys": {"sealed_keys": upload.sealed_keys[:2]},
@@ -95,14 +95,14 @@ async def test_an_upload_that_is_not_whole_leaves_nothing(opened: House, change:
     assert [clip async for clip in opened.store.all_clips()] == []
 
 
-async def test_an_upload_cannot_be_parked_beyond_the_life_of_a_transaction(opened: House) -> None:
+async def test_an_upload_cannot_be_parked_beyond_the_life_of_a_transaction(opened: CustodianHarness) -> None:
     late = record_clip(valid_until_ms=START_MS + 600_000 + CLOCK_SLACK_MS + 1)
     await refused("UPLOAD_INVALID", opened.custodian.stage(late.upload))
     await opened.follow(at_ms=START_MS + 60_000)
     await refused("TRANSACTION_EXPIRED", opened.custodian.stage(record_clip().upload))
 
 
-async def test_a_staged_clip_is_purged_only_after_a_finalized_time_beyond_its_expiry(opened: House) -> None:
+async def test_a_staged_clip_is_purged_only_after_a_finalized_time_beyond_its_expiry(opened: CustodianHarness) -> None:
     clip = record_clip(valid_until_ms=START_MS + 60_000)
     await opened.custodian.stage(clip.upload)
     await opened.follow(at_ms=START_MS + 59_999)
@@ -112,7 +112,7 @@ async def test_a_staged_clip_is_purged_only_after_a_finalized_time_beyond_its_ex
     assert opened.keys.held_count == 0
 
 
-async def test_a_robot_that_signs_again_keeps_its_staged_clip_alive(opened: House) -> None:
+async def test_a_robot_that_signs_again_keeps_its_staged_clip_alive(opened: CustodianHarness) -> None:
     clip = record_clip(valid_until_ms=START_MS + 60_000)
     await opened.custodian.stage(clip.upload)
     renewed = msgspec.structs.replace(clip.upload, txid=b"\x77" * 32, valid_until_ms=START_MS + 90_000)
@@ -122,7 +122,7 @@ async def test_a_robot_that_signs_again_keeps_its_staged_clip_alive(opened: Hous
     assert (await opened.store.clips([clip.record_id]))[clip.record_id].status == "confirmed"
 
 
-async def test_a_clip_whose_record_commits_to_other_bytes_is_dropped_and_missed(opened: House) -> None:
+async def test_a_clip_whose_record_commits_to_other_bytes_is_dropped_and_missed(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.custodian.stage(clip.upload)
     await opened.follow(recorded(clip, ciphertext_root=b"\x01" * 32))
@@ -133,7 +133,7 @@ async def test_a_clip_whose_record_commits_to_other_bytes_is_dropped_and_missed(
     assert opened.keys.held_count == 0
 
 
-async def test_an_upload_that_comes_after_its_record_is_confirmed_at_once(opened: House) -> None:
+async def test_an_upload_that_comes_after_its_record_is_confirmed_at_once(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip), access(ACCESS_ID, clip))
     await refused("CLIP_NOT_CONFIRMED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
@@ -144,7 +144,7 @@ async def test_an_upload_that_comes_after_its_record_is_confirmed_at_once(opened
     assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
-async def test_erasing_frames_leaves_the_others_and_says_what_remains(opened: House) -> None:
+async def test_erasing_frames_leaves_the_others_and_says_what_remains(opened: CustodianHarness) -> None:
     clip = await opened.keep(record_clip(4))
     await opened.follow(access(ACCESS_ID, clip), erasure(ERASURE_ID, clip, frames=(1, 3)))
     download = await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
@@ -155,7 +155,7 @@ async def test_erasing_frames_leaves_the_others_and_says_what_remains(opened: Ho
     assert len(receipt[4]) == 32
 
 
-async def test_erasing_a_record_destroys_all_and_it_never_comes_back(opened: House) -> None:
+async def test_erasing_a_record_destroys_all_and_it_never_comes_back(opened: CustodianHarness) -> None:
     clip, other = await opened.keep(), await opened.keep()
     await opened.follow(access(ACCESS_ID, clip, other), erasure(ERASURE_ID, clip))
     await refused("CLIP_ERASED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
@@ -167,7 +167,7 @@ async def test_erasing_a_record_destroys_all_and_it_never_comes_back(opened: Hou
     assert receipt[:4] == [ERASURE_ID, 3, "nothing", 0]
 
 
-async def test_nobody_erases_anothers_record_even_if_a_contract_let_her(opened: House) -> None:
+async def test_nobody_erases_anothers_record_even_if_a_contract_let_her(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.follow(erasure(ERASURE_ID, clip, owner=BOB))
     assert (await opened.custodian.export(clip.record_id)).frames[0].erased is False
@@ -175,7 +175,7 @@ async def test_nobody_erases_anothers_record_even_if_a_contract_let_her(opened: 
     assert receipt[1] == 0
 
 
-async def test_an_expired_record_is_erased_unasked(opened: House) -> None:
+async def test_an_expired_record_is_erased_unasked(opened: CustodianHarness) -> None:
     clip, later = record_clip(), record_clip()
     await opened.keep(clip)
     await opened.custodian.stage(later.upload)
@@ -189,7 +189,7 @@ async def test_an_expired_record_is_erased_unasked(opened: House) -> None:
     assert len((await opened.custodian.export(later.record_id)).frames) == 3
 
 
-async def test_what_is_owed_stays_until_the_chain_shows_it_of_this_custodian(opened: House) -> None:
+async def test_what_is_owed_stays_until_the_chain_shows_it_of_this_custodian(opened: CustodianHarness) -> None:
     clip, expiring = await opened.keep(), await opened.keep()
     await opened.follow(access(ACCESS_ID, clip), erasure(ERASURE_ID, clip))
     await opened.follow(at_ms=EXPIRES_MS)
@@ -208,7 +208,7 @@ async def test_what_is_owed_stays_until_the_chain_shows_it_of_this_custodian(ope
     assert await opened.ready_outbox() == []
 
 
-async def test_what_the_chain_refuses_for_good_can_be_dismissed(opened: House) -> None:
+async def test_what_the_chain_refuses_for_good_can_be_dismissed(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.follow(erasure(ERASURE_ID, clip))
     [row] = await opened.custodian.ready_outbox(10)
@@ -216,7 +216,7 @@ async def test_what_the_chain_refuses_for_good_can_be_dismissed(opened: House) -
     assert await opened.ready_outbox() == []
 
 
-async def test_a_block_that_comes_twice_is_in_effect_once(opened: House) -> None:
+async def test_a_block_that_comes_twice_is_in_effect_once(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     block = opened.chain.block(access(ACCESS_ID, clip), erasure(ERASURE_ID, clip, frames=(0,)))
     for _ in range(3):
@@ -226,7 +226,7 @@ async def test_a_block_that_comes_twice_is_in_effect_once(opened: House) -> None
     assert owed[0][1][1] == 1
 
 
-async def test_a_block_out_of_order_or_of_another_chain_is_refused(opened: House) -> None:
+async def test_a_block_out_of_order_or_of_another_chain_is_refused(opened: CustodianHarness) -> None:
     await opened.follow()
     second, third = opened.chain.block(), opened.chain.block()
     await refused("CUSTODY_OUT_OF_ORDER", opened.custodian.on_finalized_block(third))
@@ -236,7 +236,7 @@ async def test_a_block_out_of_order_or_of_another_chain_is_refused(opened: House
     assert (point.height, point.block_id, point.timestamp_ms) == (2, second.block_id, second.timestamp_ms)
 
 
-async def test_changed_bytes_in_the_store_reach_the_owner_as_a_named_frame(opened: House) -> None:
+async def test_changed_bytes_in_the_store_reach_the_owner_as_a_named_frame(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     row = await opened.store.clips([clip.record_id])
     frames = await opened.store.frames(clip.record_id)
@@ -256,7 +256,7 @@ async def test_changed_bytes_in_the_store_reach_the_owner_as_a_named_frame(opene
 
 
 async def test_the_whole_store_is_looked_through_once_a_block_however_much_it_erases(
-    opened: House, monkeypatch: pytest.MonkeyPatch
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clips = [record_clip() for _ in range(40)]
     lapsing = record_clip(valid_until_ms=START_MS + 45_000)
@@ -284,7 +284,7 @@ async def test_the_whole_store_is_looked_through_once_a_block_however_much_it_er
 
 @pytest.mark.parametrize("hours", [-5, -1, 1, 5])
 async def test_a_custodian_whose_clock_is_hours_off_takes_uploads_and_purges_by_the_chains_time(
-    opened: House, hours: int
+    opened: CustodianHarness, hours: int
 ) -> None:
     await opened.follow()
     opened.custodian._clock_ms = lambda: opened.chain.time_ms + hours * 3_600_000
@@ -300,7 +300,7 @@ async def test_a_custodian_whose_clock_is_hours_off_takes_uploads_and_purges_by_
 
 @pytest.mark.parametrize("frames", [(), (0, 2)])
 async def test_an_erasure_of_what_is_erased_destroys_nothing_and_is_confirmed_all_the_same(
-    opened: House, frames: tuple[int, ...]
+    opened: CustodianHarness, frames: tuple[int, ...]
 ) -> None:
     """No contract lets anybody ask so; whoever did would wait for a receipt that never comes."""
     clip, other = await opened.keep(), await opened.keep()
@@ -316,7 +316,7 @@ async def test_an_erasure_of_what_is_erased_destroys_nothing_and_is_confirmed_al
 @pytest.mark.parametrize("frames", [(), (0, 2)])
 @pytest.mark.parametrize("held_up", ["frames", "visit_restrictions"])
 async def test_of_what_is_erased_while_it_is_asked_for_nothing_leaves(
-    opened: House, monkeypatch: pytest.MonkeyPatch, asked: str, frames: tuple[int, ...], held_up: str
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch, asked: str, frames: tuple[int, ...], held_up: str
 ) -> None:
     clip = await opened.keep()
     await opened.follow(access(ACCESS_ID, clip))

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from node.custody.stores.custody_store import BlockEffects
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
     EXPIRES_MS,
@@ -27,7 +27,7 @@ class PowerCutError(Exception):
 WRITES = ["apply", "add_outbox", "erase_clip", "erase_frames", "sweep", "mark_outbox_ready", "drop_staged"]
 
 
-def cut_power_at(house: House, monkeypatch: pytest.MonkeyPatch, step: int, *, after: bool) -> list[str]:
+def cut_power_at(house: CustodianHarness, monkeypatch: pytest.MonkeyPatch, step: int, *, after: bool) -> list[str]:
     """Let the process end before or after the `step`-th write to the store or to the erase keys from now on."""
     done: list[str] = []
 
@@ -69,7 +69,7 @@ def cut_power_at(house: House, monkeypatch: pytest.MonkeyPatch, step: int, *, af
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 @pytest.mark.parametrize("step", range(1, 23))
 async def test_a_crash_at_any_write_of_a_block_loses_and_doubles_nothing(
-    house: House, monkeypatch: pytest.MonkeyPatch, step: int, after: bool
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch, step: int, after: bool
 ) -> None:
     """One block confirms, grants, erases frames, erases a record, purges and expires; the power fails somewhere in it."""
     kept, cut, gone, lapsed, expiring = (record_clip() for _ in range(5))
@@ -120,7 +120,7 @@ async def test_a_crash_at_any_write_of_a_block_loses_and_doubles_nothing(
 
 
 async def test_keys_of_an_upload_that_a_crash_cut_off_are_destroyed_at_the_next_start(
-    house: House, monkeypatch: pytest.MonkeyPatch
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clip = record_clip()
     async with house.open() as custodian:
@@ -139,7 +139,7 @@ async def test_keys_of_an_upload_that_a_crash_cut_off_are_destroyed_at_the_next_
         assert house.keys.held_count == 3
 
 
-async def test_a_database_from_a_backup_opens_nothing_that_was_erased_since(house: House) -> None:
+async def test_a_database_from_a_backup_opens_nothing_that_was_erased_since(house: CustodianHarness) -> None:
     """The erase keys are not in the database's backups: a restored row has no key any more."""
     clip = record_clip()
     async with house.open() as custodian:
@@ -157,7 +157,7 @@ async def test_a_database_from_a_backup_opens_nothing_that_was_erased_since(hous
         assert all(frame.sealed_key == b"" for frame in reused.frames)
 
 
-async def test_missing_rows_survive_what_confirms_other_clips(opened: House) -> None:
+async def test_missing_rows_survive_what_confirms_other_clips(opened: CustodianHarness) -> None:
     missed, held = record_clip(), record_clip()
     await opened.custodian.stage(held.upload)
     await opened.follow(recorded(missed), recorded(held))

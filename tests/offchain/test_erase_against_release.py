@@ -15,7 +15,7 @@ from node.custody.finalized_events import FinalizedEvents
 from node.custody.stores.custody_store import RecordFacts
 from node.custody.stores.mongo_store import MongoStore
 from tests.fuzz.target import refusing
-from tests.offchain.house import House
+from tests.offchain.house import CustodianHarness
 from tests.offchain.interleaving import NEVER, Interleaving
 from tests.offchain.small_chain import ALICE, CUSTODIAN, RecordedClip, access, erasure, record_clip, recorded
 from tests.offchain.test_fetching import Peer, held_by_peer
@@ -39,7 +39,7 @@ class Case:
         return sha256(what.encode() + self.clip.record_id)
 
 
-Work = Callable[[House, Case], Coroutine[Any, Any, Any]]
+Work = Callable[[CustodianHarness, Case], Coroutine[Any, Any, Any]]
 FRAMES_COUNT = 3
 STEP_MS = 10
 SAMPLED_COUNT = 8
@@ -58,7 +58,7 @@ REFUSALS = (
 )
 
 
-async def _repair(house: House, case: Case) -> bool:
+async def _repair(house: CustodianHarness, case: Case) -> bool:
     """Whoever mends read before that the chain keeps the record."""
     clip, told = case.clip, recorded(case.clip)[2]
     roots = told["commitment_root"], told["ciphertext_root"]
@@ -82,7 +82,7 @@ ARRIVALS: dict[str, Work] = {
 }
 
 
-async def prepare(house: House, *, is_here: bool, has_part: bool) -> Case:
+async def prepare(house: CustodianHarness, *, is_here: bool, has_part: bool) -> Case:
     """Record a clip that its owner and a grantee asked for; let it be here, and this custodian's part of its key."""
     case, chain = Case.at(house.chain.time_ms), house.chain
     clip, grant_id = case.clip, case.id_of("grant")
@@ -97,13 +97,13 @@ async def prepare(house: House, *, is_here: bool, has_part: bool) -> Case:
     return case
 
 
-async def is_promised(house: House, case: Case) -> bool:
+async def is_promised(house: CustodianHarness, case: Case) -> bool:
     """Tell whether this custodian owes the chain its receipt by now."""
     owed = [arguments[0] for call, arguments in await house.ready_outbox() if call == "erasure.receipt"]
     return case.id_of("erasure") in owed
 
 
-async def require_gone(house: House, case: Case, frames: tuple[int, ...]) -> None:
+async def require_gone(house: CustodianHarness, case: Case, frames: tuple[int, ...]) -> None:
     """What was erased is neither in the store nor under a key, whatever arrived meanwhile."""
     places = await house.store.frame_places([case.clip.record_id])
     gone = frames or tuple(range(FRAMES_COUNT))
@@ -135,12 +135,14 @@ async def race(playing: Interleaving, case: Case, work: Work, frames: tuple[int,
     await require_gone(house, case, frames)
 
 
-def erasure_of(house: House, case: Case, frames: tuple[int, ...]) -> FinalizedEvents:
+def erasure_of(house: CustodianHarness, case: Case, frames: tuple[int, ...]) -> FinalizedEvents:
     told = erasure(case.id_of("erasure"), case.clip, frames=frames)
     return house.chain.block(told, at_ms=house.chain.time_ms + STEP_MS)
 
 
-async def sweep(house: House, work: Work, frames: tuple[int, ...], sampled_count: int, **given: bool) -> None:
+async def sweep(
+    house: CustodianHarness, work: Work, frames: tuple[int, ...], sampled_count: int, **given: bool
+) -> None:
     """Play the work against an erasure: the work stopped at each place while all is erased, and pairs of stops."""
     async with house.open():
         playing, case = Interleaving(house), await prepare(house, **given)
@@ -165,14 +167,16 @@ FRAMES = pytest.mark.parametrize("frames", [(), (0, 2)], ids=["record", "frames"
 
 @FRAMES
 @pytest.mark.parametrize("release", RELEASES)
-async def test_nothing_leaves_once_a_receipt_is_owed(house: House, release: str, frames: tuple[int, ...]) -> None:
+async def test_nothing_leaves_once_a_receipt_is_owed(
+    house: CustodianHarness, release: str, frames: tuple[int, ...]
+) -> None:
     await sweep(house, RELEASES[release], frames, SAMPLED_COUNT, is_here=True, has_part=True)
 
 
 @FRAMES
 @pytest.mark.parametrize("arrival", ARRIVALS)
 async def test_nothing_that_arrives_meanwhile_outlives_the_erasure(
-    house: House, arrival: str, frames: tuple[int, ...]
+    house: CustodianHarness, arrival: str, frames: tuple[int, ...]
 ) -> None:
     await sweep(house, ARRIVALS[arrival], frames, SAMPLED_COUNT, is_here=arrival not in COMES_LATE, has_part=False)
 
@@ -181,13 +185,13 @@ async def test_nothing_that_arrives_meanwhile_outlives_the_erasure(
 @pytest.mark.timeout(3_600)
 @FRAMES
 @pytest.mark.parametrize("work", [*RELEASES, *ARRIVALS])
-async def test_every_pair_of_places_is_played(house: House, work: str, frames: tuple[int, ...]) -> None:
+async def test_every_pair_of_places_is_played(house: CustodianHarness, work: str, frames: tuple[int, ...]) -> None:
     given = {"is_here": work not in COMES_LATE, "has_part": work in RELEASES}
     await sweep(house, {**RELEASES, **ARRIVALS}[work], frames, NEVER, **given)
 
 
-async def test_a_custodian_that_reads_keys_before_its_last_await_would_be_found_out(house: House) -> None:
-    async def hasty(house: House, case: Case) -> ClipDownload:
+async def test_a_custodian_that_reads_keys_before_its_last_await_would_be_found_out(house: CustodianHarness) -> None:
+    async def hasty(house: CustodianHarness, case: Case) -> ClipDownload:
         clip = (await house.store.clips([case.clip.record_id]))[case.clip.record_id]
         found = house.custodian._assemble(clip, await house.store.frames(clip.record_id))
         await house.store.checkpoint()

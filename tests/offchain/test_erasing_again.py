@@ -6,14 +6,14 @@ from typing import Any
 
 import pytest
 
-from tests.offchain.house import ERASURE_ID, House, refused
+from tests.offchain.house import ERASURE_ID, CustodianHarness, refused
 from tests.offchain.small_chain import erasure, record_clip
 from tests.offchain.test_sharing import revoked, share
 
 
 @pytest.mark.parametrize(("loses", "frames"), [("erase_clip", ()), ("erase_frames", (1,))])
 async def test_a_deletion_that_the_store_lost_is_done_again_at_the_next_try(
-    opened: House, monkeypatch: pytest.MonkeyPatch, loses: str, frames: tuple[int, ...]
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch, loses: str, frames: tuple[int, ...]
 ) -> None:
     clip, second = await opened.keep(), await opened.keep()
     delete, lost = getattr(opened.store, loses), []
@@ -37,7 +37,7 @@ async def test_a_deletion_that_the_store_lost_is_done_again_at_the_next_try(
 
 
 async def test_a_part_of_a_key_that_the_store_still_returns_stops_the_block(
-    opened: House, monkeypatch: pytest.MonkeyPatch
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clip = record_clip()
     await share(opened, clip)
@@ -53,7 +53,9 @@ async def test_a_part_of_a_key_that_the_store_still_returns_stops_the_block(
     assert [place async for place in opened.store.all_parts()] == []
 
 
-async def test_an_erase_key_that_is_still_there_stops_the_block(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_an_erase_key_that_is_still_there_stops_the_block(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clip = await opened.keep()
     block = opened.chain.block(erasure(ERASURE_ID, clip))
     with monkeypatch.context() as patch:
@@ -64,7 +66,9 @@ async def test_an_erase_key_that_is_still_there_stops_the_block(opened: House, m
     assert [call for call, _ in await opened.ready_outbox()] == ["erasure.receipt"]
 
 
-async def test_what_the_state_says_is_erased_is_read_back_too(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_the_state_says_is_erased_is_read_back_too(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clip = await opened.keep()
     with monkeypatch.context() as patch:
 
@@ -79,7 +83,7 @@ async def test_what_the_state_says_is_erased_is_read_back_too(opened: House, mon
 
 @pytest.mark.parametrize(("deletes", "frames"), [("erase_clip", ()), ("erase_frames", (1,))])
 async def test_no_row_is_deleted_before_its_keys_are_destroyed(
-    opened: House, monkeypatch: pytest.MonkeyPatch, deletes: str, frames: tuple[int, ...]
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch, deletes: str, frames: tuple[int, ...]
 ) -> None:
     """A power cut in between leaves bytes that nobody opens, never a key without a row that names it."""
     clip = await opened.keep()
@@ -98,7 +102,7 @@ async def test_no_row_is_deleted_before_its_keys_are_destroyed(
 
 @pytest.mark.parametrize("dropped", ["forget", "drop_staged"])
 async def test_what_was_never_erased_keeps_its_keys_until_its_rows_are_gone(
-    opened: House, monkeypatch: pytest.MonkeyPatch, dropped: str
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch, dropped: str
 ) -> None:
     """Whoever asks meanwhile gets a whole clip or none."""
     clip = await opened.keep()

@@ -26,7 +26,7 @@ from node.custody.finalized_events import FinalizedEvents
 from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
 from tests.offchain import secantus
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
     CUSTODIAN,
@@ -95,7 +95,7 @@ class Story:
 
     chunks_count, commands_min_count = 4, 25
 
-    def __init__(self, house: House) -> None:
+    def __init__(self, house: CustodianHarness) -> None:
         self.house = house
         self.kept, self.cut, self.gone, self.lapsed, self.expiring = (record_clip() for _ in range(5))
 
@@ -139,7 +139,7 @@ class SharesStory:
 
     chunks_count, commands_min_count = 6, 20
 
-    def __init__(self, house: House) -> None:
+    def __init__(self, house: CustodianHarness) -> None:
         self.house = house
         self.clips = {name: record_clip() for name in (GRANTED, REVOKED, OVER, ERASED, LAPSED)}
 
@@ -180,7 +180,7 @@ class SharesStory:
 Kind = type[Story] | type[SharesStory]
 
 
-async def play(kind: Kind, house: House, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) -> bool:
+async def play(kind: Kind, house: CustodianHarness, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) -> bool:
     """Play a story with one power cut; return whether there still was a write to cut."""
     async with house.open() as custodian:
         story = kind(house)
@@ -207,7 +207,7 @@ async def test_a_power_cut_at_every_write_of_the_embedded_store_and_of_the_keys(
     steps = 0
     for step in range(1, STEPS_MAX_COUNT):
         folder = tmp_path / str(step)
-        house = House(lambda folder=folder: SqliteStore(folder / "custody"), folder / "erase-keys")
+        house = CustodianHarness(lambda folder=folder: SqliteStore(folder / "custody"), folder / "erase-keys")
         if not await play(kind, house, Cutter(step, after=after), monkeypatch):
             break
         steps = step
@@ -241,7 +241,7 @@ async def test_a_power_cut_at_every_command_to_the_server(
     with MongoClient(mongo_database) as client:
         database = client[urlsplit(mongo_database).path.lstrip("/")]
         for step in range(first, STEPS_MAX_COUNT, kind.chunks_count):
-            house = House(lambda: MongoStore(mongo_database), tmp_path / str(step))
+            house = CustodianHarness(lambda: MongoStore(mongo_database), tmp_path / str(step))
             if not await play(kind, house, Cutter(step, after=False), monkeypatch):
                 break
             steps = step
@@ -260,7 +260,9 @@ async def test_a_disk_that_fills_up_in_the_middle_of_a_block_stops_it_and_freed_
                 raise OSError(28, "No space left on device")
 
         folder = tmp_path / str(room)
-        house = House(lambda folder=folder, need=require_space: SqliteStore(folder, need), folder / "erase-keys")
+        house = CustodianHarness(
+            lambda folder=folder, need=require_space: SqliteStore(folder, need), folder / "erase-keys"
+        )
         async with house.open() as custodian:
             story = Story(house)
             block = await story.prepare()
@@ -275,7 +277,7 @@ async def test_a_disk_that_fills_up_in_the_middle_of_a_block_stops_it_and_freed_
 
 async def test_a_store_that_somebody_holds_up_is_waited_for(tmp_path: Path) -> None:
     """Slow is not broken: another program's lock on the database delays the block, no more."""
-    house = House(lambda: SqliteStore(tmp_path / "custody"), tmp_path / "erase-keys")
+    house = CustodianHarness(lambda: SqliteStore(tmp_path / "custody"), tmp_path / "erase-keys")
     async with house.open() as custodian:
         story = Story(house)
         block = await story.prepare()
@@ -310,7 +312,7 @@ async def test_a_server_that_dies_in_the_middle_of_a_block_and_comes_back_has_al
         await bulk(store, name, operations)
 
     try:
-        house = House(lambda: MongoStore(uri), tmp_path / "erase-keys")
+        house = CustodianHarness(lambda: MongoStore(uri), tmp_path / "erase-keys")
         async with house.open() as custodian:
             story = Story(house)
             block = await story.prepare()
@@ -330,7 +332,7 @@ async def test_a_failover_in_the_middle_of_a_block_is_got_over(
     tmp_path: Path, mongo_database: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The primary steps down at each command once: the driver's own error, put in by hand for want of a replica set."""
-    house = House(lambda: MongoStore(mongo_database), tmp_path / "erase-keys")
+    house = CustodianHarness(lambda: MongoStore(mongo_database), tmp_path / "erase-keys")
     async with house.open() as custodian:
         story = Story(house)
         block = await story.prepare()

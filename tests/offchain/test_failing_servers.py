@@ -16,7 +16,7 @@ from pymongo.errors import OperationFailure
 from consensus.errors import BlockRobotError
 from node.custody.stores.mongo_store import MongoStore
 from tests.offchain import secantus
-from tests.offchain.house import House, refused
+from tests.offchain.house import CustodianHarness, refused
 from tests.offchain.small_chain import record_clip
 from tests.offchain.test_every_write_point import Story
 
@@ -32,7 +32,7 @@ async def _story_on_a_server(tmp_path: Path) -> AsyncIterator[tuple[Story, subpr
     child = secantus.start(storage, port)
     uri = secantus.uri_of(port).replace("/?", "/custody?")
     try:
-        house = House(lambda: MongoStore(uri), tmp_path / "erase-keys")
+        house = CustodianHarness(lambda: MongoStore(uri), tmp_path / "erase-keys")
         async with house.open():
             yield Story(house), child
     finally:
@@ -109,7 +109,7 @@ async def test_a_server_without_room_stops_the_block_and_with_room_it_is_complet
             raise BlockRobotError("STORE_UNAVAILABLE") from OperationFailure("no space left", OUT_OF_DISK_SPACE)
         await bulk(store, name, operations)
 
-    house = House(lambda: MongoStore(mongo_database), tmp_path / "erase-keys")
+    house = CustodianHarness(lambda: MongoStore(mongo_database), tmp_path / "erase-keys")
     async with house.open() as custodian:
         story = Story(house)
         block = await story.prepare()

@@ -7,7 +7,7 @@ import msgspec
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload, FrameDownload
 from node.custody.clip_fetching import FETCH_AT_ONCE_COUNT
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
     RecordedClip,
@@ -45,7 +45,7 @@ def held_by_peer(clip: RecordedClip, *, erased: tuple[int, ...] = ()) -> ClipDow
     return ClipDownload(clip.record_id, clip.upload.txid, frames, clip.upload.commitment_leaves, clip.leaves)
 
 
-async def test_a_missed_upload_is_fetched_from_another_custodian(opened: House) -> None:
+async def test_a_missed_upload_is_fetched_from_another_custodian(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip), access(ACCESS_ID, clip))
     assert await opened.custodian.fetch_missing([DeafPeer(), Peer(), Peer(held_by_peer(clip))]) == 1
@@ -55,7 +55,7 @@ async def test_a_missed_upload_is_fetched_from_another_custodian(opened: House) 
     assert read_all(clip, await opened.custodian.export(clip.record_id)) == list(clip.plaintexts)
 
 
-async def test_clips_that_nobody_has_do_not_keep_older_ones_from_being_fetched(opened: House) -> None:
+async def test_clips_that_nobody_has_do_not_keep_older_ones_from_being_fetched(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip))
     for _ in range(FETCH_AT_ONCE_COUNT + 1):
@@ -64,14 +64,14 @@ async def test_clips_that_nobody_has_do_not_keep_older_ones_from_being_fetched(o
     assert [await opened.custodian.fetch_missing([peer]) for _ in range(2)] == [0, 1]
 
 
-async def test_a_clip_that_nobody_had_is_asked_for_again(opened: House) -> None:
+async def test_a_clip_that_nobody_had_is_asked_for_again(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip))
     assert await opened.custodian.fetch_missing([Peer()]) == 0
     assert await opened.custodian.fetch_missing([Peer(held_by_peer(clip))]) == 1
 
 
-async def test_a_false_clip_from_a_peer_is_not_installed(opened: House) -> None:
+async def test_a_false_clip_from_a_peer_is_not_installed(opened: CustodianHarness) -> None:
     clip, other = record_clip(), record_clip()
     await opened.follow(recorded(clip))
     good = held_by_peer(clip)
@@ -88,7 +88,7 @@ async def test_a_false_clip_from_a_peer_is_not_installed(opened: House) -> None:
     assert len(await opened.custodian.missing(10)) == 1
 
 
-async def test_frames_erased_while_a_clip_was_missing_do_not_come_back_with_it(opened: House) -> None:
+async def test_frames_erased_while_a_clip_was_missing_do_not_come_back_with_it(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip))
     await opened.follow(erasure(ERASURE_ID, clip, frames=(1,)))
@@ -97,14 +97,14 @@ async def test_frames_erased_while_a_clip_was_missing_do_not_come_back_with_it(o
     assert opened.keys.held_count == 2
 
 
-async def test_frames_that_the_peer_has_erased_already_are_installed_as_erased(opened: House) -> None:
+async def test_frames_that_the_peer_has_erased_already_are_installed_as_erased(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip))
     assert await opened.custodian.install(held_by_peer(clip, erased=(0,)))
     assert read_all(clip, await opened.custodian.export(clip.record_id)) == [None, *clip.plaintexts[1:]]
 
 
-async def test_a_record_erased_while_its_clip_was_missing_stays_away(opened: House) -> None:
+async def test_a_record_erased_while_its_clip_was_missing_stays_away(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip))
     await opened.follow(erasure(ERASURE_ID, clip))
@@ -114,7 +114,7 @@ async def test_a_record_erased_while_its_clip_was_missing_stays_away(opened: Hou
     assert [call for call, _ in await opened.ready_outbox()] == ["erasure.receipt"]
 
 
-async def test_nothing_is_fetched_into_the_disks_reserve_and_erasing_goes_on(opened: House) -> None:
+async def test_nothing_is_fetched_into_the_disks_reserve_and_erasing_goes_on(opened: CustodianHarness) -> None:
     held, missing = record_clip(), record_clip()
     await opened.keep(held)
     await opened.follow(recorded(missing))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from consensus.errors import BlockRobotError
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness
 from tests.offchain.small_chain import ALICE, RecordedClip, access, erasure, record_clip, recorded
 
 
-async def keep_half(house: House, monkeypatch: pytest.MonkeyPatch) -> RecordedClip:
+async def keep_half(house: CustodianHarness, monkeypatch: pytest.MonkeyPatch) -> RecordedClip:
     """Upload a clip that is recorded and asked for already; the store fails once the clip itself is kept."""
     clip = record_clip()
     await house.follow(recorded(clip, ALICE))
@@ -25,14 +25,14 @@ async def keep_half(house: House, monkeypatch: pytest.MonkeyPatch) -> RecordedCl
     return clip
 
 
-async def require_settled(house: House, clip: RecordedClip) -> None:
+async def require_settled(house: CustodianHarness, clip: RecordedClip) -> None:
     assert (await house.custodian.download(clip.record_id, ACCESS_ID, ALICE)).record_id == clip.record_id
     assert await house.custodian.missing(10) == []
     assert await house.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
 async def test_the_robot_that_uploads_again_makes_the_release_owed_after_all(
-    opened: House, monkeypatch: pytest.MonkeyPatch
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clip = await keep_half(opened, monkeypatch)
     for _ in range(2):
@@ -40,14 +40,16 @@ async def test_the_robot_that_uploads_again_makes_the_release_owed_after_all(
     await require_settled(opened, clip)
 
 
-async def test_the_next_start_makes_the_release_owed_after_all(house: House, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_next_start_makes_the_release_owed_after_all(
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async with house.open():
         clip = await keep_half(house, monkeypatch)
     async with house.open():
         await require_settled(house, clip)
 
 
-async def test_what_is_truly_missing_stays_missing_over_a_start(house: House) -> None:
+async def test_what_is_truly_missing_stays_missing_over_a_start(house: CustodianHarness) -> None:
     clip = record_clip()
     async with house.open():
         await house.follow(recorded(clip, ALICE))
@@ -56,7 +58,7 @@ async def test_what_is_truly_missing_stays_missing_over_a_start(house: House) ->
         assert await house.ready_outbox() == []
 
 
-async def test_frames_that_were_erased_before_the_clip_came_are_not_kept(opened: House) -> None:
+async def test_frames_that_were_erased_before_the_clip_came_are_not_kept(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip, ALICE))
     await opened.follow(erasure(ERASURE_ID, clip, frames=(1,)))

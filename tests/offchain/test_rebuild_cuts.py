@@ -14,8 +14,8 @@ from pymongo import MongoClient
 from node.custody.stores.custody_store import BlockEffects, CustodyStore
 from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.sqlite_store import SqliteStore
-from tests.offchain.desk import Desk, Peer
-from tests.offchain.house import House, read_all
+from tests.offchain.desk import CustodyHarness, Peer
+from tests.offchain.house import CustodianHarness, read_all
 from tests.offchain.small_chain import EXPIRES_MS, RecordedClip, record_clip
 from tests.offchain.test_every_write_point import Cutter, PowerCutError
 
@@ -39,24 +39,24 @@ class RowCutter(Cutter):
         return write
 
 
-async def _differ(desk: Desk, clip: RecordedClip) -> None:
+async def _differ(desk: CustodyHarness, clip: RecordedClip) -> None:
     """The index says another expiry than the chain; every frame is sound."""
     await desk.house.store.apply(BlockEffects(expiries=((clip.record_id, EXPIRES_MS + 1),)))
 
 
-async def _damage(desk: Desk, clip: RecordedClip) -> None:
+async def _damage(desk: CustodyHarness, clip: RecordedClip) -> None:
     """The bytes of the first frame are not what they were; the others are sound."""
     store = desk.house.store
     [held], frames = (await store.clips([clip.record_id])).values(), await store.frames(clip.record_id)
     await store.stage(held, [replace(frames[0], ciphertext=bytes(len(frames[0].ciphertext))), *frames[1:]])
 
 
-Harm = Callable[[Desk, RecordedClip], object]
+Harm = Callable[[CustodyHarness, RecordedClip], object]
 
 
-async def _cut_off(house: House, harm: Harm, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) -> bool:
+async def _cut_off(house: CustodianHarness, harm: Harm, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) -> bool:
     """Rebuild with one power cut; return whether there still was a write to cut. Sound frames must be there throughout."""
-    clip, sound, desk = record_clip(), 0 if harm is _differ else 1, Desk(house)
+    clip, sound, desk = record_clip(), 0 if harm is _differ else 1, CustodyHarness(house)
     async with house.open():
         await desk.hold(clip)
         await harm(desk, clip)  # type: ignore[misc]
@@ -95,7 +95,7 @@ async def test_a_rebuild_cut_off_at_any_write_loses_no_byte_that_is_right(
             return SqliteStore(folder / "custody") if uri is None else MongoStore(uri)
 
         cutter = (Cutter if uri is None else RowCutter)(step, after=True)
-        if not await _cut_off(House(make_store, folder / "keys"), harm, cutter, monkeypatch):
+        if not await _cut_off(CustodianHarness(make_store, folder / "keys"), harm, cutter, monkeypatch):
             break
         if uri is not None:
             with MongoClient(uri) as client:

@@ -15,7 +15,7 @@ from consensus.state.records import RECORD
 from node.custody.chain_facts import ChainFacts, StateReader
 from node.custody.erasure import RECORDS_A_CALL_MAX_COUNT
 from node.custody.repair.reconciliation import RECORDS_AT_ONCE_COUNT
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
     BOB,
@@ -32,7 +32,7 @@ from tests.offchain.small_state import BOTH, State
 LATER_ID = b"\xa2" * 32
 
 
-async def reconcile(house: House, state: State, **options: Any) -> None:
+async def reconcile(house: CustodianHarness, state: State, **options: Any) -> None:
     facts = state.facts(**options)
     await house.custodian.reconcile(facts)
     await house.custodian.reconcile(facts)
@@ -40,7 +40,7 @@ async def reconcile(house: House, state: State, **options: Any) -> None:
     assert await house.custodian.checkpoint() == facts.point
 
 
-async def test_records_that_are_not_here_are_missing_and_can_be_fetched(opened: House) -> None:
+async def test_records_that_are_not_here_are_missing_and_can_be_fetched(opened: CustodianHarness) -> None:
     clip, bobs = record_clip(), record_clip()
     state = State()
     state.record(clip)
@@ -56,7 +56,9 @@ async def test_records_that_are_not_here_are_missing_and_can_be_fetched(opened: 
     assert await opened.ready_outbox() == [("access.released", [ACCESS_ID, [clip.record_id]])]
 
 
-async def test_a_staged_clip_that_became_final_meanwhile_is_confirmed_and_a_lapsed_one_goes(opened: House) -> None:
+async def test_a_staged_clip_that_became_final_meanwhile_is_confirmed_and_a_lapsed_one_goes(
+    opened: CustodianHarness,
+) -> None:
     final, lapsed, other = record_clip(), record_clip(), record_clip()
     for clip in (final, lapsed, other):
         await opened.custodian.stage(clip.upload)
@@ -69,7 +71,7 @@ async def test_a_staged_clip_that_became_final_meanwhile_is_confirmed_and_a_laps
     assert [facts.record_id for facts in await opened.custodian.missing(10)] == [other.record_id]
 
 
-async def test_the_next_block_follows_the_state(opened: House) -> None:
+async def test_the_next_block_follows_the_state(opened: CustodianHarness) -> None:
     clip, late = record_clip(), record_clip(valid_until_ms=START_MS + 560_000)
     await opened.custodian.stage(clip.upload)
     state = State()
@@ -81,7 +83,7 @@ async def test_the_next_block_follows_the_state(opened: House) -> None:
         assert (await opened.custodian.download(each.record_id, ACCESS_ID, ALICE)).record_id == each.record_id
 
 
-async def test_a_whole_visit_is_released_up_to_its_request_and_no_further(opened: House) -> None:
+async def test_a_whole_visit_is_released_up_to_its_request_and_no_further(opened: CustodianHarness) -> None:
     before, after = record_clip(), record_clip()
     for clip in (before, after):
         await opened.custodian.stage(clip.upload)
@@ -94,7 +96,7 @@ async def test_a_whole_visit_is_released_up_to_its_request_and_no_further(opened
     await refused("ACCESS_NOT_GRANTED", opened.custodian.download(after.record_id, ACCESS_ID, ALICE))
 
 
-async def test_what_the_chain_knows_already_is_not_owed_again(opened: House) -> None:
+async def test_what_the_chain_knows_already_is_not_owed_again(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.custodian.stage(clip.upload)
     state = State()
@@ -106,7 +108,7 @@ async def test_what_the_chain_knows_already_is_not_owed_again(opened: House) -> 
     await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
 
 
-async def test_another_custodians_release_is_not_ones_own(opened: House) -> None:
+async def test_another_custodians_release_is_not_ones_own(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.custodian.stage(clip.upload)
     state = State()
@@ -128,7 +130,7 @@ async def test_another_custodians_release_is_not_ones_own(opened: House) -> None
     ids=["awaits this one", "awaits another", "awaits one that was removed", "this one was removed"],
 )
 async def test_an_expired_record_that_waits_for_a_report_gets_it(
-    opened: House, awaited: list[bytes], custodians: list[bytes], owes: bool
+    opened: CustodianHarness, awaited: list[bytes], custodians: list[bytes], owes: bool
 ) -> None:
     clip, state = record_clip(), State()
     state.record(clip, status="expired", awaited=awaited)
@@ -139,7 +141,7 @@ async def test_an_expired_record_that_waits_for_a_report_gets_it(
     ] * owes
 
 
-async def test_a_refusal_that_was_told_is_not_told_again(opened: House) -> None:
+async def test_a_refusal_that_was_told_is_not_told_again(opened: CustodianHarness) -> None:
     clip = record_clip()
     state = State()
     state.record(clip, status="erased")
@@ -148,7 +150,7 @@ async def test_a_refusal_that_was_told_is_not_told_again(opened: House) -> None:
     assert await opened.ready_outbox() == []
 
 
-async def test_an_erasure_asked_for_meanwhile_is_carried_out_and_owed(opened: House) -> None:
+async def test_an_erasure_asked_for_meanwhile_is_carried_out_and_owed(opened: CustodianHarness) -> None:
     clip, framed = record_clip(), record_clip()
     for each in (clip, framed):
         await opened.keep(each)
@@ -163,7 +165,7 @@ async def test_an_erasure_asked_for_meanwhile_is_carried_out_and_owed(opened: Ho
     assert (await opened.store.clips([framed.record_id]))[framed.record_id].status == "confirmed"
 
 
-async def test_frames_erased_meanwhile_go_from_what_is_held(opened: House) -> None:
+async def test_frames_erased_meanwhile_go_from_what_is_held(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     state = State()
     state.record(clip)
@@ -174,7 +176,7 @@ async def test_frames_erased_meanwhile_go_from_what_is_held(opened: House) -> No
     assert read_all(clip, download) == [clip.plaintexts[0], None, clip.plaintexts[2]]
 
 
-async def test_a_store_put_back_from_a_backup_erases_what_it_had_erased(opened: House) -> None:
+async def test_a_store_put_back_from_a_backup_erases_what_it_had_erased(opened: CustodianHarness) -> None:
     """Its receipt is on the chain: nothing is owed, and nothing is kept."""
     clip = await opened.keep()
     state = State()
@@ -186,7 +188,9 @@ async def test_a_store_put_back_from_a_backup_erases_what_it_had_erased(opened: 
     assert await opened.store.frames(clip.record_id) == []
 
 
-async def test_an_erasure_from_before_this_custodian_came_is_carried_out_without_a_receipt(opened: House) -> None:
+async def test_an_erasure_from_before_this_custodian_came_is_carried_out_without_a_receipt(
+    opened: CustodianHarness,
+) -> None:
     clip = record_clip()
     await opened.custodian.stage(clip.upload)
     state = State()
@@ -197,7 +201,7 @@ async def test_an_erasure_from_before_this_custodian_came_is_carried_out_without
     assert (await opened.store.clips([clip.record_id]))[clip.record_id].status == "erased"
 
 
-async def test_what_expired_meanwhile_is_erased_and_reported(opened: House) -> None:
+async def test_what_expired_meanwhile_is_erased_and_reported(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     state = State()
     state.record(clip, status="expired", custodians=[OTHER_CUSTODIAN])
@@ -207,7 +211,7 @@ async def test_what_expired_meanwhile_is_erased_and_reported(opened: House) -> N
     assert await opened.store.frames(clip.record_id) == []
 
 
-async def test_a_state_older_than_the_store_changes_nothing(opened: House) -> None:
+async def test_a_state_older_than_the_store_changes_nothing(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     before = await opened.custodian.checkpoint()
     state = State()
@@ -229,7 +233,7 @@ async def test_a_state_older_than_the_store_changes_nothing(opened: House) -> No
     ],
 )
 async def test_a_request_from_before_a_word_that_was_taken_back_since_is_void_and_a_later_one_is_not(
-    opened: House, kind: str, data: dict[str, Any]
+    opened: CustodianHarness, kind: str, data: dict[str, Any]
 ) -> None:
     clip = record_clip()
     await opened.custodian.stage(clip.upload)
@@ -255,7 +259,7 @@ async def test_a_request_from_before_a_word_that_was_taken_back_since_is_void_an
     ids=["before it", "of another visit", "of no matter", "without an end of it"],
 )
 async def test_a_request_after_all_that_was_said_is_heeded_by_a_custodian_that_only_has_the_state(
-    opened: House, kind: str, owner: bytes, height: int, data: dict[str, Any]
+    opened: CustodianHarness, kind: str, owner: bytes, height: int, data: dict[str, Any]
 ) -> None:
     clip = record_clip()
     await opened.custodian.stage(clip.upload)
@@ -267,7 +271,9 @@ async def test_a_request_after_all_that_was_said_is_heeded_by_a_custodian_that_o
     assert (await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)).record_id == clip.record_id
 
 
-async def test_a_word_that_blocks_told_is_not_forgotten_over_a_state_that_does_not_tell_it(house: House) -> None:
+async def test_a_word_that_blocks_told_is_not_forgotten_over_a_state_that_does_not_tell_it(
+    house: CustodianHarness,
+) -> None:
     clip = record_clip()
     async with house.open():
         await house.keep(clip)
@@ -282,7 +288,7 @@ async def test_a_word_that_blocks_told_is_not_forgotten_over_a_state_that_does_n
         await refused("ACCESS_ENDED", house.custodian.download(clip.record_id, ACCESS_ID, ALICE))
 
 
-async def test_the_audit_is_walked_once_however_many_requests_there_are(opened: House) -> None:
+async def test_the_audit_is_walked_once_however_many_requests_there_are(opened: CustodianHarness) -> None:
     """A custodian of a large hospital starts from the state: a walk for each request would take it days."""
     state, walks = State(), []
     state.access(height=6)
@@ -339,7 +345,7 @@ def _of_many() -> tuple[_Watched, ChainFacts]:
 
 
 @pytest.mark.parametrize("name", ["reconcile", "report_expired"])
-async def test_however_many_records_there_are_the_event_loop_goes_on(opened: House, name: str) -> None:
+async def test_however_many_records_there_are_the_event_loop_goes_on(opened: CustodianHarness, name: str) -> None:
     watched, facts = _of_many()
     turning = asyncio.ensure_future(watched.turn())
     await getattr(opened.custodian, name)(facts)
@@ -348,7 +354,7 @@ async def test_however_many_records_there_are_the_event_loop_goes_on(opened: Hou
     assert len(await opened.ready_outbox()) == -(-200 // RECORDS_A_CALL_MAX_COUNT)
 
 
-async def test_a_cancelled_reconciliation_ends_when_nothing_reads_the_state_any_more(opened: House) -> None:
+async def test_a_cancelled_reconciliation_ends_when_nothing_reads_the_state_any_more(opened: CustodianHarness) -> None:
     watched, facts = _of_many()
     watched.read_on.clear()
     work = asyncio.ensure_future(opened.custodian.reconcile(facts))

@@ -9,18 +9,18 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload
 from node.custody.stores.custody_store import BlockEffects, ClipRow
-from tests.offchain.desk import Desk, Peer
-from tests.offchain.house import ERASURE_ID, House, read_all, refused
+from tests.offchain.desk import CustodyHarness, Peer
+from tests.offchain.house import ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import BOB, EXPIRES_MS, erasure, record_clip, recorded
 from tests.offchain.small_state import BOTH
 
 
 @pytest.fixture
-def desk(opened: House) -> Desk:
-    return Desk(opened)
+def desk(opened: CustodianHarness) -> CustodyHarness:
+    return CustodyHarness(opened)
 
 
-async def test_a_store_that_agrees_with_the_chain_is_clean(desk: Desk) -> None:
+async def test_a_store_that_agrees_with_the_chain_is_clean(desk: CustodyHarness) -> None:
     clips = [record_clip() for _ in range(3)]
     await desk.hold(*clips)
     report = await desk.scrub()
@@ -28,7 +28,7 @@ async def test_a_store_that_agrees_with_the_chain_is_clean(desk: Desk) -> None:
     assert (report.records_count, report.clips_compared_count, report.frames_compared_count) == (3, 3, 9)
 
 
-async def test_after_an_erasure_and_an_expiry_nothing_is_left_and_the_scrub_says_so(desk: Desk) -> None:
+async def test_after_an_erasure_and_an_expiry_nothing_is_left_and_the_scrub_says_so(desk: CustodyHarness) -> None:
     gone, cut, expiring = (record_clip() for _ in range(3))
     await desk.hold(gone, cut, expiring)
     await desk.house.follow(erasure(ERASURE_ID, gone), erasure(b"\xe2" * 32, cut, frames=(1,)), at_ms=EXPIRES_MS - 1)
@@ -43,7 +43,7 @@ async def test_after_an_erasure_and_an_expiry_nothing_is_left_and_the_scrub_says
     assert desk.house.keys.held_count == 0
 
 
-async def test_what_the_store_lost_is_put_among_the_missing_and_a_rebuild_fetches_it(desk: Desk) -> None:
+async def test_what_the_store_lost_is_put_among_the_missing_and_a_rebuild_fetches_it(desk: CustodyHarness) -> None:
     held, lost = record_clip(), record_clip()
     await desk.hold(held)
     desk.record(lost)
@@ -59,7 +59,9 @@ async def test_what_the_store_lost_is_put_among_the_missing_and_a_rebuild_fetche
     assert (await desk.scrub()).is_clean
 
 
-async def test_what_should_not_be_there_is_reported_by_the_scrub_and_erased_by_the_rebuild(desk: Desk) -> None:
+async def test_what_should_not_be_there_is_reported_by_the_scrub_and_erased_by_the_rebuild(
+    desk: CustodyHarness,
+) -> None:
     erased, unknown, foreign = record_clip(), record_clip(), record_clip()
     await desk.hold(erased, foreign)
     await desk.house.keep(unknown)
@@ -82,7 +84,7 @@ async def test_what_should_not_be_there_is_reported_by_the_scrub_and_erased_by_t
     assert await desk.house.custodian.ready_outbox(10) == []
 
 
-async def test_a_record_that_expired_on_chain_alone_is_erased_again(desk: Desk) -> None:
+async def test_a_record_that_expired_on_chain_alone_is_erased_again(desk: CustodyHarness) -> None:
     """No request names it, and the store's own expiry is wrong: only the state tells."""
     clip = record_clip()
     await desk.house.custodian.stage(clip.upload)
@@ -95,7 +97,9 @@ async def test_a_record_that_expired_on_chain_alone_is_erased_again(desk: Desk) 
 
 
 @pytest.mark.parametrize("status", ["active", "expired"])
-async def test_what_is_held_beyond_its_time_is_erased_and_reported_as_expired(desk: Desk, status: str) -> None:
+async def test_what_is_held_beyond_its_time_is_erased_and_reported_as_expired(
+    desk: CustodyHarness, status: str
+) -> None:
     """The chain waits for a report from each custodian, whichever way the clip went."""
     clip, erasing = record_clip(), record_clip()
     for one in (clip, erasing):
@@ -113,7 +117,7 @@ async def test_what_is_held_beyond_its_time_is_erased_and_reported_as_expired(de
     assert len(await desk.house.ready_outbox()) == 1
 
 
-async def test_a_changed_byte_is_found_in_its_frame_and_mended_from_a_sound_copy(desk: Desk) -> None:
+async def test_a_changed_byte_is_found_in_its_frame_and_mended_from_a_sound_copy(desk: CustodyHarness) -> None:
     clip = record_clip()
     await desk.hold(clip)
     store = desk.house.store
@@ -133,7 +137,9 @@ async def test_a_changed_byte_is_found_in_its_frame_and_mended_from_a_sound_copy
     assert (await desk.scrub()).is_clean
 
 
-async def test_frames_that_are_gone_though_nobody_erased_them_come_back_and_erased_ones_do_not(desk: Desk) -> None:
+async def test_frames_that_are_gone_though_nobody_erased_them_come_back_and_erased_ones_do_not(
+    desk: CustodyHarness,
+) -> None:
     clip = record_clip()
     await desk.hold(clip)
     await desk.house.follow(erasure(ERASURE_ID, clip, frames=(0,)))
@@ -149,7 +155,7 @@ async def test_frames_that_are_gone_though_nobody_erased_them_come_back_and_eras
     assert (await desk.scrub()).is_clean
 
 
-async def test_a_frame_that_is_back_though_it_was_erased_is_found_and_goes(desk: Desk) -> None:
+async def test_a_frame_that_is_back_though_it_was_erased_is_found_and_goes(desk: CustodyHarness) -> None:
     clip = record_clip()
     await desk.hold(clip)
     store, keys = desk.house.store, desk.house.keys
@@ -165,7 +171,7 @@ async def test_a_frame_that_is_back_though_it_was_erased_is_found_and_goes(desk:
     assert (await desk.scrub()).is_clean, "the row is back from a backup, but nothing opens it any more"
 
 
-async def test_frames_without_a_clip_and_keys_without_a_frame_are_found_and_go(desk: Desk) -> None:
+async def test_frames_without_a_clip_and_keys_without_a_frame_are_found_and_go(desk: CustodyHarness) -> None:
     clip, orphan = record_clip(), record_clip()
     await desk.hold(clip)
     store, keys = desk.house.store, desk.house.keys
@@ -184,7 +190,7 @@ async def test_frames_without_a_clip_and_keys_without_a_frame_are_found_and_go(d
     assert (await desk.scrub()).is_clean
 
 
-async def test_an_index_that_is_lost_whole_is_made_again_from_the_state(desk: Desk) -> None:
+async def test_an_index_that_is_lost_whole_is_made_again_from_the_state(desk: CustodyHarness) -> None:
     clips = [record_clip() for _ in range(3)]
     await desk.hold(*clips)
     for clip in clips:
@@ -198,7 +204,7 @@ async def test_an_index_that_is_lost_whole_is_made_again_from_the_state(desk: De
     assert desk.house.keys.held_count == 9
 
 
-async def test_a_mark_of_erasure_that_the_chain_does_not_know_gives_way_to_the_clip(desk: Desk) -> None:
+async def test_a_mark_of_erasure_that_the_chain_does_not_know_gives_way_to_the_clip(desk: CustodyHarness) -> None:
     clip = record_clip()
     await desk.hold(clip)
     await desk.house.custodian.eraser.erase_again([clip.record_id])
@@ -209,7 +215,7 @@ async def test_a_mark_of_erasure_that_the_chain_does_not_know_gives_way_to_the_c
     assert await desk.opens(clip)
 
 
-async def test_what_nobody_has_stays_missing_and_the_rebuild_ends_and_says_so(desk: Desk) -> None:
+async def test_what_nobody_has_stays_missing_and_the_rebuild_ends_and_says_so(desk: CustodyHarness) -> None:
     lost = record_clip()
     await desk.hold(record_clip())
     desk.record(lost)
@@ -218,7 +224,7 @@ async def test_what_nobody_has_stays_missing_and_the_rebuild_ends_and_says_so(de
 
 
 async def test_a_custodian_that_is_behind_its_ledger_says_nothing_yet(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await desk.hold(record_clip())
     desk.house.chain.height += 1
@@ -226,7 +232,7 @@ async def test_a_custodian_that_is_behind_its_ledger_says_nothing_yet(
     await refused("CUSTODY_CATCHING_UP", desk.scrub())
 
 
-async def test_an_upload_on_its_way_is_no_orphan(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_an_upload_on_its_way_is_no_orphan(desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its keys are there before its rows; the scrub must not take them for keys that nobody needs."""
     await desk.hold(record_clip())
     coming, reports = record_clip(), []
@@ -250,7 +256,7 @@ async def test_an_upload_on_its_way_is_no_orphan(desk: Desk, monkeypatch: pytest
 
 
 async def test_a_rebuild_that_a_failing_store_cut_off_is_done_again(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept, gone = record_clip(), record_clip()
     await desk.hold(kept, gone)
@@ -268,7 +274,7 @@ async def test_a_rebuild_that_a_failing_store_cut_off_is_done_again(
     assert await desk.opens(kept)
 
 
-async def test_the_checkpoint_of_a_rebuilt_store_is_the_states(desk: Desk) -> None:
+async def test_the_checkpoint_of_a_rebuilt_store_is_the_states(desk: CustodyHarness) -> None:
     await desk.hold(record_clip())
     before = await desk.house.custodian.checkpoint()
     await desk.rebuild()
@@ -282,7 +288,7 @@ async def test_the_checkpoint_of_a_rebuilt_store_is_the_states(desk: Desk) -> No
 
 
 async def test_a_clip_that_is_erased_while_the_scrub_looks_at_it_ends_no_scrub(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clips = [record_clip() for _ in range(3)]
     await desk.hold(*clips)
@@ -305,7 +311,7 @@ async def test_a_clip_that_is_erased_while_the_scrub_looks_at_it_ends_no_scrub(
 
 
 async def test_blocks_are_followed_while_a_rebuild_reads_what_is_held(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Reading every clip takes long in a large store; what is erased meanwhile is erased, and is not called damaged."""
     clips = [record_clip() for _ in range(3)]
@@ -334,7 +340,7 @@ async def test_blocks_are_followed_while_a_rebuild_reads_what_is_held(
 
 
 async def test_an_empty_frame_that_a_store_kept_though_it_was_withdrawn_is_found_and_a_rebuild_deletes_it(
-    desk: Desk,
+    desk: CustodyHarness,
 ) -> None:
     await desk.hold(record_clip())
     for digest in (b"\x01" * 32, b"\x02" * 32):

@@ -26,7 +26,7 @@ from consensus.records.sharing import (
 )
 from node.custody.shares import PARTS_STAGED_MAX_COUNT
 from node.custody.stores.custody_store import CustodyStore
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all
 from tests.offchain.house import refused as refused_with
 from tests.offchain.small_chain import (
     ALICE,
@@ -87,7 +87,7 @@ def request(clip: RecordedClip, access_id: bytes = HER_ACCESS_ID, with_frames: b
     return SharedRequest(clip.record_id, access_id, bytes(32), bytes(32), with_frames)
 
 
-async def share(house: House, clip: RecordedClip) -> GrantUpload:
+async def share(house: CustodianHarness, clip: RecordedClip) -> GrantUpload:
     """Keep a clip, share it and let the grantee ask; return what this custodian was brought."""
     await house.keep(clip)
     upload = parts_for(clip)[CUSTODIAN]
@@ -97,7 +97,7 @@ async def share(house: House, clip: RecordedClip) -> GrantUpload:
     return upload
 
 
-async def assert_nothing_is_left(house: House, upload: GrantUpload) -> None:
+async def assert_nothing_is_left(house: CustodianHarness, upload: GrantUpload) -> None:
     """Neither a row nor a key of the part is here; what is left of keys belongs to frames."""
     assert [place async for place in house.store.all_parts()] == []
     assert sorted([slot async for slot in house.store.slots_in_use()]) == house.keys.held
@@ -111,7 +111,7 @@ def request_of(upload: GrantUpload) -> SharedRequest:
     return SharedRequest(upload.record_id, HER_ACCESS_ID, bytes(32), bytes(32), with_frames=False)
 
 
-async def test_a_grantee_reads_with_two_custodians_parts_and_not_with_ones(opened: House) -> None:
+async def test_a_grantee_reads_with_two_custodians_parts_and_not_with_ones(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     brought = parts_for(clip)
     await opened.custodian.stage_part(brought[CUSTODIAN], ALICE)
@@ -130,7 +130,7 @@ async def test_a_grantee_reads_with_two_custodians_parts_and_not_with_ones(opene
     assert await opened.ready_outbox() == [("access.released", [HER_ACCESS_ID, [clip.record_id]])]
 
 
-async def test_without_frames_only_package_and_parts_come(opened: House) -> None:
+async def test_without_frames_only_package_and_parts_come(opened: CustodianHarness) -> None:
     clip = record_clip()
     upload = await share(opened, clip)
     found = await opened.custodian.download_shared(request(clip, with_frames=False), GRANT_ID)
@@ -138,7 +138,7 @@ async def test_without_frames_only_package_and_parts_come(opened: House) -> None
     assert (found.package, found.parts) == (upload.package, upload.parts)
 
 
-async def test_nothing_of_a_part_stands_open_in_the_store(opened: House) -> None:
+async def test_nothing_of_a_part_stands_open_in_the_store(opened: CustodianHarness) -> None:
     upload = await share(opened, record_clip())
     row = await opened.store.part(GRANT_ID, upload.record_id)
     assert row is not None
@@ -146,7 +146,7 @@ async def test_nothing_of_a_part_stands_open_in_the_store(opened: House) -> None
     assert not any(part.value in row.wrapped for part in upload.parts)
 
 
-async def test_each_request_opens_for_its_own_side(opened: House) -> None:
+async def test_each_request_opens_for_its_own_side(opened: CustodianHarness) -> None:
     """An owner's request opens nothing to a grantee, nor hers to the owner, nor one grant's to another's."""
     clip = record_clip()
     await share(opened, clip)
@@ -163,7 +163,7 @@ async def test_each_request_opens_for_its_own_side(opened: House) -> None:
 # Uploads
 
 
-async def test_the_same_part_is_taken_again_and_another_is_not(opened: House) -> None:
+async def test_the_same_part_is_taken_again_and_another_is_not(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     upload = parts_for(clip)[CUSTODIAN]
     for _ in range(2):
@@ -179,7 +179,7 @@ def replace_of(upload: GrantUpload, **changes: Any) -> GrantUpload:
     return GrantUpload(**(fields | changes))
 
 
-async def test_only_the_owner_of_a_record_that_is_here_brings_parts(opened: House) -> None:
+async def test_only_the_owner_of_a_record_that_is_here_brings_parts(opened: CustodianHarness) -> None:
     clip, away = record_clip(), record_clip()
     await opened.keep(clip)
     await refused_with("NOT_PERMITTED", opened.custodian.stage_part(parts_for(clip)[CUSTODIAN], BOB))
@@ -189,14 +189,14 @@ async def test_only_the_owner_of_a_record_that_is_here_brings_parts(opened: Hous
     assert opened.keys.held == []
 
 
-async def test_a_part_comes_in_time_or_not_at_all(opened: House) -> None:
+async def test_a_part_comes_in_time_or_not_at_all(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     for valid_until_ms, code in ((START_MS, "TRANSACTION_EXPIRED"), (START_MS + 3_600_000, "UPLOAD_INVALID")):
         late = parts_for(clip, valid_until_ms=valid_until_ms)[CUSTODIAN]
         await refused_with(code, opened.custodian.stage_part(late, ALICE))
 
 
-async def test_parts_for_grants_that_never_come_are_bounded_and_lapse(opened: House) -> None:
+async def test_parts_for_grants_that_never_come_are_bounded_and_lapse(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     upload = parts_for(clip)[CUSTODIAN]
     await opened.custodian.stage_part(upload, ALICE)
@@ -210,7 +210,7 @@ async def test_parts_for_grants_that_never_come_are_bounded_and_lapse(opened: Ho
     await assert_nothing_is_left(opened, upload)
 
 
-async def test_a_part_that_came_late_counts_while_the_grant_stands(opened: House) -> None:
+async def test_a_part_that_came_late_counts_while_the_grant_stands(opened: CustodianHarness) -> None:
     """The custodian refused her first, and owes the chain the release once it has its part."""
     clip, other = await opened.keep(), await opened.keep()
     await opened.follow(granted(clip))
@@ -226,7 +226,7 @@ async def test_a_part_that_came_late_counts_while_the_grant_stands(opened: House
     await refused_with("GRANT_ENDED", opened.custodian.stage_part(upload, ALICE))
 
 
-async def test_what_was_uploaded_under_anothers_grant_goes_when_it_is_final(opened: House) -> None:
+async def test_what_was_uploaded_under_anothers_grant_goes_when_it_is_final(opened: CustodianHarness) -> None:
     clip, others = await opened.keep(), await opened.keep(owner=BOB)
     await opened.custodian.stage_part(parts_for(clip)[CUSTODIAN], ALICE)
     await opened.custodian.stage_part(parts_for(others)[CUSTODIAN], BOB)
@@ -237,7 +237,7 @@ async def test_what_was_uploaded_under_anothers_grant_goes_when_it_is_final(open
 # The end of a share
 
 
-async def test_a_revoked_grant_is_destroyed_at_once(opened: House) -> None:
+async def test_a_revoked_grant_is_destroyed_at_once(opened: CustodianHarness) -> None:
     upload = await share(opened, record_clip())
     await opened.follow(revoked())
     await assert_nothing_is_left(opened, upload)
@@ -245,7 +245,7 @@ async def test_a_revoked_grant_is_destroyed_at_once(opened: House) -> None:
     await refused_with("TRANSACTION_EXPIRED", opened.custodian.stage_part(late, ALICE))
 
 
-async def test_a_grant_that_is_over_is_destroyed_by_time(opened: House) -> None:
+async def test_a_grant_that_is_over_is_destroyed_by_time(opened: CustodianHarness) -> None:
     clip = record_clip()
     upload = await share(opened, clip)
     opened.chain.time_ms = UNTIL_MS
@@ -254,7 +254,7 @@ async def test_a_grant_that_is_over_is_destroyed_by_time(opened: House) -> None:
     await assert_nothing_is_left(opened, upload)
 
 
-async def test_an_erased_record_takes_its_parts_with_it(opened: House) -> None:
+async def test_an_erased_record_takes_its_parts_with_it(opened: CustodianHarness) -> None:
     clip = record_clip()
     await share(opened, clip)
     await opened.follow(erasure(ERASURE_ID, clip))
@@ -263,7 +263,7 @@ async def test_an_erased_record_takes_its_parts_with_it(opened: House) -> None:
     await refused_with("CLIP_ERASED", opened.custodian.download_shared(request(clip), GRANT_ID))
 
 
-async def test_erased_frames_take_the_package_with_their_keys_with_them(opened: House) -> None:
+async def test_erased_frames_take_the_package_with_their_keys_with_them(opened: CustodianHarness) -> None:
     clip = record_clip()
     await share(opened, clip)
     await opened.follow(erasure(ERASURE_ID, clip, frames=(1,)))
@@ -272,7 +272,7 @@ async def test_erased_frames_take_the_package_with_their_keys_with_them(opened: 
     await refused_with("GRANT_PARTS_MISSING", opened.custodian.download_shared(request(clip), GRANT_ID))
 
 
-async def test_an_expired_record_takes_its_parts_with_it(opened: House) -> None:
+async def test_an_expired_record_takes_its_parts_with_it(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.custodian.stage_part(parts_for(clip)[CUSTODIAN], ALICE)
     await opened.follow(granted(clip, until_ms=EXPIRES_MS + 3_600_000))
@@ -281,7 +281,7 @@ async def test_an_expired_record_takes_its_parts_with_it(opened: House) -> None:
     assert opened.keys.held == []
 
 
-async def test_a_denied_visit_takes_all_parts_with_it(opened: House) -> None:
+async def test_a_denied_visit_takes_all_parts_with_it(opened: CustodianHarness) -> None:
     clip, waiting = record_clip(), record_clip()
     await share(opened, clip)
     await opened.keep(waiting)
@@ -293,7 +293,7 @@ async def test_a_denied_visit_takes_all_parts_with_it(opened: House) -> None:
     await refused_with("CLIP_QUARANTINED", opened.custodian.stage_part(staged, ALICE))
 
 
-async def test_a_restriction_that_came_later_voids_her_request(opened: House) -> None:
+async def test_a_restriction_that_came_later_voids_her_request(opened: CustodianHarness) -> None:
     clip = record_clip()
     await share(opened, clip)
     row = {"owner": ALICE, "whole": True, "whole_since_ms": START_MS, "until_ms": 0, "records": []}
@@ -310,7 +310,7 @@ class CutOffError(Exception):
 
 @pytest.mark.parametrize("step", ["erase_parts", "forget_share", "apply", "sweep"])
 async def test_a_revocation_cut_off_between_two_writes_is_finished(
-    house: House, monkeypatch: pytest.MonkeyPatch, step: str
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     clip = record_clip()
     async with house.open():
@@ -336,7 +336,9 @@ async def never_released(release: Awaitable[object]) -> None:
     assert refusal.value.code in {"GRANT_ENDED", "GRANT_PARTS_MISSING"}
 
 
-async def test_an_upload_cut_off_before_its_row_leaves_no_key(house: House, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_an_upload_cut_off_before_its_row_leaves_no_key(
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clip = record_clip()
     async with house.open():
         await house.keep(clip)
@@ -353,7 +355,7 @@ async def test_an_upload_cut_off_before_its_row_leaves_no_key(house: House, monk
         assert await house.custodian.stage_part(parts_for(clip)[CUSTODIAN], ALICE) == "staged"
 
 
-async def test_a_store_put_back_from_before_the_revocation_releases_nothing(opened: House) -> None:
+async def test_a_store_put_back_from_before_the_revocation_releases_nothing(opened: CustodianHarness) -> None:
     """Rows of a backup stand beside the erase keys of today: what they wrap opens no more, even before any block."""
     clip = record_clip()
     upload = await share(opened, clip)
@@ -376,7 +378,7 @@ async def put_back(store: CustodyStore, backup: tuple[Any, Any]) -> None:
     await store.put_part(part_row)
 
 
-async def test_what_is_refused_makes_no_key_first(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_is_refused_makes_no_key_first(opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that is made and destroyed again costs three flushes of the disk, whoever is refused."""
     clip, late = record_clip(), record_clip()
     await opened.keep(clip)
@@ -396,7 +398,9 @@ async def test_what_is_refused_makes_no_key_first(opened: House, monkeypatch: py
     await refused_with("UPLOAD_HASH_MISMATCH", opened.custodian.stage(other))
 
 
-async def test_a_part_that_is_here_already_makes_no_key(opened: House, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_part_that_is_here_already_makes_no_key(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clip, asked_for = record_clip(), 0
     upload, allocate = parts_for(clip)[CUSTODIAN], opened.keys.allocate
 

@@ -20,7 +20,7 @@ from node.custody.repair.scrub import scrub
 from node.custody.stores.custody_store import BlockEffects, RecordFacts
 from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.sqlite_store import SqliteStore
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness
 from tests.offchain.house import refused as refused_with
 from tests.offchain.small_chain import (
     ALICE,
@@ -38,7 +38,7 @@ from tests.offchain.test_sharing import GRANT_ID, OTHER_GRANT_ID, granted, parts
 AT_MS = START_MS + 20_000
 
 
-async def places(house: House) -> list[tuple[bytes, str]]:
+async def places(house: CustodianHarness) -> list[tuple[bytes, str]]:
     return [(place.record_id, place.status) async for place in house.store.all_parts()]
 
 
@@ -54,7 +54,7 @@ def state_of(*clips: RecordedClip) -> State:
 
 @pytest.mark.parametrize(("denied_height", "is_kept"), [(50, False), (1, True)])
 async def test_from_the_state_after_a_quarantine_ended_parts_from_before_it_are_gone(
-    opened: House, denied_height: int, is_kept: bool
+    opened: CustodianHarness, denied_height: int, is_kept: bool
 ) -> None:
     """What the custodian followed itself it has carried out: a part brought again after it is not taken for an old one."""
     clip = record_clip()
@@ -68,7 +68,7 @@ async def test_from_the_state_after_a_quarantine_ended_parts_from_before_it_are_
     assert sorted([slot async for slot in opened.store.slots_in_use()]) == opened.keys.held
 
 
-async def test_a_grant_from_after_a_quarantine_that_was_missed_keeps_its_parts(opened: House) -> None:
+async def test_a_grant_from_after_a_quarantine_that_was_missed_keeps_its_parts(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.custodian.stage_part(parts_for(clip)[CUSTODIAN], ALICE)
     state = state_of(clip)
@@ -82,7 +82,7 @@ async def test_a_grant_from_after_a_quarantine_that_was_missed_keeps_its_parts(o
 # Uploads after the end
 
 
-async def test_a_package_with_keys_of_erased_frames_is_not_taken_again(house: House) -> None:
+async def test_a_package_with_keys_of_erased_frames_is_not_taken_again(house: CustodianHarness) -> None:
     clip = record_clip()
     async with house.open():
         upload = await share(house, clip)
@@ -97,7 +97,7 @@ async def test_a_package_with_keys_of_erased_frames_is_not_taken_again(house: Ho
         assert await places(house) == [(clip.record_id, "confirmed")]
 
 
-async def test_nor_by_a_custodian_that_heard_of_the_erasure_from_the_state(opened: House) -> None:
+async def test_nor_by_a_custodian_that_heard_of_the_erasure_from_the_state(opened: CustodianHarness) -> None:
     clip, whole = record_clip(), record_clip()
     for each in (clip, whole):
         await opened.keep(each)
@@ -110,7 +110,7 @@ async def test_nor_by_a_custodian_that_heard_of_the_erasure_from_the_state(opene
     assert await opened.custodian.stage_part(parts_for(whole)[CUSTODIAN], ALICE) == "confirmed"
 
 
-async def test_a_scrub_tells_of_a_package_with_keys_of_erased_frames(opened: House) -> None:
+async def test_a_scrub_tells_of_a_package_with_keys_of_erased_frames(opened: CustodianHarness) -> None:
     clip = record_clip()
     upload = await share(opened, clip)
     row = await opened.store.part(GRANT_ID, clip.record_id)
@@ -132,7 +132,7 @@ async def test_a_scrub_tells_of_a_package_with_keys_of_erased_frames(opened: Hou
     assert report.parts_held_though_ended == [(upload.grant_txid, clip.record_id)]
 
 
-async def test_an_upload_is_refused_if_the_state_says_so_and_leaves_no_key(opened: House) -> None:
+async def test_an_upload_is_refused_if_the_state_says_so_and_leaves_no_key(opened: CustodianHarness) -> None:
     """The store forgets a grant that ended; the state does not."""
     clip = record_clip()
     upload = await share(opened, clip)
@@ -149,7 +149,7 @@ async def test_an_upload_is_refused_if_the_state_says_so_and_leaves_no_key(opene
 # A clip that is away
 
 
-async def test_a_record_that_expires_while_its_clip_is_away_takes_its_parts_with_it(opened: House) -> None:
+async def test_a_record_that_expires_while_its_clip_is_away_takes_its_parts_with_it(opened: CustodianHarness) -> None:
     clip, other = await opened.keep(), await opened.keep()
     for each in (clip, other):
         await opened.custodian.stage_part(parts_for(each)[CUSTODIAN], ALICE)
@@ -171,7 +171,7 @@ async def test_a_record_that_expires_while_its_clip_is_away_takes_its_parts_with
 
 
 @pytest.mark.parametrize("end", ["revoked", "over"])
-async def test_nothing_is_owed_for_an_old_request_of_a_grant_that_has_ended(opened: House, end: str) -> None:
+async def test_nothing_is_owed_for_an_old_request_of_a_grant_that_has_ended(opened: CustodianHarness, end: str) -> None:
     clip = await opened.keep()
     state = state_of(clip)
     state.grant(GRANT_ID, clip, **({"status": "revoked"} if end == "revoked" else {"until_ms": AT_MS}))
@@ -183,7 +183,7 @@ async def test_nothing_is_owed_for_an_old_request_of_a_grant_that_has_ended(open
 
 @pytest.mark.parametrize("has_released", [True, False])
 async def test_who_has_released_does_not_refuse_because_its_store_was_put_back(
-    opened: House, has_released: bool
+    opened: CustodianHarness, has_released: bool
 ) -> None:
     clip = await opened.keep()
     state = state_of(clip)
@@ -235,7 +235,7 @@ async def test_the_hunt_finds_a_part_that_is_left_after_the_end_of_its_grant(
     state = state_of(clip)
     state.grant(GRANT_ID, clip)
     monkeypatch.setattr(hunting, "LedgerFile", lambda _folder: Ledger(state))
-    house = House(make, node / "erase-keys")
+    house = CustodianHarness(make, node / "erase-keys")
     async with house.open():
         await share(house, clip)
         traces = gather(cluster, [clip.record_id])

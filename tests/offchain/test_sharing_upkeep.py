@@ -16,7 +16,7 @@ from network.custody.traces import Trace, trace_store
 from node.custody.chain_facts import ChainFacts
 from node.custody.repair.scrub import scrub
 from node.custody.stores.sqlite_store import SqliteStore
-from tests.offchain.house import ERASURE_ID, House
+from tests.offchain.house import ERASURE_ID, CustodianHarness
 from tests.offchain.house import refused as refused_with
 from tests.offchain.small_chain import ALICE, CUSTODIAN, START_MS, RecordedClip, erasure, record_clip
 from tests.offchain.small_state import State
@@ -34,18 +34,18 @@ from tests.offchain.test_sharing import (
 AT_MS = START_MS + 20_000
 
 
-async def keep_staged(house: House, *clips: RecordedClip) -> None:
+async def keep_staged(house: CustodianHarness, *clips: RecordedClip) -> None:
     """Keep clips and parts for them, of which no grant is final yet as far as this custodian knows."""
     for clip in clips:
         await house.keep(clip)
         await house.custodian.stage_part(parts_for(clip)[CUSTODIAN], ALICE)
 
 
-async def places(house: House) -> list[tuple[bytes, str]]:
+async def places(house: CustodianHarness) -> list[tuple[bytes, str]]:
     return [(place.record_id, place.status) async for place in house.store.all_parts()]
 
 
-async def test_a_custodian_without_blocks_takes_the_grants_that_stand_from_the_state(opened: House) -> None:
+async def test_a_custodian_without_blocks_takes_the_grants_that_stand_from_the_state(opened: CustodianHarness) -> None:
     clip = record_clip()
     await keep_staged(opened, clip)
     state = State()
@@ -60,7 +60,7 @@ async def test_a_custodian_without_blocks_takes_the_grants_that_stand_from_the_s
 
 
 @pytest.mark.parametrize("end", ["revoked", "over", "unknown", "denied", "erasing"])
-async def test_a_custodian_without_blocks_lets_go_of_what_ended_meanwhile(opened: House, end: str) -> None:
+async def test_a_custodian_without_blocks_lets_go_of_what_ended_meanwhile(opened: CustodianHarness, end: str) -> None:
     clip = record_clip()
     await share(opened, clip)
     state = State()
@@ -77,7 +77,7 @@ async def test_a_custodian_without_blocks_lets_go_of_what_ended_meanwhile(opened
     assert sorted([slot async for slot in opened.store.slots_in_use()]) == opened.keys.held
 
 
-async def test_a_part_whose_grant_may_still_become_final_stays(opened: House) -> None:
+async def test_a_part_whose_grant_may_still_become_final_stays(opened: CustodianHarness) -> None:
     clip = record_clip()
     await keep_staged(opened, clip)
     state = State()
@@ -87,7 +87,7 @@ async def test_a_part_whose_grant_may_still_become_final_stays(opened: House) ->
 
 
 async def test_an_erasure_of_frames_that_came_before_a_share_takes_nothing_of_it_when_it_is_replayed(
-    opened: House,
+    opened: CustodianHarness,
 ) -> None:
     clip = record_clip()
     await keep_staged(opened, clip)
@@ -99,7 +99,7 @@ async def test_an_erasure_of_frames_that_came_before_a_share_takes_nothing_of_it
     assert await places(opened) == [(clip.record_id, "confirmed")]
 
 
-async def test_a_scrub_tells_of_parts_that_should_be_gone(opened: House) -> None:
+async def test_a_scrub_tells_of_parts_that_should_be_gone(opened: CustodianHarness) -> None:
     kept, ended = record_clip(), record_clip()
     await share(opened, kept)
     await opened.keep(ended)
@@ -128,7 +128,7 @@ async def test_a_scrub_tells_of_parts_that_should_be_gone(opened: House) -> None
 
 @pytest.mark.parametrize("how", ["erased", "revoked"])
 async def test_the_hunt_finds_nothing_of_a_share_after_its_end(tmp_path: Path, how: str) -> None:
-    house = House(lambda: SqliteStore(tmp_path / "custody"), tmp_path / "erase-keys")
+    house = CustodianHarness(lambda: SqliteStore(tmp_path / "custody"), tmp_path / "erase-keys")
     config = SimpleNamespace(
         name="node-1", custody_store="sqlite:", custody_dir=tmp_path / "custody", erase_keys_dir=tmp_path / "erase-keys"
     )

@@ -16,7 +16,7 @@ from node.custody.finalized_events import FinalizedEvents
 from node.custody.repair.scrub import RecordComparer, ScrubReport
 from node.custody.restrictions import find_restrictions
 from node.custody.stores.custody_store import BlockEffects, VisitRestrictions
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, refused
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, refused
 from tests.offchain.small_chain import (
     ALICE,
     BOB,
@@ -77,7 +77,7 @@ NARROWED = [
 
 
 @pytest.mark.parametrize(("code", "said"), NARROWED)
-async def test_a_request_that_was_open_before_is_void(opened: House, code: str, said: Any) -> None:
+async def test_a_request_that_was_open_before_is_void(opened: CustodianHarness, code: str, said: Any) -> None:
     clip, others = await opened.keep(), await opened.keep(owner=BOB)
     await opened.follow(access(ACCESS_ID, clip), access(SECOND_ACCESS, others, owner=BOB))
     assert await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
@@ -87,7 +87,9 @@ async def test_a_request_that_was_open_before_is_void(opened: House, code: str, 
 
 
 @pytest.mark.parametrize("is_asked_first", [True, False])
-async def test_a_request_of_the_same_block_is_void_in_either_order(opened: House, is_asked_first: bool) -> None:
+async def test_a_request_of_the_same_block_is_void_in_either_order(
+    opened: CustodianHarness, is_asked_first: bool
+) -> None:
     """A custodian keeps heights, not places: who asked in the very block asks once more."""
     clip = await opened.keep()
     events = [access(ACCESS_ID, clip), restricted(clip)]
@@ -96,7 +98,9 @@ async def test_a_request_of_the_same_block_is_void_in_either_order(opened: House
 
 
 @pytest.mark.parametrize(("code", "said"), NARROWED)
-async def test_it_stays_void_over_a_restart_and_a_block_that_comes_twice(house: House, code: str, said: Any) -> None:
+async def test_it_stays_void_over_a_restart_and_a_block_that_comes_twice(
+    house: CustodianHarness, code: str, said: Any
+) -> None:
     clip = record_clip()
     async with house.open():
         await house.keep(clip)
@@ -110,7 +114,7 @@ async def test_it_stays_void_over_a_restart_and_a_block_that_comes_twice(house: 
         await refused(code, custodian.download(clip.record_id, ACCESS_ID, ALICE))
 
 
-async def test_what_the_chain_lets_her_ask_for_afterwards_is_released(opened: House) -> None:
+async def test_what_the_chain_lets_her_ask_for_afterwards_is_released(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.follow(restricted(clip))
     await opened.follow(access(ACCESS_ID, clip))
@@ -119,7 +123,7 @@ async def test_what_the_chain_lets_her_ask_for_afterwards_is_released(opened: Ho
     assert await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE), "lifting narrows nothing"
 
 
-async def test_a_denied_visit_is_released_to_nobody_until_an_officer_ends_it(opened: House) -> None:
+async def test_a_denied_visit_is_released_to_nobody_until_an_officer_ends_it(opened: CustodianHarness) -> None:
     clip, late = record_clip(), record_clip()
     await opened.keep(clip)
     await opened.follow(denied())
@@ -137,7 +141,7 @@ async def test_a_denied_visit_is_released_to_nobody_until_an_officer_ends_it(ope
         assert await opened.custodian.download(one.record_id, SECOND_ACCESS, ALICE)
 
 
-async def test_a_restricted_clip_is_still_copied_to_other_custodians(opened: House) -> None:
+async def test_a_restricted_clip_is_still_copied_to_other_custodians(opened: CustodianHarness) -> None:
     """Article 18(2): storing goes on."""
     clip = await opened.keep()
     await opened.follow(restricted(clip))
@@ -145,7 +149,7 @@ async def test_a_restricted_clip_is_still_copied_to_other_custodians(opened: Hou
 
 
 async def test_a_word_that_becomes_final_while_frames_are_read_stops_the_release(
-    opened: House, monkeypatch: pytest.MonkeyPatch
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clip = await opened.keep()
     await opened.follow(access(ACCESS_ID, clip))
@@ -166,7 +170,7 @@ async def test_a_word_that_becomes_final_while_frames_are_read_stops_the_release
     await refused("CLIP_QUARANTINED", download)
 
 
-async def test_a_clip_that_comes_late_is_not_released_under_a_void_request(opened: House) -> None:
+async def test_a_clip_that_comes_late_is_not_released_under_a_void_request(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip))
     await opened.follow(access(ACCESS_ID, clip))
@@ -179,7 +183,7 @@ async def test_a_clip_that_comes_late_is_not_released_under_a_void_request(opene
 # Keeping beyond the expiry
 
 
-async def test_what_is_kept_for_a_claim_outlives_its_expiry_until_it_is_lifted(opened: House) -> None:
+async def test_what_is_kept_for_a_claim_outlives_its_expiry_until_it_is_lifted(opened: CustodianHarness) -> None:
     clip, other = await opened.keep(), await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(at_ms=EXPIRES_MS + 1)
@@ -195,7 +199,7 @@ async def test_what_is_kept_for_a_claim_outlives_its_expiry_until_it_is_lifted(o
     assert restrictions.natural == ()
 
 
-async def test_a_lift_before_the_expiry_gives_the_clip_its_own_time_again(opened: House) -> None:
+async def test_a_lift_before_the_expiry_gives_the_clip_its_own_time_again(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     assert (await opened.store.clips([clip.record_id]))[clip.record_id].expires_at_ms == START_MS + YEAR_MS
@@ -203,14 +207,14 @@ async def test_a_lift_before_the_expiry_gives_the_clip_its_own_time_again(opened
     assert (await opened.store.clips([clip.record_id]))[clip.record_id].expires_at_ms == EXPIRES_MS
 
 
-async def test_keeping_ends_by_itself(opened: House) -> None:
+async def test_keeping_ends_by_itself(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(at_ms=START_MS + YEAR_MS)
     assert [kind for kind, _ in await opened.ready_outbox()] == ["erasure.expired"]
 
 
-async def test_what_is_recorded_into_a_visit_that_is_kept_is_kept_too(opened: House) -> None:
+async def test_what_is_recorded_into_a_visit_that_is_kept_is_kept_too(opened: CustodianHarness) -> None:
     held, missing = record_clip(), record_clip()
     await opened.follow(restricted(whole=True, until_ms=START_MS + YEAR_MS))
     await opened.keep(held)
@@ -224,7 +228,7 @@ async def test_what_is_recorded_into_a_visit_that_is_kept_is_kept_too(opened: Ho
     assert (await opened.store.clips([held.record_id]))[held.record_id].status == "erased"
 
 
-async def test_all_that_is_missing_of_a_visit_is_kept_and_nothing_of_others(opened: House) -> None:
+async def test_all_that_is_missing_of_a_visit_is_kept_and_nothing_of_others(opened: CustodianHarness) -> None:
     old, newer = record_clip(), record_clip()
     await opened.follow(recorded(old))
     await opened.follow(recorded(newer, owner=BOB))
@@ -235,7 +239,7 @@ async def test_all_that_is_missing_of_a_visit_is_kept_and_nothing_of_others(open
     assert [one.record_id for one in await opened.store.missing_of_owner(ALICE)] == [old.record_id]
 
 
-async def test_an_owner_who_denies_keeps_nothing(opened: House) -> None:
+async def test_an_owner_who_denies_keeps_nothing(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(denied())
@@ -243,7 +247,7 @@ async def test_an_owner_who_denies_keeps_nothing(opened: House) -> None:
     assert [kind for kind, _ in await opened.ready_outbox()] == ["erasure.expired"]
 
 
-async def test_a_restricted_clip_is_erased_when_its_owner_asks(opened: House) -> None:
+async def test_a_restricted_clip_is_erased_when_its_owner_asks(opened: CustodianHarness) -> None:
     clip = await opened.keep()
     await opened.follow(restricted(clip, until_ms=START_MS + YEAR_MS))
     await opened.follow(erasure(ERASURE_ID, clip))
@@ -252,7 +256,7 @@ async def test_a_restricted_clip_is_erased_when_its_owner_asks(opened: House) ->
 
 @pytest.mark.parametrize("events", [[restricted], [restricted, lifted]])
 async def test_a_crash_between_any_two_writes_loses_no_expiry(
-    house: House, monkeypatch: pytest.MonkeyPatch, events: list[Any]
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch, events: list[Any]
 ) -> None:
     """Every write of the hook in turn is the last one; after the restart the block is carried out again."""
     clip = record_clip()
@@ -273,7 +277,7 @@ async def test_a_crash_between_any_two_writes_loses_no_expiry(
 
 
 async def _dies_after(
-    custodian: Custodian, house: House, block: FinalizedEvents, writes: int, monkeypatch: pytest.MonkeyPatch
+    custodian: Custodian, house: CustodianHarness, block: FinalizedEvents, writes: int, monkeypatch: pytest.MonkeyPatch
 ) -> bool:
     left = [writes]
     apply = house.store.apply
@@ -293,7 +297,7 @@ async def _dies_after(
     return False
 
 
-async def test_a_store_keeps_one_standing_for_each_owner_over_a_restart(house: House) -> None:
+async def test_a_store_keeps_one_standing_for_each_owner_over_a_restart(house: CustodianHarness) -> None:
     first = VisitRestrictions(ALICE, 4, quarantined=True, natural=((b"\x01" * 16, 9),))
     second = VisitRestrictions(BOB, 5, whole=True, whole_since_ms=3, until_ms=1 << 50, records=(b"\x02" * 16,))
     async with house.open():
@@ -305,7 +309,7 @@ async def test_a_store_keeps_one_standing_for_each_owner_over_a_restart(house: H
         assert await house.store.visit_restrictions([]) == {}
 
 
-async def test_only_a_confirmed_clip_gets_another_expiry(opened: House) -> None:
+async def test_only_a_confirmed_clip_gets_another_expiry(opened: CustodianHarness) -> None:
     staged, kept = record_clip(), record_clip()
     await opened.keep(kept)
     await opened.custodian.stage(staged.upload)
@@ -334,7 +338,7 @@ def _restriction(clip: RecordedClip) -> dict[str, Any]:
     return {**told, "ground": "legal-claim", "time": START_MS}
 
 
-async def test_a_custodian_that_only_has_the_state_heeds_the_same(opened: House) -> None:
+async def test_a_custodian_that_only_has_the_state_heeds_the_same(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.custodian.stage(clip.upload)
     state = _state(clip)
@@ -347,7 +351,9 @@ async def test_a_custodian_that_only_has_the_state_heeds_the_same(opened: House)
 
 
 @pytest.mark.parametrize("is_here", [True, False])
-async def test_a_clip_that_is_kept_for_a_claim_is_there_after_a_reconciliation(opened: House, is_here: bool) -> None:
+async def test_a_clip_that_is_kept_for_a_claim_is_there_after_a_reconciliation(
+    opened: CustodianHarness, is_here: bool
+) -> None:
     clip = record_clip(valid_until_ms=START_MS + 500)
     if is_here:
         await opened.custodian.stage(clip.upload)
@@ -365,7 +371,7 @@ async def test_a_clip_that_is_kept_for_a_claim_is_there_after_a_reconciliation(o
     assert (await opened.store.clips([clip.record_id]))[clip.record_id].status == "erased"
 
 
-async def scrub_of(house: House, state: State, at_ms: int) -> ScrubReport:
+async def scrub_of(house: CustodianHarness, state: State, at_ms: int) -> ScrubReport:
     facts, report = state.facts(at_ms=at_ms), ScrubReport()
     judge = RecordComparer(house.custodian, house.store, facts)
     for record in facts.records():
@@ -374,7 +380,7 @@ async def scrub_of(house: House, state: State, at_ms: int) -> ScrubReport:
     return report
 
 
-async def test_what_was_lifted_while_a_custodian_was_away_is_let_go(house: House) -> None:
+async def test_what_was_lifted_while_a_custodian_was_away_is_let_go(house: CustodianHarness) -> None:
     clip = record_clip()
     async with house.open():
         await house.keep(clip)
@@ -390,7 +396,7 @@ async def test_what_was_lifted_while_a_custodian_was_away_is_let_go(house: House
 
 @pytest.mark.parametrize("left", ["objected", "denied", "of another record"])
 async def test_what_was_lifted_while_away_is_let_go_though_something_else_stands_of_the_visit(
-    house: House, left: str
+    house: CustodianHarness, left: str
 ) -> None:
     clip, other = record_clip(), record_clip()
     async with house.open():

@@ -13,7 +13,7 @@ from node.custody.coordination.custody_admin import CustodyAdmin, describe_scrub
 from node.custody.coordination.custody_answers import FrameName, PartName, UploadReport
 from node.custody.repair.scrub import ScrubReport
 from node.custody.stores.custody_store import Checkpoint
-from tests.offchain.house import ERASURE_ID, House
+from tests.offchain.house import ERASURE_ID, CustodianHarness
 from tests.offchain.small_chain import CUSTODIAN, OTHER_CUSTODIAN, START_MS, record_clip
 from tests.offchain.small_state import State
 
@@ -43,7 +43,7 @@ async def no_uploads(_timestamp_ms: int, *, counts_held: bool) -> UploadReport:
 
 
 def make_custody_admin(
-    house: House, state: State, note: Callable[[bytes], None] = lambda _prefix: None
+    house: CustodianHarness, state: State, note: Callable[[bytes], None] = lambda _prefix: None
 ) -> CustodyAdmin:
     class Ledger:
         def snapshot(self) -> Snapshot:
@@ -55,7 +55,7 @@ def make_custody_admin(
     return CustodyAdmin(name="node-1", member=CUSTODIAN, clock=lambda: NOW_MS, **parts, **serving)
 
 
-async def test_who_owes_which_receipt_and_which_of_them_are_overdue(opened: House) -> None:
+async def test_who_owes_which_receipt_and_which_of_them_are_overdue(opened: CustodianHarness) -> None:
     state = State()
     state.erasure(record_clip(), receipts=[CUSTODIAN], time=NOW_MS - 121_000)
     status = await make_custody_admin(opened, state).status()
@@ -66,7 +66,9 @@ async def test_who_owes_which_receipt_and_which_of_them_are_overdue(opened: Hous
     assert msgspec.to_builtins(status.waiting_for) == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": []}}
 
 
-async def test_what_everybody_confirmed_costs_no_search_in_the_audit_and_nothing_waits_meanwhile(opened: House) -> None:
+async def test_what_everybody_confirmed_costs_no_search_in_the_audit_and_nothing_waits_meanwhile(
+    opened: CustodianHarness,
+) -> None:
     """There are ever more of them: the node's own work must not stand still while they are passed over."""
     state, threads, prefixes = State(), set(), []
 

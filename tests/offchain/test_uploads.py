@@ -28,7 +28,7 @@ from node.custody.upload_usage import DayUse, UploadTerms, Use, find_day, requir
 from node.ledger.ledger_writer import FinalityFeed
 from node.limits.disk_reserve import DiskReserve
 from node.storage.memory_store import MemoryStore
-from tests.offchain.house import ERASURE_ID, House, refused
+from tests.offchain.house import ERASURE_ID, CustodianHarness, refused
 from tests.offchain.small_chain import ALICE, START_MS, erasure, record_clip, recorded
 
 ROBOT, SECOND, STRANGER = b"\x02" + b"r" * 32, b"\x02" + b"s" * 32, b"\x02" + b"x" * 32
@@ -43,7 +43,7 @@ def size_of(upload: ClipUpload) -> int:
     return sum(map(len, upload.ciphertexts)) + sum(map(len, upload.sealed_keys))
 
 
-async def test_a_robot_has_so_many_clips_staged_and_more_once_they_are_recorded(opened: House) -> None:
+async def test_a_robot_has_so_many_clips_staged_and_more_once_they_are_recorded(opened: CustodianHarness) -> None:
     allowed = terms(robot_staged_max_count=2)
     first, second, third = (record_clip() for _ in range(3))
     await opened.custodian.stage(first.upload, allowed)
@@ -59,7 +59,7 @@ async def test_a_robot_has_so_many_clips_staged_and_more_once_they_are_recorded(
     assert {robot: use.count for robot, use in (await opened.store.use_by_robot("confirmed")).items()} == {ROBOT: 1}
 
 
-async def test_staged_clips_that_lapse_make_room_again_and_erased_ones_are_nobodys(opened: House) -> None:
+async def test_staged_clips_that_lapse_make_room_again_and_erased_ones_are_nobodys(opened: CustodianHarness) -> None:
     allowed = terms(robot_staged_max_count=1)
     lapsing = msgspec.structs.replace(record_clip().upload, valid_until_ms=START_MS + 50_000)
     await opened.custodian.stage(lapsing, allowed)
@@ -72,7 +72,9 @@ async def test_staged_clips_that_lapse_make_room_again_and_erased_ones_are_nobod
     assert set(await opened.store.use_by_robot("erased")) == {b""}
 
 
-async def test_what_a_robot_brings_a_day_is_counted_by_block_time_and_survives_a_restart(house: House) -> None:
+async def test_what_a_robot_brings_a_day_is_counted_by_block_time_and_survives_a_restart(
+    house: CustodianHarness,
+) -> None:
     clips = [record_clip(valid_until_ms=START_MS + 2 * DAY_MS) for _ in range(3)]
     size = size_of(clips[0].upload)
     async with house.open() as custodian:
@@ -96,7 +98,7 @@ async def test_what_a_robot_brings_a_day_is_counted_by_block_time_and_survives_a
         assert DayUse(day + 1, ROBOT, size_of(tomorrow)) in await house.store.day_uses()
 
 
-async def test_an_organisations_robots_are_counted_together_and_others_apart(opened: House) -> None:
+async def test_an_organisations_robots_are_counted_together_and_others_apart(opened: CustodianHarness) -> None:
     await opened.custodian.stage(record_clip().upload, terms(ROBOT))
     both = terms(SECOND, organisation_staged_max_count=1)
     await refused("UPLOAD_QUOTA_EXCEEDED", opened.custodian.stage(record_clip().upload, both))
@@ -200,7 +202,7 @@ def test_the_reserve_is_not_used_and_none_is_kept_back_if_it_is_zero(
     assert DiskReserve(tmp_path, 11).is_reached
 
 
-async def test_a_fetched_clip_counts_for_no_robot(opened: House) -> None:
+async def test_a_fetched_clip_counts_for_no_robot(opened: CustodianHarness) -> None:
     await opened.keep()
     assert set(await opened.store.use_by_robot("confirmed")) == {b""}
     assert await opened.store.day_uses() == []
@@ -229,7 +231,9 @@ def test_what_is_on_its_way_counts_as_if_it_were_there(
         require_quota(1, terms(**quotas), {}, [], 5, in_flight)
 
 
-def admitting(house: House, monkeypatch: pytest.MonkeyPatch, reserve: DiskReserve | None = None) -> UploadAdmission:
+def admitting(
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch, reserve: DiskReserve | None = None
+) -> UploadAdmission:
     """What lets uploads in of visits that are all open, two clips of each robot at a time."""
     hold = None if reserve is None else reserve.hold
     admission = UploadAdmission(MemoryStore(), FinalityFeed(-1), house.custodian, hold)
@@ -239,7 +243,7 @@ def admitting(house: House, monkeypatch: pytest.MonkeyPatch, reserve: DiskReserv
 
 
 async def test_uploads_on_their_way_fit_the_disk_and_the_quota_together(
-    opened: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    opened: CustodianHarness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Many that began at once were each judged against what lay there, and together used the reserve."""
     reserve = DiskReserve(tmp_path, 1)
@@ -280,7 +284,7 @@ async def _let_in_as_often_as_possible(
 
 
 async def test_a_known_clip_that_comes_again_and_again_takes_no_room_and_few_places(
-    opened: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    opened: CustodianHarness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It needs none, since it is here: one robot held the whole disk with many repeats of one old clip."""
     reserve = DiskReserve(tmp_path, 1)
@@ -320,7 +324,7 @@ async def test_no_robot_alone_holds_the_whole_room(tmp_path: Path, monkeypatch: 
 
 
 async def test_a_clip_that_is_here_already_is_let_in_at_a_full_quota(
-    opened: House, monkeypatch: pytest.MonkeyPatch
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its robot did not hear the answer, and brings it again."""
     clips, admission = [record_clip() for _ in range(3)], admitting(opened, monkeypatch)

@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from consensus.limits import RETENTION_MAX_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.records.clips import check_clip_download
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
-from tests.offchain.house import ACCESS_ID, House
+from tests.offchain.house import ACCESS_ID, CustodianHarness
 from tests.offchain.small_chain import ALICE, access, record_clip, recorded
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit
 
@@ -73,7 +73,7 @@ def test_1_e_no_record_is_without_an_end_and_none_ends_before(hospital: Hospital
 
 
 @pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
-async def test_1_f_a_changed_byte_is_named_and_a_copy_opens_nothing(house: House, tmp_path: Path) -> None:  # noqa: F811
+async def test_1_f_a_changed_byte_is_named_and_a_copy_opens_nothing(house: CustodianHarness, tmp_path: Path) -> None:  # noqa: F811
     clip = record_clip()
     async with house.open() as custodian:
         await house.keep(clip)

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
-from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, refused
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, refused
 from tests.offchain.small_chain import ALICE, EXPIRES_MS, access, erasure, record_clip
 from tests.unit.contracts.privacy.hospital import Hospital, Visit
 
@@ -38,7 +38,7 @@ def test_1_and_3_every_custodian_confirms_and_the_chain_forgets_what_pointed_at_
 
 
 @pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
-async def test_2_neither_key_nor_picture_is_in_any_file_afterwards(house: House, tmp_path: Path) -> None:  # noqa: F811
+async def test_2_neither_key_nor_picture_is_in_any_file_afterwards(house: CustodianHarness, tmp_path: Path) -> None:  # noqa: F811
     gone, kept = record_clip(), record_clip()
     async with house.open():
         for clip in (gone, kept):
@@ -56,7 +56,7 @@ async def test_2_neither_key_nor_picture_is_in_any_file_afterwards(house: House,
 
 
 @pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
-async def test_4_a_custodian_that_was_away_erases_before_it_serves(house: House) -> None:  # noqa: F811
+async def test_4_a_custodian_that_was_away_erases_before_it_serves(house: CustodianHarness) -> None:  # noqa: F811
     clip = record_clip()
     async with house.open():
         await house.keep(clip)
@@ -68,7 +68,7 @@ async def test_4_a_custodian_that_was_away_erases_before_it_serves(house: House)
 
 
 @pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
-async def test_5_its_time_over_it_goes_unasked(house: House) -> None:  # noqa: F811
+async def test_5_its_time_over_it_goes_unasked(house: CustodianHarness) -> None:  # noqa: F811
     clip = record_clip()
     async with house.open() as custodian:
         await house.keep(clip)

@@ -15,7 +15,7 @@ from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import GROUNDS, KEEP_MS, KEEPING_GROUNDS, OWN_PURPOSES
 from contracts.lifecycle.changes import GOVERNING
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
-from tests.offchain.house import ACCESS_ID, House, refused
+from tests.offchain.house import ACCESS_ID, CustodianHarness, refused
 from tests.offchain.small_chain import ALICE, access
 from tests.offchain.test_standing import restricted
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit
@@ -40,7 +40,7 @@ def test_2_nobody_else_has_it_released(hospital: Hospital, visit: Visit) -> None
 
 
 @pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
-async def test_2_a_request_that_was_open_ends_with_it_and_storing_goes_on(house: House) -> None:  # noqa: F811
+async def test_2_a_request_that_was_open_ends_with_it_and_storing_goes_on(house: CustodianHarness) -> None:  # noqa: F811
     async with house.open() as custodian:
         clip = await house.keep()
         await house.follow(access(ACCESS_ID, clip))

@@ -14,14 +14,14 @@ from consensus.records.envelopes import open_data_key
 from node.api.openapi.authorisation_page import CALLERS, refusal_of
 from node.api.routes import ROUTES
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
-from tests.offchain.house import ACCESS_ID, House, read_all
+from tests.offchain.house import ACCESS_ID, CustodianHarness, read_all
 from tests.offchain.small_chain import ALICE, access, record_clip
 
 on_disk = pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
 
 
 @on_disk
-async def test_1_a_it_is_encrypted_for_one_person_under_keys_that_stand_elsewhere(house: House) -> None:  # noqa: F811
+async def test_1_a_it_is_encrypted_for_one_person_under_keys_that_stand_elsewhere(house: CustodianHarness) -> None:  # noqa: F811
     clip, other = record_clip(), record_clip()
     async with house.open() as custodian:
         await house.keep(clip)
@@ -37,7 +37,7 @@ async def test_1_a_it_is_encrypted_for_one_person_under_keys_that_stand_elsewher
 
 
 @on_disk
-async def test_1_c_after_a_crash_everything_is_there(house: House) -> None:  # noqa: F811
+async def test_1_c_after_a_crash_everything_is_there(house: CustodianHarness) -> None:  # noqa: F811
     clip = record_clip()
     async with house.open():
         await house.keep(clip)

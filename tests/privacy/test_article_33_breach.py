@@ -16,7 +16,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import BREACH_NOTIFY_MS, REASONS
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
-from tests.offchain.house import ACCESS_ID, House, refused
+from tests.offchain.house import ACCESS_ID, CustodianHarness, refused
 from tests.offchain.small_chain import ALICE, access
 from tests.offchain.test_standing import denied
 from tests.unit.contracts.privacy.hospital import Hospital, Visit, key_of
@@ -38,7 +38,7 @@ def test_1_no_purpose_opens_it_for_anybody(hospital: Hospital, visit: Visit, bre
 
 
 @pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
-async def test_1_no_custodian_hands_it_out_under_what_was_open(house: House) -> None:  # noqa: F811
+async def test_1_no_custodian_hands_it_out_under_what_was_open(house: CustodianHarness) -> None:  # noqa: F811
     async with house.open() as custodian:
         clip = await house.keep()
         await house.follow(access(ACCESS_ID, clip))

@@ -35,7 +35,7 @@ class Clock:
 
 
 @dataclass
-class House(ServedWard):
+class GuardHarness(ServedWard):
     """A recorded person's page, and the clock of its links."""
 
     clock: Clock
@@ -56,12 +56,12 @@ class House(ServedWard):
 
 
 @pytest.fixture
-async def house(tmp_path: Path) -> AsyncIterator[House]:
+async def house(tmp_path: Path) -> AsyncIterator[GuardHarness]:
     ward = SharedWard(tmp_path)
     ward.record_visit()
     clock = Clock()
     async with serve_ward(ward, now_ms=clock) as served:
-        yield House(ward, served.session, served.served, served.file, clock)
+        yield GuardHarness(ward, served.session, served.served, served.file, clock)
 
 
 async def _answer(method: str, url: str, headers: dict[str, str], body: Any = None) -> tuple[int, str, Any]:
@@ -71,14 +71,14 @@ async def _answer(method: str, url: str, headers: dict[str, str], body: Any = No
         return answer.status, told.get("code", ""), answer.headers
 
 
-async def test_only_this_user_can_read_what_opens_the_page(house: House) -> None:
+async def test_only_this_user_can_read_what_opens_the_page(house: GuardHarness) -> None:
     file = await house.served.new_link()
     assert file.stat().st_mode & 0o777 == 0o600
     assert file.parent.stat().st_mode & 0o777 == 0o700
     assert file.parent.is_relative_to(house.session.folder)
 
 
-async def test_what_opens_the_page_works_once_and_not_for_long(house: House) -> None:
+async def test_what_opens_the_page_works_once_and_not_for_long(house: GuardHarness) -> None:
     file = await house.served.new_link()
     origin, token = read_link(file)
     async with WalletPage(file):
@@ -92,7 +92,7 @@ async def test_what_opens_the_page_works_once_and_not_for_long(house: House) -> 
     assert late[:2] == (401, "PAGE_LINK_INVALID")
 
 
-async def test_no_route_answers_without_the_session(house: House) -> None:
+async def test_no_route_answers_without_the_session(house: GuardHarness) -> None:
     routes = house.routes()
     assert len(routes) > 35
     origin = {"Origin": house.url}
@@ -102,7 +102,7 @@ async def test_no_route_answers_without_the_session(house: House) -> None:
             assert (status, code) == (401, "PAGE_SESSION_REQUIRED"), (method, path)
 
 
-async def test_a_page_that_rebinds_its_name_to_this_machine_gets_nothing(house: House) -> None:
+async def test_a_page_that_rebinds_its_name_to_this_machine_gets_nothing(house: GuardHarness) -> None:
     port = house.url.rsplit(":", 1)[1]
     async with WalletPage(await house.served.new_link()) as page:
         for host in (
@@ -117,7 +117,7 @@ async def test_a_page_that_rebinds_its_name_to_this_machine_gets_nothing(house: 
                 assert (await _answer("GET", house.url + path, headers))[:2] == (403, "PAGE_ORIGIN_REFUSED")
 
 
-async def test_another_page_in_the_same_browser_gets_nothing(house: House) -> None:
+async def test_another_page_in_the_same_browser_gets_nothing(house: GuardHarness) -> None:
     async with WalletPage(await house.served.new_link()) as page:
         for origin in ("https://evil.example", "null", house.url.replace("127.0.0.1", "localhost"), f"{house.url}1"):
             headers = page.headers | {"Origin": origin}
@@ -130,7 +130,7 @@ async def test_another_page_in_the_same_browser_gets_nothing(house: House) -> No
     assert not house.session.ended.is_set()
 
 
-async def test_no_answer_is_kept_and_nothing_foreign_runs_in_the_page(house: House) -> None:
+async def test_no_answer_is_kept_and_nothing_foreign_runs_in_the_page(house: GuardHarness) -> None:
     async with WalletPage(await house.served.new_link()) as page:
         for path in ("/api/overview", "/api/records", "/api/nothing", "/api/clips/x", "/"):
             _, _, headers = await _answer("GET", house.url + path, page.headers)
@@ -142,13 +142,15 @@ async def test_no_answer_is_kept_and_nothing_foreign_runs_in_the_page(house: Hou
             assert "Set-Cookie" not in headers
 
 
-async def test_a_session_ends_with_the_page(house: House) -> None:
+async def test_a_session_ends_with_the_page(house: GuardHarness) -> None:
     async with WalletPage(await house.served.new_link()) as page:
         house.served.end_sessions()
         assert await page.refused("GET", "/api/overview") == "PAGE_SESSION_REQUIRED"
 
 
-async def test_nothing_secret_is_in_any_answer_or_log_line(house: House, caplog: pytest.LogCaptureFixture) -> None:
+async def test_nothing_secret_is_in_any_answer_or_log_line(
+    house: GuardHarness, caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level(logging.DEBUG)
     told: list[str] = []
     doctor = house.ward.come_in("doctor", "staff")

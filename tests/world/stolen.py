@@ -219,7 +219,7 @@ async def take_new_words(wallet: Wallet, sleep: Callable[[float], Awaitable[None
     return rotating
 
 
-class Desk:
+class WalletHarness:
     """A person at her device: commands run on the story's wallet and chain."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

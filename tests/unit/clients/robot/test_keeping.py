@@ -39,7 +39,7 @@ def row(handle: bytes) -> RosterRow:
     return RosterRow(tag=handle, handle=handle, spend=keys[0], view=keys[1], sealing=b"X" * 32, proof=b"")
 
 
-class Desk:
+class RecordingHarness:
     """A track with ann and ben in the picture; both consent to it."""
 
     def __init__(self, folder: Path) -> None:
@@ -89,8 +89,8 @@ class Desk:
 
 
 @in_virtual_time
-async def at_the_desk(folder: Path, story: Callable[[Desk], Any]) -> None:
-    desk = Desk(folder)
+async def at_the_desk(folder: Path, story: Callable[[RecordingHarness], Any]) -> None:
+    desk = RecordingHarness(folder)
     await desk.consents.refresh()
     await asyncio.sleep(0.01)
     with desk.log:
@@ -98,7 +98,7 @@ async def at_the_desk(folder: Path, story: Callable[[Desk], Any]) -> None:
 
 
 def test_while_consent_holds_everything_is_kept_and_the_owner_told(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         assert desk.track.is_tag_allowed(row(ANN), virtual_now_ms())
         desk.withheld(1)
         desk.kept(2)
@@ -109,7 +109,7 @@ def test_while_consent_holds_everything_is_kept_and_the_owner_told(tmp_path: Pat
 
 
 def test_what_comes_out_of_hiding_after_a_no_is_not_kept_whenever_it_was_taken(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         taken_ms = virtual_now_ms()
         await asyncio.sleep(1)
         desk.registry.say(ANN, "withdrawn")
@@ -125,7 +125,7 @@ def test_what_comes_out_of_hiding_after_a_no_is_not_kept_whenever_it_was_taken(t
 
 
 def test_what_waits_in_an_open_clip_is_dropped_as_soon_as_the_no_is_seen(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         desk.kept(1)
         desk.kept(2)
         desk.kept(1, "ben")
@@ -139,7 +139,7 @@ def test_what_waits_in_an_open_clip_is_dropped_as_soon_as_the_no_is_seen(tmp_pat
 
 
 def test_a_clip_that_is_ready_when_the_no_comes_is_not_sealed(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         desk.kept(1)
         (ready,) = desk.track.batcher.flush()
         desk.registry.say(ANN, "withdrawn")
@@ -151,7 +151,7 @@ def test_a_clip_that_is_ready_when_the_no_comes_is_not_sealed(tmp_path: Path) ->
 
 
 def test_somebody_who_said_no_is_sent_no_word_of_what_was_withheld_either(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         desk.withheld(1)
         (ready,) = desk.track.batcher.flush()
         desk.registry.say(ANN, "withdrawn")
@@ -163,7 +163,7 @@ def test_somebody_who_said_no_is_sent_no_word_of_what_was_withheld_either(tmp_pa
 
 
 def test_whoever_consents_again_is_in_a_new_visit(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         desk.kept(1)
         first = desk.visits.chain_for("ann", row(ANN), virtual_now_ms())
         desk.registry.say(ANN, "withdrawn")
@@ -179,7 +179,7 @@ def test_whoever_consents_again_is_in_a_new_visit(tmp_path: Path) -> None:
 
 
 def test_a_no_and_a_yes_between_two_readings_end_the_visit_too(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         desk.kept(1)
         first = desk.visits.chain_for("ann", row(ANN), virtual_now_ms())
         await asyncio.sleep(1)
@@ -199,7 +199,7 @@ def test_a_no_and_a_yes_between_two_readings_end_the_visit_too(tmp_path: Path) -
 def test_a_no_to_one_sensor_leaves_the_visit_of_another_alone(tmp_path: Path) -> None:
     """A track that never kept anything of her ends nothing."""
 
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         rgb = SensorRecorder(desk.run, "rgb", desk.people, RunStatistics(window_ms=5_000))
         first = desk.visits.chain_for("ann", row(ANN), virtual_now_ms())
         for _ in range(3):
@@ -210,7 +210,7 @@ def test_a_no_to_one_sensor_leaves_the_visit_of_another_alone(tmp_path: Path) ->
 
 
 def test_while_the_view_is_stale_tags_count_as_unknown_and_what_waits_is_withheld_and_told(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         desk.kept(1)
         desk.registry.failure = "NODE_UNREACHABLE"
         await asyncio.sleep(STALE_AFTER_MS / 1000 + 5)
@@ -230,7 +230,7 @@ def test_while_the_view_is_stale_tags_count_as_unknown_and_what_waits_is_withhel
 
 
 def test_a_consent_that_has_not_begun_is_counted_apart_from_a_no(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         desk.registry.say(BEN, "withdrawn")
         desk.registry.say(ANN, "withdrawn")
         await desk.consents.refresh()
@@ -246,7 +246,7 @@ def test_a_consent_that_has_not_begun_is_counted_apart_from_a_no(tmp_path: Path)
 def test_the_end_of_a_period_parts_a_clip(tmp_path: Path) -> None:
     """What was taken in time is sealed, also afterwards; what was taken later is not."""
 
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         until = virtual_now_ms() - virtual_now_ms() % 300_000 + 300_000
         desk.registry.say(ANN, until_ms=until)
         await desk.consents.refresh()
@@ -264,7 +264,7 @@ def test_the_end_of_a_period_parts_a_clip(tmp_path: Path) -> None:
 def test_a_camera_whose_clock_is_off_is_judged_by_the_robots_own(tmp_path: Path) -> None:
     """Stamps an hour ahead are not of a time after a consent that was given this minute, nor stamps behind before it."""
 
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         given_ms = virtual_now_ms()
         desk.registry.say(ANN, "withdrawn")
         desk.registry.say(ANN)
@@ -282,7 +282,7 @@ def test_a_camera_whose_clock_is_off_is_judged_by_the_robots_own(tmp_path: Path)
 
 
 def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tmp_path: Path) -> None:
-    async def story(desk: Desk) -> None:
+    async def story(desk: RecordingHarness) -> None:
         visits = desk.run.open_visits
         sealed = clip(7)
         note(visits, sealed.owner, 2)

@@ -24,7 +24,7 @@ from tests.world.notices import NoticeWard
 from tests.world.transcripts import Transcript
 
 
-class House:
+class ConsentHarness:
     """A ward, and a wallet that was registered without consenting to anything."""
 
     def __init__(self, folder: Path) -> None:
@@ -42,12 +42,12 @@ class House:
 
 
 @pytest.fixture
-def house(tmp_path: Path) -> House:
-    return House(tmp_path)
+def house(tmp_path: Path) -> ConsentHarness:
+    return ConsentHarness(tmp_path)
 
 
 @pytest.fixture
-def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+def run(house: ConsentHarness, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Run `wallet consent ...` on that wallet."""
 
     open_for_commands(monkeypatch, lambda: house.wallet)
@@ -55,7 +55,7 @@ def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     return lambda *arguments: CliRunner().invoke(main.wallet, ["consent", *arguments])
 
 
-async def test_what_is_given_holds_from_the_height_that_the_wallet_names(house: House) -> None:
+async def test_what_is_given_holds_from_the_height_that_the_wallet_names(house: ConsentHarness) -> None:
     word = await house.consenting.give(["care"], ["depth", "rgb"])
     assert (word.height, word.from_height) == (house.hospital.height, house.hospital.height + 1)
     assert await house.rows() == {("care", "depth"): (False, "given"), ("care", "rgb"): (False, "given")}
@@ -63,20 +63,20 @@ async def test_what_is_given_holds_from_the_height_that_the_wallet_names(house: 
     assert await house.rows() == {("care", "depth"): (True, "given"), ("care", "rgb"): (True, "given")}
 
 
-async def test_taking_back_needs_no_word_of_what_was_given(house: House) -> None:
+async def test_taking_back_needs_no_word_of_what_was_given(house: ConsentHarness) -> None:
     await house.consenting.give(["care", "research"], ["depth", "audio"], until_ms=house.hospital.time_ms + 10**9)
     await house.consenting.withdraw([], [])
     assert set((await house.rows()).values()) == {(False, "withdrawn")}
 
 
-async def test_a_wallet_that_was_restored_can_take_back_too(house: House) -> None:
+async def test_a_wallet_that_was_restored_can_take_back_too(house: ConsentHarness) -> None:
     await house.consenting.give(["care"], ["depth"])
     house.wallet.store.content.handle = b""
     await house.consenting.withdraw([], [])
     assert await house.rows() == {("care", "depth"): (False, "withdrawn")}
 
 
-async def test_a_wrong_code_is_refused_before_anything_is_signed(house: House) -> None:
+async def test_a_wrong_code_is_refused_before_anything_is_signed(house: ConsentHarness) -> None:
     height = house.hospital.height
     for purposes, sensors, code in (
         (["world-domination"], ["depth"], "PURPOSE_UNKNOWN"),
@@ -101,7 +101,11 @@ def test_every_sensor_has_a_sentence() -> None:
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_commands_tell_a_story_in_plain_words(
-    house: House, run: Callable[..., Any], transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
+    house: ConsentHarness,
+    run: Callable[..., Any],
+    transcript: Transcript,
+    monkeypatch: pytest.MonkeyPatch,
+    language: str,
 ) -> None:
     """Among others: without a yes to depth, which tells people apart, nothing is kept of one to other sensors."""
     monkeypatch.setenv(LANGUAGE_VARIABLE, language)
@@ -121,7 +125,7 @@ def test_the_commands_tell_a_story_in_plain_words(
     transcript.compare(f"consent.{language}")
 
 
-def test_a_program_gets_one_object_and_an_exit_code(house: House, run: Callable[..., Any]) -> None:
+def test_a_program_gets_one_object_and_an_exit_code(house: ConsentHarness, run: Callable[..., Any]) -> None:
     given = json.loads(run("give", "--purpose", "care", "--sensor", "rgb", "--height", "500", "--json").output)
     assert (given["ok"], given["from_height"], given["sensors"], given["status"]) == (True, 500, ["rgb"], "given")
     listed = json.loads(run("list", "--json").output)
@@ -146,7 +150,7 @@ def test_a_program_gets_one_object_and_an_exit_code(house: House, run: Callable[
     assert "HEIGHT_WRONG" in wrong.output
 
 
-async def test_a_giving_names_what_the_wallet_knew_so_it_cannot_come_after_a_later_no(house: House) -> None:
+async def test_a_giving_names_what_the_wallet_knew_so_it_cannot_come_after_a_later_no(house: ConsentHarness) -> None:
     """She gives, it is not final in time; she takes back what is not there yet; then the giving comes after all."""
     held_back: list[tuple[Any, ...]] = []
 
@@ -181,7 +185,9 @@ async def test_a_giving_names_what_the_wallet_knew_so_it_cannot_come_after_a_lat
         ["give", "--purpose", "care", "--height", "-1"],
     ],
 )
-def test_wrong_usage_is_told_and_nothing_is_signed(house: House, run: Callable[..., Any], arguments: list[str]) -> None:
+def test_wrong_usage_is_told_and_nothing_is_signed(
+    house: ConsentHarness, run: Callable[..., Any], arguments: list[str]
+) -> None:
     height = house.hospital.height
     assert run(*arguments).exit_code == 2
     assert house.hospital.height == height

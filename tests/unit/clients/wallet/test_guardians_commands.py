@@ -23,7 +23,7 @@ from clients.wallet.store.keystore import Keystore, WalletContent
 from clients.wallet.store.member_keys import derive_keys
 from consensus.errors import BlockRobotError
 from tests.world.dicts import CHEAP
-from tests.world.stolen import OLD_WORDS, Desk
+from tests.world.stolen import OLD_WORDS, WalletHarness
 
 WORDS = " ".join(["abandon"] * 23 + ["art"])
 PASSPHRASE = "violet kettle orbit sandwich"
@@ -407,7 +407,7 @@ def test_a_recovered_wallet_knows_its_set_and_warns_before_the_next(home: Home) 
 
 
 def test_new_words_leave_old_sets_to_the_former_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    desk = Desk(tmp_path, monkeypatch)
+    desk = WalletHarness(tmp_path, monkeypatch)
 
     def run(*arguments: str, profile: str = "ann") -> dict[str, Any]:
         done = desk.run("guardians", *arguments, "--json", profile=profile)

@@ -35,7 +35,7 @@ from network.cli.main import main
 from network.notices.notice_publishing import demo_notice
 from tests.world.commands import open_for_commands
 from tests.world.dicts import NOW_MS, World
-from tests.world.stolen import Desk
+from tests.world.stolen import WalletHarness
 
 BREACH = b"\xb1" * 32
 
@@ -139,12 +139,14 @@ def test_the_reasons_for_which_officers_erase_are_those_that_are_published() -> 
 
 
 @pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WalletHarness:
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
-    return Desk(tmp_path, monkeypatch)
+    return WalletHarness(tmp_path, monkeypatch)
 
 
-def test_new_words_are_asked_back_in_portuguese(desk: Desk, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_new_words_are_asked_back_in_portuguese(
+    desk: WalletHarness, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
     assert desk.folder
     asked: list[str] = []
     words = ["um", "dois", "três"]
@@ -164,7 +166,7 @@ def test_new_words_are_asked_back_in_portuguese(desk: Desk, monkeypatch: pytest.
     assert "Essa não é a palavra" in said
 
 
-def test_former_words_are_spoken_of_in_the_language_that_the_page_asks_for(desk: Desk) -> None:
+def test_former_words_are_spoken_of_in_the_language_that_the_page_asks_for(desk: WalletHarness) -> None:
     desk.run("records")
     content = desk.story.open().store.content
     visit = content.visits[0]

@@ -28,7 +28,7 @@ BUCKET_MS = 300_000
 DAY_MS = 24 * 3600 * 1000
 
 
-class House:
+class LostKeyHarness:
     """A ward with a patient who lost nothing, one who did, and two officers with wallets."""
 
     def __init__(self, folder: Path) -> None:
@@ -66,11 +66,11 @@ def quiet(_: int, __: int) -> None:
 
 
 @pytest.fixture
-def house(tmp_path: Path) -> House:
-    return House(tmp_path)
+def house(tmp_path: Path) -> LostKeyHarness:
+    return LostKeyHarness(tmp_path)
 
 
-async def test_a_preview_counts_whom_it_would_touch_and_what_stays(house: House) -> None:
+async def test_a_preview_counts_whom_it_would_touch_and_what_stays(house: LostKeyHarness) -> None:
     chain = house.chain
     lost, restricted, denied = house.lost(records=3), house.lost("cleo", 2), house.lost("dan")
     chain.must(restricted.key, "rights", "restrict", restricted.records[:1], "legal-claim")
@@ -86,7 +86,7 @@ async def test_a_preview_counts_whom_it_would_touch_and_what_stays(house: House)
     assert asked == {house.officers[0].keys.identity.public_key}, "as a member, with no visit's key"
 
 
-async def test_only_announcements_near_the_span_are_read(house: House) -> None:
+async def test_only_announcements_near_the_span_are_read(house: LostKeyHarness) -> None:
     """A year's ledger is not walked over for five minutes of it; what a spool delivered late is found."""
     chain = house.chain
     for number in range(30):
@@ -107,7 +107,7 @@ async def test_only_announcements_near_the_span_are_read(house: House) -> None:
     assert house.wire.pages < 15, "61 announcements in pages of four would be 16, and the halving takes six"
 
 
-async def test_visits_that_were_transferred_since_hide_nothing_and_count_once(house: House) -> None:
+async def test_visits_that_were_transferred_since_hide_nothing_and_count_once(house: LostKeyHarness) -> None:
     """A transfer is announced late with the visit's old time: halving must not be led past the span by it."""
     chain, ben = house.chain, house.chain.enrol("ben")
     old = [chain.open_visit(ben, number) for number in range(4)]
@@ -122,7 +122,7 @@ async def test_visits_that_were_transferred_since_hide_nothing_and_count_once(ho
     assert [(visit.owner, len(visit.erasable)) for visit in found.visits] == [(lost.owner, 1)]
 
 
-async def test_two_officers_erase_and_whoever_is_hit_is_told(house: House) -> None:
+async def test_two_officers_erase_and_whoever_is_hit_is_told(house: LostKeyHarness) -> None:
     mine = house.ward.open_visit()
     kept_id = house.ward.record(mine)
     lost = house.lost(records=70)
@@ -144,7 +144,9 @@ async def test_two_officers_erase_and_whoever_is_hit_is_told(house: House) -> No
     assert (one.reason, one.records, one.proposal_id.hex()) == ("key-lost", 1, proposal_id)
 
 
-async def test_what_was_restricted_since_stays_and_the_rest_goes(house: House, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_was_restricted_since_stays_and_the_rest_goes(
+    house: LostKeyHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     lost, other = house.lost(), house.lost("cleo")
     proposal_id = await house.agree(house.pass_span())
     first = LostKeys(house.officers[0])
@@ -161,7 +163,7 @@ async def test_what_was_restricted_since_stays_and_the_rest_goes(house: House, m
     assert statuses == ["erasing", "active"]
 
 
-async def test_more_visits_than_were_approved_stay_until_they_are_proposed(house: House) -> None:
+async def test_more_visits_than_were_approved_stay_until_they_are_proposed(house: LostKeyHarness) -> None:
     visits = [house.lost(name) for name in ("ben", "cleo", "dan")]
     proposal_id = await house.agree(house.pass_span(), visits=2)
     first = LostKeys(house.officers[0])
@@ -172,7 +174,7 @@ async def test_more_visits_than_were_approved_stay_until_they_are_proposed(house
     assert (ordered.visits, ordered.left_visits) == (1, 1), "a visit that was counted may go on"
 
 
-async def test_a_proposal_whose_time_is_over_says_so(house: House) -> None:
+async def test_a_proposal_whose_time_is_over_says_so(house: LostKeyHarness) -> None:
     house.lost()
     proposal_id = await house.agree(house.pass_span())
     house.chain.time_ms += LOST_KEY_CARRY_OUT_MS + 1
@@ -183,7 +185,7 @@ async def test_a_proposal_whose_time_is_over_says_so(house: House) -> None:
         await LostKeys(house.officers[0]).erase(proposal, quiet)
 
 
-async def test_wrong_names_and_spans_are_refused_before_anything_is_asked(house: House) -> None:
+async def test_wrong_names_and_spans_are_refused_before_anything_is_asked(house: LostKeyHarness) -> None:
     house.lost()
     from_ms, until_ms = house.pass_span()
     handling, robot = LostKeys(house.officers[0]), house.robot.hex()
@@ -201,7 +203,7 @@ async def test_wrong_names_and_spans_are_refused_before_anything_is_asked(house:
             await handling.find(start)
 
 
-async def test_a_robot_needs_no_name_where_it_was_alone_and_is_named_where_it_was_not(house: House) -> None:
+async def test_a_robot_needs_no_name_where_it_was_alone_and_is_named_where_it_was_not(house: LostKeyHarness) -> None:
     chain, handling = house.chain, LostKeys(house.officers[0])
     other = chain.enrol("robot-2", "robot")
     house.lost()
@@ -221,7 +223,7 @@ def test_a_span_is_widened_to_whole_buckets() -> None:
 
 
 @pytest.fixture
-def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Any:
+def run(house: LostKeyHarness, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Call a command as the first officer, the second, or the patient."""
     wallets = {"eva": house.officers[0], "max": house.officers[1], "ann": house.patient}
     who = [house.patient]
@@ -242,7 +244,7 @@ def moment(time_ms: int) -> str:
     return lost_keys_commands.format_time(time_ms)
 
 
-def test_questions_leave_the_json_alone(house: House, run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_questions_leave_the_json_alone(house: LostKeyHarness, run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     sit_at_terminal(monkeypatch)
     house.lost()
     from_ms, until_ms = house.pass_span()
@@ -256,7 +258,7 @@ def test_questions_leave_the_json_alone(house: House, run: Any, monkeypatch: pyt
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_whole_way_as_officers_type_it(
-    house: House, run: Any, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
+    house: LostKeyHarness, run: Any, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
 ) -> None:
     monkeypatch.setenv(LANGUAGE_VARIABLE, language)
     say = transcript.follow(run)
@@ -288,7 +290,7 @@ def test_the_whole_way_as_officers_type_it(
     transcript.compare(f"lost-keys.{language}")
 
 
-def test_what_is_gone_is_not_proposed_and_a_moment_is_one(house: House, run: Any) -> None:
+def test_what_is_gone_is_not_proposed_and_a_moment_is_one(house: LostKeyHarness, run: Any) -> None:
     visit = house.lost()
     house.chain.must(visit.key, "erasure", "request", visit.records, [])
     from_ms, until_ms = house.pass_span()
@@ -300,7 +302,7 @@ def test_what_is_gone_is_not_proposed_and_a_moment_is_one(house: House, run: Any
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_a_wallet_tells_how_a_breach_ended(
-    house: House, run: Any, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
+    house: LostKeyHarness, run: Any, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
 ) -> None:
     monkeypatch.setenv(LANGUAGE_VARIABLE, language)
 

@@ -37,7 +37,7 @@ from tests.world.ward import Ward
 Run = Callable[..., Result]
 
 
-class House:
+class FamilyHarness:
     """A ward in which a child, a mother and two officers have wallets; the papers lie in a folder."""
 
     def __init__(self, folder: Path) -> None:
@@ -69,12 +69,12 @@ class House:
 
 
 @pytest.fixture
-def house(tmp_path: Path) -> House:
-    return House(tmp_path)
+def house(tmp_path: Path) -> FamilyHarness:
+    return FamilyHarness(tmp_path)
 
 
 @pytest.fixture
-def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Run:
+def run(house: FamilyHarness, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Call a command as one of the four: officers `officer mandates ...`, the others `wallet ...`."""
     who = ["child"]
     open_for_commands(monkeypatch, lambda: house.wallets[who[0]])
@@ -89,7 +89,7 @@ def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Run:
 
 
 @pytest.fixture
-def name(house: House, run: Run) -> str:
+def name(house: FamilyHarness, run: Run) -> str:
     """A mandate that is in force."""
     receipt, paper = str(house.folder / "r.json"), str(house.folder / "birth.pdf")
     proposed = json.loads(run("eva", *house.proposal(), "--receipt", receipt, "--yes", "--json").stdout)
@@ -101,7 +101,7 @@ def name(house: House, run: Run) -> str:
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_whole_way_as_it_is_typed(
-    house: House, run: Run, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
+    house: FamilyHarness, run: Run, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
 ) -> None:
     monkeypatch.setenv(LANGUAGE_VARIABLE, language)
     say, child = transcript.follow(run), house.handle("child")
@@ -136,7 +136,7 @@ def test_the_whole_way_as_it_is_typed(
     transcript.compare(f"mandates.{language}")
 
 
-def test_every_answer_is_as_documented(house: House, run: Run, name: str) -> None:
+def test_every_answer_is_as_documented(house: FamilyHarness, run: Run, name: str) -> None:
     child = house.handle("child")
     for who, command, words in (
         ("mother", "wallet consent refuse", ("--for", child, "--purpose", "demo")),
@@ -157,7 +157,7 @@ def test_every_answer_is_as_documented(house: House, run: Run, name: str) -> Non
     assert kinds == ["refused", "objected"], "nothing was left to withdraw"
 
 
-def test_no_word_for_another_is_kept_or_receipted_as_ones_own(house: House, run: Run, name: str) -> None:
+def test_no_word_for_another_is_kept_or_receipted_as_ones_own(house: FamilyHarness, run: Run, name: str) -> None:
     mother = house.wallets["mother"]
     answer = json.loads(
         run("mother", "consent", "give", "--for", house.handle("child"), "--purpose", "care", "--yes", "--json").stdout
@@ -174,7 +174,7 @@ def test_no_word_for_another_is_kept_or_receipted_as_ones_own(house: House, run:
     assert bytes.fromhex(answer["txid"]) not in asyncio.run(ConsentReceipts(mother).find_words())
 
 
-def test_who_has_no_mandate_is_told_so_before_anything_is_sent(house: House, run: Run, name: str) -> None:
+def test_who_has_no_mandate_is_told_so_before_anything_is_sent(house: FamilyHarness, run: Run, name: str) -> None:
     height = house.chain.height
     for who, whom, code in (
         ("child", house.handle("mother"), "MANDATE_MISSING"),
@@ -189,14 +189,14 @@ def test_who_has_no_mandate_is_told_so_before_anything_is_sent(house: House, run
     assert run("mother", "mandates", "end", "ffffffff").exit_code != 0
 
 
-def test_the_childs_own_no_is_told_with_a_next_step(house: House, run: Run, name: str) -> None:
+def test_the_childs_own_no_is_told_with_a_next_step(house: FamilyHarness, run: Run, name: str) -> None:
     assert run("child", "consent", "refuse", "--purpose", "demo").exit_code == 0
     refused = run("mother", "consent", "give", "--for", house.handle("child"), "--purpose", "demo", "--yes")
     assert "OWN_NO_STANDS" in refused.stderr
     assert "Leave that purpose out, or end it with the person's own yes" in refused.stderr
 
 
-def test_the_second_officer_agrees_to_the_papers_that_the_first_one_saw(house: House, run: Run) -> None:
+def test_the_second_officer_agrees_to_the_papers_that_the_first_one_saw(house: FamilyHarness, run: Run) -> None:
     place = house.folder / "r.json"
     proposed = json.loads(
         run("eva", *house.proposal("birth.pdf", "court.pdf"), "--receipt", str(place), "--yes", "--json").stdout
@@ -223,7 +223,7 @@ def test_the_second_officer_agrees_to_the_papers_that_the_first_one_saw(house: H
     assert asyncio.run(Mandates(house.wallets["max"]).find(name)).status == "proposed"
 
 
-def test_a_receipt_is_never_written_over_and_goes_if_nothing_was_proposed(house: House, run: Run) -> None:
+def test_a_receipt_is_never_written_over_and_goes_if_nothing_was_proposed(house: FamilyHarness, run: Run) -> None:
     place = house.folder / "r.json"
     place.write_text("mine", encoding="utf-8")
     refused = json.loads(run("eva", *house.proposal(), "--receipt", str(place), "--yes", "--json").stdout)
@@ -238,7 +238,7 @@ def test_a_receipt_is_never_written_over_and_goes_if_nothing_was_proposed(house:
 
 @pytest.mark.parametrize("code", ["TRANSACTION_EXPIRED", "TRANSACTION_NOT_FINAL_IN_TIME", "NODE_UNREACHABLE"])
 def test_a_proposal_that_the_network_did_not_take_is_made_again_by_the_same_command(
-    house: House, run: Run, monkeypatch: pytest.MonkeyPatch, code: str
+    house: FamilyHarness, run: Run, monkeypatch: pytest.MonkeyPatch, code: str
 ) -> None:
     place, real = house.folder / "r.json", Mandates.propose
     words, salts = [*house.proposal(), "--receipt", str(place), "--yes", "--json"], set[str]()
@@ -261,7 +261,7 @@ def test_a_proposal_that_the_network_did_not_take_is_made_again_by_the_same_comm
     assert json.loads(run("eva", *other).stdout)["error"]["code"] == "FILE_EXISTS"
 
 
-def test_questions_leave_the_json_alone(house: House, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_questions_leave_the_json_alone(house: FamilyHarness, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     receipt, paper = str(house.folder / "r.json"), str(house.folder / "birth.pdf")
     asked: list[bool] = []
     monkeypatch.setattr(wallet_context, "ask", lambda _, err=False: asked.append(err))
@@ -273,7 +273,7 @@ def test_questions_leave_the_json_alone(house: House, run: Run, monkeypatch: pyt
     assert asked == [True] * 3
 
 
-async def test_whoever_is_a_member_closes_what_holds_no_more(house: House, run: Run, name: str) -> None:
+async def test_whoever_is_a_member_closes_what_holds_no_more(house: FamilyHarness, run: Run, name: str) -> None:
     child, mother = (house.wallets[who].store.content.handle for who in ("child", "mother"))
     house.chain.must(
         house.wallets["mother"].keys.identity,
@@ -290,7 +290,7 @@ async def test_whoever_is_a_member_closes_what_holds_no_more(house: House, run: 
     assert house.chain.view("consent", "choices", child)["care"]["depth"][-1][1] == "withdrawn"
 
 
-def test_salt_reason_and_papers_are_all_in_the_commitment(house: House) -> None:
+def test_salt_reason_and_papers_are_all_in_the_commitment(house: FamilyHarness) -> None:
     paths = [house.folder / "birth.pdf", house.folder / "court.pdf"]
     one = make_receipt(paths, "minor")
     assert one.commitment != make_receipt(paths, "minor").commitment, "the salt is drawn"
@@ -326,7 +326,7 @@ def standing_as_told(run: Run) -> tuple[list[str], bool]:
     return [one["status"] for one in listed], told
 
 
-def test_every_wallet_tells_of_a_mandate_what_the_contract_says(house: House, run: Run, name: str) -> None:
+def test_every_wallet_tells_of_a_mandate_what_the_contract_says(house: FamilyHarness, run: Run, name: str) -> None:
     chain = house.chain
     mother, nurse = (house.wallets[who].store.content.handle for who in ("mother", "nurse"))
     assert standing_as_told(run) == (["active"], True)
@@ -347,7 +347,9 @@ def test_every_wallet_tells_of_a_mandate_what_the_contract_says(house: House, ru
 
 
 @pytest.mark.parametrize("gone", ["mother", "child"])
-def test_a_mandate_of_who_is_gone_is_called_active_by_no_wallet(house: House, run: Run, name: str, gone: str) -> None:
+def test_a_mandate_of_who_is_gone_is_called_active_by_no_wallet(
+    house: FamilyHarness, run: Run, name: str, gone: str
+) -> None:
     house.chain.must(house.chain.admin, "identity", "revoke", house.wallets[gone].store.content.handle)
     other = {"mother": "child", "child": "mother"}[gone]
     (listed,) = json.loads(run(other, "mandates", "list", "--all", "--json").stdout)["mandates"]
@@ -355,7 +357,7 @@ def test_a_mandate_of_who_is_gone_is_called_active_by_no_wallet(house: House, ru
 
 
 def test_nor_is_one_of_an_organisation_that_was_removed_since(
-    house: House, run: Run, name: str, monkeypatch: pytest.MonkeyPatch
+    house: FamilyHarness, run: Run, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     proven, removed = Wallet.values, REMOVED.key("ward")
 
@@ -367,7 +369,7 @@ def test_nor_is_one_of_an_organisation_that_was_removed_since(
     assert standing_as_told(run) == (["lapsed"], False)
 
 
-def test_a_wallet_reads_only_the_mandates_that_name_its_person(house: House, run: Run, name: str) -> None:
+def test_a_wallet_reads_only_the_mandates_that_name_its_person(house: FamilyHarness, run: Run, name: str) -> None:
     child, nurse = house.wallets["child"], house.wallets["nurse"]
     assert asyncio.run(Mandates(nurse).read_own()) == []
     for _ in range(2):

@@ -18,7 +18,7 @@ from clients.wallet.cli import wallet_context
 from clients.wallet.cli.main import wallet
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet
 from clients.wallet.store import wallet_lock
-from tests.world.stolen import Desk
+from tests.world.stolen import WalletHarness
 
 READING = {
     "wallet": {
@@ -30,15 +30,15 @@ READING = {
 
 
 @pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WalletHarness:
     for name in ("claim_wallet", "lock_or_read_only"):
         at_once = functools.partial(getattr(wallet_lock, name), wait_s=0, sleep=lambda _: None)
         monkeypatch.setattr(wallet_context, name, at_once)
-    return Desk(tmp_path, monkeypatch)
+    return WalletHarness(tmp_path, monkeypatch)
 
 
 def test_what_is_read_beside_another_program_leaves_the_file_as_it_was_and_what_writes_waits_for_it(
-    desk: Desk, caplog: pytest.LogCaptureFixture
+    desk: WalletHarness, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Such as one that waits for a minute until all custodians have erased."""
     path, late = desk.story.path, desk.story.visit(2)
@@ -62,7 +62,7 @@ def test_what_is_read_beside_another_program_leaves_the_file_as_it_was_and_what_
 
 
 @pytest.mark.parametrize("is_marked", [False, True])
-def test_a_command_is_let_through_for_its_mark_and_not_for_its_name(desk: Desk, is_marked: bool) -> None:
+def test_a_command_is_let_through_for_its_mark_and_not_for_its_name(desk: WalletHarness, is_marked: bool) -> None:
     async def nothing(_: Any) -> None: ...
 
     def act(ctx: click.Context) -> None:

@@ -21,7 +21,7 @@ from tests.world.commands import open_for_commands
 from tests.world.notices import NoticeWard
 
 
-class Desk:
+class RegistrationHarness:
     """A ward that hands out cards, and the wallet of who comes."""
 
     def __init__(self, folder: Path) -> None:
@@ -36,8 +36,8 @@ class Desk:
 
 
 @pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
-    opened = Desk(tmp_path)
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RegistrationHarness:
+    opened = RegistrationHarness(tmp_path)
 
     open_for_commands(monkeypatch, lambda: opened.wallet)
     return opened
@@ -64,13 +64,13 @@ def other_words() -> Any:
     return msgspec.structs.replace(demo_notice(), automated_decisions="None, in other words.")
 
 
-def test_who_names_no_purpose_consents_to_nothing_and_is_told(desk: Desk) -> None:
+def test_who_names_no_purpose_consents_to_nothing_and_is_told(desk: RegistrationHarness) -> None:
     assert "consented to nothing" in ok("register", desk.code)
     assert desk.words == {}
     assert json.loads(run("register", desk.code, "--json").output)["purposes"] == []
 
 
-def test_who_names_purposes_consents_to_these_and_has_the_receipt(desk: Desk) -> None:
+def test_who_names_purposes_consents_to_these_and_has_the_receipt(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     told = ok("register", desk.code, "--purpose", "care", "--purpose", "demo")
     assert "for: care, demo." in told
@@ -78,7 +78,7 @@ def test_who_names_purposes_consents_to_these_and_has_the_receipt(desk: Desk) ->
     assert "signed by ward and by you, under version 1 of the notice" in told
 
 
-def test_the_notice_comes_before_the_word(desk: Desk) -> None:
+def test_the_notice_comes_before_the_word(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     told = ok("register", desk.code, "--purpose", "care")
     for words in (demo_notice().controller.name, demo_notice().officer.contact, "Art. 6(1)(a)", "Art. 77", "desk"):
@@ -89,26 +89,26 @@ def test_the_notice_comes_before_the_word(desk: Desk) -> None:
     assert desk.wallet.store.content.notice_shown_version == 1
 
 
-def test_where_nothing_is_published_she_is_told_that(desk: Desk) -> None:
+def test_where_nothing_is_published_she_is_told_that(desk: RegistrationHarness) -> None:
     told = ok("register", desk.code, "--purpose", "care")
     assert "ward has published no privacy notice" in told
     assert "no notice was published" in told
 
 
-def test_a_damaged_card_is_refused_before_anything_is_shown(desk: Desk) -> None:
+def test_a_damaged_card_is_refused_before_anything_is_shown(desk: RegistrationHarness) -> None:
     wrong = desk.code[:-3] + "AAA"
     result = run("register", wrong, "--json")
     assert (result.exit_code, json.loads(result.output)["error"]["code"]) == (1, "VOUCHER_INVALID")
 
 
-def test_a_program_has_the_notice_in_the_answer(desk: Desk) -> None:
+def test_a_program_has_the_notice_in_the_answer(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     told = json.loads(ok_json("register", desk.code, "--purpose", "care"))
     assert (told["notice"]["organisation"], told["notice"]["version"]) == ("ward", 1)
     assert (told["receipt"]["notice_version"], told["receipt_error"]) == (1, None)
 
 
-def test_what_changed_since_she_consented_is_said_and_shown(desk: Desk) -> None:
+def test_what_changed_since_she_consented_is_said_and_shown(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     ok("register", desk.code, "--purpose", "care")
     assert "changed since" not in ok("records")
@@ -124,7 +124,7 @@ def test_what_changed_since_she_consented_is_said_and_shown(desk: Desk) -> None:
     assert desk.words == {"care": ["depth"]}, "a changed notice ends no consent"
 
 
-def test_a_new_version_is_shown_before_the_next_consent_and_holds_for_it(desk: Desk) -> None:
+def test_a_new_version_is_shown_before_the_next_consent_and_holds_for_it(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     ok("register", desk.code)
     assert "Responsible:" not in ok("consent", "give", "--purpose", "care"), "it was shown when she registered"
@@ -135,7 +135,7 @@ def test_a_new_version_is_shown_before_the_next_consent_and_holds_for_it(desk: D
     assert "changed since" not in ok("records")
 
 
-def publish_while_she_reads(desk: Desk, monkeypatch: pytest.MonkeyPatch, *notices: Any) -> None:
+def publish_while_she_reads(desk: RegistrationHarness, monkeypatch: pytest.MonkeyPatch, *notices: Any) -> None:
     """As at a terminal: a version comes while each of the first questions waits for an answer."""
     waiting = list(notices)
 
@@ -149,7 +149,7 @@ def publish_while_she_reads(desk: Desk, monkeypatch: pytest.MonkeyPatch, *notice
 
 
 def test_a_version_that_comes_while_she_reads_is_not_the_one_that_she_consents_under(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: RegistrationHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ok("register", desk.code)
     desk.ward.publish(demo_notice())
@@ -161,7 +161,7 @@ def test_a_version_that_comes_while_she_reads_is_not_the_one_that_she_consents_u
 
 
 def test_a_version_that_comes_while_she_reads_is_shown_before_she_is_registered(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: RegistrationHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     desk.ward.publish(demo_notice())
     publish_while_she_reads(desk, monkeypatch, other_words())
@@ -172,7 +172,7 @@ def test_a_version_that_comes_while_she_reads_is_shown_before_she_is_registered(
 
 
 def test_a_version_that_comes_while_she_registers_is_not_taken_for_one_that_she_read(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: RegistrationHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     desk.ward.publish(demo_notice())
     register = desk.wallet.register
@@ -190,7 +190,7 @@ def test_a_version_that_comes_while_she_registers_is_not_taken_for_one_that_she_
 @pytest.mark.parametrize("arguments", [["notice"], ["consent", "give", "--purpose", "care", "--yes"]])
 @pytest.mark.parametrize("as_json", [[], ["--json"]])
 def test_what_could_not_be_printed_does_not_count_as_shown(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch, arguments: list[str], as_json: list[str]
+    desk: RegistrationHarness, monkeypatch: pytest.MonkeyPatch, arguments: list[str], as_json: list[str]
 ) -> None:
     ok("register", desk.code)
     desk.ward.publish(demo_notice())
@@ -219,7 +219,7 @@ def test_what_could_not_be_printed_does_not_count_as_shown(
     ],
 )
 def test_what_counts_is_told_before_anybody_is_asked_for_a_receipt(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch, arguments: list[str], counts: str
+    desk: RegistrationHarness, monkeypatch: pytest.MonkeyPatch, arguments: list[str], counts: str
 ) -> None:
     if arguments[0] == "consent":
         ok("register", desk.code)
@@ -234,7 +234,7 @@ def test_what_counts_is_told_before_anybody_is_asked_for_a_receipt(
     assert counts in result.output
 
 
-def test_receipts_are_listed_written_and_checked_by_anybody(desk: Desk, tmp_path: Path) -> None:
+def test_receipts_are_listed_written_and_checked_by_anybody(desk: RegistrationHarness, tmp_path: Path) -> None:
     desk.ward.publish(demo_notice())
     ok("register", desk.code, "--purpose", "care")
     ok("consent", "withdraw")
@@ -254,7 +254,7 @@ def test_receipts_are_listed_written_and_checked_by_anybody(desk: Desk, tmp_path
     assert (forged.exit_code, json.loads(forged.output)["error"]["code"]) == (1, "CONSENT_RECEIPT_INVALID")
 
 
-def test_a_notice_that_cannot_be_read_stands_in_the_way_of_a_yes_and_never_of_a_no(desk: Desk) -> None:
+def test_a_notice_that_cannot_be_read_stands_in_the_way_of_a_yes_and_never_of_a_no(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     ok("register", desk.code, "--purpose", "care")
     desk.ward.chain.must(desk.ward.chain.admin, "consent", "publish_notice", b"what nobody can read")
@@ -270,7 +270,7 @@ def test_a_notice_that_cannot_be_read_stands_in_the_way_of_a_yes_and_never_of_a_
     assert json.loads(run("records", "--json").output)["notice_changed_to"] == 2
 
 
-def test_a_yes_whose_receipt_is_late_is_still_one_under_the_words_that_were_shown(desk: Desk) -> None:
+def test_a_yes_whose_receipt_is_late_is_still_one_under_the_words_that_were_shown(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     desk.ward.network.custody.custodians = ()
     told = ok("register", desk.code, "--purpose", "care")
@@ -290,7 +290,7 @@ def refusal(*arguments: str) -> tuple[str, str]:
     return error["code"], error["detail"]
 
 
-def test_nobody_consents_to_a_purpose_that_the_notice_does_not_name(desk: Desk) -> None:
+def test_nobody_consents_to_a_purpose_that_the_notice_does_not_name(desk: RegistrationHarness) -> None:
     """What she was never told of she cannot know what she agrees to: it is refused before anything is signed."""
     desk.ward.publish(without_care())
     code, detail = refusal("register", desk.code, "--purpose", "demo", "--purpose", "care")
@@ -304,7 +304,7 @@ def test_nobody_consents_to_a_purpose_that_the_notice_does_not_name(desk: Desk) 
     assert "You consent to: care" in ok("consent", "give", "--purpose", "care")
 
 
-def test_nobody_consents_to_a_sensor_that_the_notice_does_not_name_for_the_purpose(desk: Desk) -> None:
+def test_nobody_consents_to_a_sensor_that_the_notice_does_not_name_for_the_purpose(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     ok("register", desk.code, "--purpose", "safety")
     code, detail = refusal("consent", "give", "--purpose", "safety", "--sensor", "depth", "--sensor", "rgb")
@@ -313,7 +313,7 @@ def test_nobody_consents_to_a_sensor_that_the_notice_does_not_name_for_the_purpo
     assert json.loads(run("consent", "refuse", "--purpose", "safety", "--sensor", "rgb", "--json").output)["ok"]
 
 
-def test_nobody_consents_to_what_does_not_rest_on_consent(desk: Desk) -> None:
+def test_nobody_consents_to_what_does_not_rest_on_consent(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     code, detail = refusal("register", desk.code, "--purpose", "audit")
     assert (code, "Art. 6(1)(c)" in detail) == ("CONSENT_NOT_ASKED", True)
@@ -325,7 +325,7 @@ def test_nobody_consents_to_what_does_not_rest_on_consent(desk: Desk) -> None:
         assert json.loads(run("consent", word, "--purpose", "audit", "--json").output)["ok"], "a no is always heard"
 
 
-def test_what_she_once_agreed_to_she_can_take_back_after_the_notice_names_it_no_more(desk: Desk) -> None:
+def test_what_she_once_agreed_to_she_can_take_back_after_the_notice_names_it_no_more(desk: RegistrationHarness) -> None:
     ok("register", desk.code)
     ok("consent", "give", "--purpose", "safety", "--sensor", "rgb")
     desk.ward.publish(demo_notice())
@@ -336,7 +336,7 @@ def test_what_she_once_agreed_to_she_can_take_back_after_the_notice_names_it_no_
     assert row["status"] == "withdrawn"
 
 
-def test_without_a_terminal_a_consent_is_said_with_yes_or_not_at_all(desk: Desk) -> None:
+def test_without_a_terminal_a_consent_is_said_with_yes_or_not_at_all(desk: RegistrationHarness) -> None:
     desk.ward.publish(demo_notice())
     for as_json in ([], ["--json"]):
         refused = run("register", desk.code, "--purpose", "care", *as_json)
@@ -351,7 +351,9 @@ def test_without_a_terminal_a_consent_is_said_with_yes_or_not_at_all(desk: Desk)
     assert run("consent", "give", "--purpose", "care").exit_code == 0, "she has seen it, and named what she gives"
 
 
-def test_a_program_at_a_terminal_is_asked_on_the_side(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_at_a_terminal_is_asked_on_the_side(
+    desk: RegistrationHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     desk.ward.publish(demo_notice())
     monkeypatch.setattr(notice_commands, "can_ask", lambda: True)
     asked: list[Any] = []
@@ -364,7 +366,7 @@ def test_a_program_at_a_terminal_is_asked_on_the_side(desk: Desk, monkeypatch: p
 @pytest.mark.parametrize(
     "command", ["records", "view", "verify", "audit", "shares", "inbox", "handle", "consent list", "erasures", "export"]
 )
-def test_who_is_not_registered_is_told_how_to_be(desk: Desk, tmp_path: Path, command: str) -> None:
+def test_who_is_not_registered_is_told_how_to_be(desk: RegistrationHarness, tmp_path: Path, command: str) -> None:
     arguments = [*command.split(), str(tmp_path / "mine.zip"), "--yes"] if command == "export" else command.split()
     done = CliRunner().invoke(cli.wallet, ["--profile", "ann", *arguments])
     assert done.exit_code == 1, done.output

@@ -17,19 +17,19 @@ from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys
 from consensus.errors import BlockRobotError
-from tests.world.stolen import OLD_WORDS, Desk, give_grant, take_new_words
+from tests.world.stolen import OLD_WORDS, WalletHarness, give_grant, take_new_words
 from tests.world.transcripts import Transcript
 from tests.world.ward import Patient
 
 
 @pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
-    return Desk(tmp_path, monkeypatch)
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WalletHarness:
+    return WalletHarness(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_words_are_changed_visits_moved_and_a_membership_ended_in_each_language(
-    desk: Desk, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
+    desk: WalletHarness, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
 ) -> None:
     monkeypatch.setenv(LANGUAGE_VARIABLE, language)
     say = transcript.follow(desk.run, "ann")
@@ -46,7 +46,7 @@ def test_words_are_changed_visits_moved_and_a_membership_ended_in_each_language(
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_who_was_too_late_is_warned_in_each_language(
-    desk: Desk, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
+    desk: WalletHarness, transcript: Transcript, monkeypatch: pytest.MonkeyPatch, language: str
 ) -> None:
     monkeypatch.setenv(LANGUAGE_VARIABLE, language)
     say = transcript.follow(desk.run, "ann")
@@ -57,7 +57,7 @@ def test_who_was_too_late_is_warned_in_each_language(
     transcript.compare(f"too-late.{language}")
 
 
-def test_rotating_tells_what_was_done_and_what_to_keep(desk: Desk) -> None:
+def test_rotating_tells_what_was_done_and_what_to_keep(desk: WalletHarness) -> None:
     done = desk.rotate()
     assert done.exit_code == 0, done.output
     assert desk.words_file.read_text().strip() == Keystore.open(desk.story.path, "tea and lemon cake").content.words
@@ -65,7 +65,7 @@ def test_rotating_tells_what_was_done_and_what_to_keep(desk: Desk) -> None:
     assert OLD_WORDS not in done.output
 
 
-def test_a_program_gets_one_object(desk: Desk) -> None:
+def test_a_program_gets_one_object(desk: WalletHarness) -> None:
     done = desk.rotate("--json")
     answer = json.loads(done.stdout)
     assert (answer["ok"], len(answer["transferred"]), answer["taken_visits"]) == (True, 1, [])
@@ -80,7 +80,7 @@ def test_a_program_gets_one_object(desk: Desk) -> None:
 
 
 @pytest.mark.parametrize("keep", [(), ("--keep-shares",)])
-def test_what_others_shared_with_the_old_words_ends_and_is_told(desk: Desk, keep: tuple[str, ...]) -> None:
+def test_what_others_shared_with_the_old_words_ends_and_is_told(desk: WalletHarness, keep: tuple[str, ...]) -> None:
     story = desk.story
     visit = story.visit(3)
     his = give_grant(story, visit.key, visit, "his")
@@ -93,7 +93,7 @@ def test_what_others_shared_with_the_old_words_ends_and_is_told(desk: Desk, keep
     assert ("1 share that this wallet did not make was ended." in said) == (not keep)
 
 
-def test_without_a_terminal_words_go_to_a_file_and_nothing_begins_without_one(desk: Desk) -> None:
+def test_without_a_terminal_words_go_to_a_file_and_nothing_begins_without_one(desk: WalletHarness) -> None:
     refused = desk.run("rotate", "--yes")
     assert refused.exit_code == 2
     assert "--words-file" in refused.output
@@ -103,7 +103,7 @@ def test_without_a_terminal_words_go_to_a_file_and_nothing_begins_without_one(de
     assert Keystore.open(desk.story.path, "tea and lemon cake").content.next_words == ""
 
 
-def test_a_file_that_is_there_already_is_not_written_over(desk: Desk) -> None:
+def test_a_file_that_is_there_already_is_not_written_over(desk: WalletHarness) -> None:
     desk.words_file.write_text("a letter\n")
     assert desk.rotate().exit_code == 2
     assert desk.words_file.read_text() == "a letter\n"
@@ -117,7 +117,7 @@ def interrupt(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
 
 
-def stopped(desk: Desk, *arguments: str) -> str:
+def stopped(desk: WalletHarness, *arguments: str) -> str:
     done = desk.rotate(*arguments)
     assert done.exit_code == 1, done.output
     assert "Aborted" not in done.output
@@ -126,7 +126,7 @@ def stopped(desk: Desk, *arguments: str) -> str:
 
 
 def test_who_says_no_or_ctrl_c_at_the_question_is_told_that_nothing_changed(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: WalletHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rotate_commands, "confirm_or_print", interrupt)
     told = stopped(desk)
@@ -137,7 +137,7 @@ def test_who_says_no_or_ctrl_c_at_the_question_is_told_that_nothing_changed(
 
 
 def test_ctrl_c_while_the_new_words_are_handed_over_says_that_they_wait(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: WalletHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rotate_commands, "write_words", interrupt)
     told = stopped(desk)
@@ -148,7 +148,7 @@ def test_ctrl_c_while_the_new_words_are_handed_over_says_that_they_wait(
 
 
 def test_ctrl_c_while_the_change_is_sent_says_that_nobody_knows_and_that_both_are_to_be_kept(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: WalletHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as cut:
         cut.setattr(KeyRotation, "_say_rotation", interrupt)
@@ -160,7 +160,7 @@ def test_ctrl_c_while_the_change_is_sent_says_that_nobody_knows_and_that_both_ar
 
 
 def test_ctrl_c_before_the_wallet_is_open_says_nothing_of_words_that_may_be_in_force_already(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: WalletHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as cut:
         cut.setattr(KeyRotation, "_say_rotation", interrupt)
@@ -172,7 +172,7 @@ def test_ctrl_c_before_the_wallet_is_open_says_nothing_of_words_that_may_be_in_f
 
 
 def test_ctrl_c_between_visits_says_what_is_done_and_how_many_still_obey_the_old_words(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: WalletHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     desk.story.visit(2)
     transfer, moved = KeyRotation.transfer, list[object]()
@@ -193,14 +193,14 @@ def test_ctrl_c_between_visits_says_what_is_done_and_how_many_still_obey_the_old
     assert (done.exit_code, "1 visit has a key" in done.output) == (0, True), done.output
 
 
-def test_ctrl_c_when_all_was_done_says_so(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_when_all_was_done_says_so(desk: WalletHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(wallet_context, "print_failed_nodes", interrupt)
     told = stopped(desk)
     assert told.startswith("Stopped, when all was done: your new words are in force")
     assert told.endswith(f"Next: {desk.command} records")
 
 
-def test_restoring_takes_former_words_too(desk: Desk) -> None:
+def test_restoring_takes_former_words_too(desk: WalletHarness) -> None:
     desk.rotate()
     former = desk.folder / "old.txt"
     former.write_text(OLD_WORDS.upper())
@@ -218,7 +218,7 @@ def test_restoring_takes_former_words_too(desk: Desk) -> None:
     assert not (desk.folder / "wrong.wallet").exists()
 
 
-def test_leaving_says_what_stays_and_asks(desk: Desk) -> None:
+def test_leaving_says_what_stays_and_asks(desk: WalletHarness) -> None:
     assert desk.run("leave").exit_code == 2
     assert desk.story.chain.calls == []
     gone = json.loads(desk.run("leave", "--yes", "--json").stdout)
@@ -227,7 +227,7 @@ def test_leaving_says_what_stays_and_asks(desk: Desk) -> None:
     assert len(json.loads(desk.run("records", "--json").stdout)["visits"]) == 1
 
 
-def test_who_was_too_late_is_warned_loudly_and_still_sees(desk: Desk) -> None:
+def test_who_was_too_late_is_warned_loudly_and_still_sees(desk: WalletHarness) -> None:
     """Each command that opens the wallet says so; a program's object stays one object."""
     assert desk.run("records").exit_code == 0
     asyncio.run(take_new_words(desk.story.copy("thief", OLD_WORDS, [])))
@@ -243,7 +243,7 @@ def test_who_was_too_late_is_warned_loudly_and_still_sees(desk: Desk) -> None:
     assert (left.exit_code, json.loads(left.stdout)["error"]["code"]) == (4, "MEMBERSHIP_ENDED")
 
 
-def test_the_way_for_who_was_too_late_as_it_is_written_down(desk: Desk) -> None:
+def test_the_way_for_who_was_too_late_as_it_is_written_down(desk: WalletHarness) -> None:
     """New words, the former ones beside them, a new card, and what the thief has not moved is out of his reach."""
     (name,) = [each["visit"] for each in json.loads(desk.run("records", "--json").stdout)["visits"]]
     asyncio.run(take_new_words(desk.story.copy("thief", OLD_WORDS, [])))
@@ -262,7 +262,7 @@ def test_the_way_for_who_was_too_late_as_it_is_written_down(desk: Desk) -> None:
     assert desk.run("records").exit_code == 4
 
 
-def test_a_visit_that_nobody_can_move_any_more_is_told(desk: Desk) -> None:
+def test_a_visit_that_nobody_can_move_any_more_is_told(desk: WalletHarness) -> None:
     assert desk.rotate().exit_code == 0
     name = json.loads(desk.run("records", "--json").stdout)["visits"][0]["visit"]
     store = desk.story.open().store
@@ -275,7 +275,7 @@ def test_a_visit_that_nobody_can_move_any_more_is_told(desk: Desk) -> None:
 
 
 def test_receipts_that_are_due_are_fetched_before_the_words_change_and_no_longer_after(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: WalletHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One custodian's answer comes, another's does not: rotating waits some seconds at most, and says what is missing."""
     asked: list[tuple[bytes, str]] = []
@@ -299,7 +299,7 @@ def test_receipts_that_are_due_are_fetched_before_the_words_change_and_no_longer
     assert desk.story.open().store.content.receipts_due == []
 
 
-def test_a_node_that_lied_is_named_and_what_another_proved_is_shown(desk: Desk) -> None:
+def test_a_node_that_lied_is_named_and_what_another_proved_is_shown(desk: WalletHarness) -> None:
     desk.story.chain.troubles["node-2"] = BlockRobotError("PROOF_INVALID")
     desk.story.chain.troubles["node-3"] = BlockRobotError("NODE_UNREACHABLE")
     done = desk.run("records")

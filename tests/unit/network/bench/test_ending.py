@@ -23,7 +23,7 @@ class Measurement:
         self.runs = True
         try:
             os.kill(os.getpid(), self.during)
-            await asyncio.sleep(10)
+            await asyncio.get_running_loop().create_future()
         finally:
             if self.cleaning is not None:
                 os.kill(os.getpid(), self.cleaning)

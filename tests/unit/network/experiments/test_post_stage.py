@@ -26,7 +26,7 @@ def said(**fields: Any) -> Any:
     return json.loads(json.dumps(fields), object_hook=lambda found: SimpleNamespace(**found))
 
 
-class House:
+class WalletsStandIn:
     """Wallets as the post-stage meets them: what each lists, sees and is refused."""
 
     def __init__(self) -> None:
@@ -64,8 +64,8 @@ class House:
 
 
 @pytest.fixture
-def house(monkeypatch: pytest.MonkeyPatch) -> House:
-    made = House()
+def house(monkeypatch: pytest.MonkeyPatch) -> WalletsStandIn:
+    made = WalletsStandIn()
     monkeypatch.setattr(post_stage, "worst_foreign_share", lambda *_: (0.0, 1))
     monkeypatch.setattr(
         post_stage, "flip_stored_byte", lambda config, record_id, index: made.changed.append((config, index))
@@ -73,7 +73,7 @@ def house(monkeypatch: pytest.MonkeyPatch) -> House:
     return made
 
 
-def look(house: House, folder: Path, *, kept: int = 2, corrupt: bool = False, number: int = 3) -> list[str]:
+def look(house: WalletsStandIn, folder: Path, *, kept: int = 2, corrupt: bool = False, number: int = 3) -> list[str]:
     """Go through the post-stage of an experiment (the third); return the names of the checks that failed."""
     checks = CheckList(listener=lambda check: None)
     scenario = EXPERIMENTS[number - 1].load_scenario()
@@ -88,29 +88,31 @@ def look(house: House, folder: Path, *, kept: int = 2, corrupt: bool = False, nu
     return [check.name for check in checks.checks if not check.ok]
 
 
-def test_when_each_has_her_own_every_check_holds(house: House, tmp_path: Path) -> None:
+def test_when_each_has_her_own_every_check_holds(house: WalletsStandIn, tmp_path: Path) -> None:
     assert look(house, tmp_path) == []
 
 
 def test_a_frame_in_which_she_was_not_there_is_not_her_own_though_her_tags_time_covers_it(
-    house: House, tmp_path: Path
+    house: WalletsStandIn, tmp_path: Path
 ) -> None:
     house.pictures["patient-b"].append(A_ALONE_IN_B_WINDOW)
     assert look(house, tmp_path, kept=3) == ["patient B has their own data only"]
 
 
-def test_a_frame_outside_her_tags_time_is_not_her_own(house: House, tmp_path: Path) -> None:
+def test_a_frame_outside_her_tags_time_is_not_her_own(house: WalletsStandIn, tmp_path: Path) -> None:
     house.pictures["patient-a"].append(IN_B_TIME)
     assert look(house, tmp_path, kept=3) == ["patient A has their own data only"]
 
 
-def test_a_picture_that_shows_another_is_told(house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_that_shows_another_is_told(
+    house: WalletsStandIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(post_stage, "worst_foreign_share", lambda scenario, depths, alias: (0.01, 1))
     assert look(house, tmp_path) == ["patient A's pictures show nobody else", "patient B's pictures show nobody else"]
 
 
 def test_where_others_were_there_some_pictures_must_have_been_judged(
-    house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    house: WalletsStandIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without one of them in a judged picture, that nobody else is shown would be no finding."""
     monkeypatch.setattr(post_stage, "worst_foreign_share", lambda *_: (0.0, 0))
@@ -120,18 +122,18 @@ def test_where_others_were_there_some_pictures_must_have_been_judged(
     assert together <= set(look(house, tmp_path / "four", number=4))
 
 
-def test_a_picture_that_nobody_can_open_is_told(house: House, tmp_path: Path) -> None:
+def test_a_picture_that_nobody_can_open_is_told(house: WalletsStandIn, tmp_path: Path) -> None:
     assert look(house, tmp_path, kept=3) == ["the wallets together open every picture that the robot kept"]
 
 
-def test_a_stranger_who_is_served_is_told(house: House, tmp_path: Path) -> None:
+def test_a_stranger_who_is_served_is_told(house: WalletsStandIn, tmp_path: Path) -> None:
     house.refusals = {"custodian-1": "NOT_PERMITTED", "custodian-2": "OK"}
     assert look(house, tmp_path) == ["patient B gets no frame of patient A", "patient A gets no frame of patient B"]
     house.refusals, house.view_refusal = {"custodian-1": "NOT_PERMITTED"}, ""
     assert len(look(house, tmp_path / "again")) == 2
 
 
-def test_whoever_was_not_in_the_scene_must_have_nothing(house: House, tmp_path: Path) -> None:
+def test_whoever_was_not_in_the_scene_must_have_nothing(house: WalletsStandIn, tmp_path: Path) -> None:
     house.pictures["patient-z"] = []
     checks = CheckList(listener=lambda check: None)
     stage = PostStage(cast(Stage, house), EXPERIMENTS[2].load_scenario(), tmp_path, checks, lambda line: None)
@@ -144,7 +146,7 @@ def test_whoever_was_not_in_the_scene_must_have_nothing(house: House, tmp_path: 
     ]
 
 
-def test_a_change_in_every_custodians_store_must_be_found_and_named(house: House, tmp_path: Path) -> None:
+def test_a_change_in_every_custodians_store_must_be_found_and_named(house: WalletsStandIn, tmp_path: Path) -> None:
     assert look(house, tmp_path, corrupt=True) == ["corruption off-chain is detected, and the frame named"]
     assert house.changed == [("node-1", 0), ("node-2", 0)]
     house.status["patient-a/0"] = "corrupted"
@@ -153,6 +155,6 @@ def test_a_change_in_every_custodians_store_must_be_found_and_named(house: House
     assert failed == ["patient A opens and verifies them"]  # here it was corrupt from the beginning
 
 
-def test_an_alarm_about_what_nobody_touched_is_told(house: House, tmp_path: Path) -> None:
+def test_an_alarm_about_what_nobody_touched_is_told(house: WalletsStandIn, tmp_path: Path) -> None:
     house.status["patient-b/0"] = "corrupted"
     assert look(house, tmp_path) == ["patient B opens and verifies them", "nothing untouched is called corrupted"]

@@ -16,14 +16,14 @@ PASSPHRASE = "tea"
 
 
 @dataclass
-class Desk(ServedWard):
+class PageHarness(ServedWard):
     """A served ward, and who looks at its page."""
 
     page: WalletPage
 
 
 @pytest.fixture
-async def desk(ward: SharedWard) -> AsyncIterator[Desk]:
+async def desk(ward: SharedWard) -> AsyncIterator[PageHarness]:
     with typed_for("ann"):
         async with serve_ward(ward) as served, WalletPage(served.file) as page:
-            yield Desk(served.ward, served.session, served.served, served.file, page)
+            yield PageHarness(served.ward, served.session, served.served, served.file, page)

@@ -15,7 +15,7 @@ from clients.wallet.page.passphrase_check import ATTEMPTS_MAX_COUNT, PassphraseG
 from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import encode_card_code
-from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
+from tests.unit.clients.wallet.page.conftest import PASSPHRASE, PageHarness
 from tests.world.sharing import WEEK_MS
 
 GUARDED = ("/api/shares", "/api/erasures", "/api/exports", "/api/registration")
@@ -23,7 +23,7 @@ NO_PASSPHRASES: tuple[dict[str, Any], ...] = ({}, {"passphrase": None}, {"passph
 WRONG_PASSPHRASES = ("", "Tea", "coffee")
 
 
-async def wish_for(desk: Desk, path: str) -> dict[str, Any]:
+async def wish_for(desk: PageHarness, path: str) -> dict[str, Any]:
     """Return what the page sends to a guarded route, but for the passphrase: what is asked can be done as it stands."""
     _, ids = desk.ward.record_visit()
     await desk.read()
@@ -40,7 +40,7 @@ async def wish_for(desk: Desk, path: str) -> dict[str, Any]:
     return {"code": code, "organisation": "hospital", "notice_version": 0, "notice_hash": ""}
 
 
-def all_that_is(desk: Desk) -> dict[str, Any]:
+def all_that_is(desk: PageHarness) -> dict[str, Any]:
     """Return what a guarded route could change: the chain, the wallet, its files, and what the page does and holds."""
     session = desk.session
     return {
@@ -56,7 +56,7 @@ def all_that_is(desk: Desk) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("path", GUARDED)
-async def test_without_the_passphrase_nothing_begins_and_nothing_changes(desk: Desk, path: str) -> None:
+async def test_without_the_passphrase_nothing_begins_and_nothing_changes(desk: PageHarness, path: str) -> None:
     wish = await wish_for(desk, path)
     before = all_that_is(desk)
     for passphrase in NO_PASSPHRASES:
@@ -65,7 +65,7 @@ async def test_without_the_passphrase_nothing_begins_and_nothing_changes(desk: D
 
 
 @pytest.mark.parametrize("path", GUARDED)
-async def test_with_a_wrong_passphrase_nothing_begins_and_nothing_changes(desk: Desk, path: str) -> None:
+async def test_with_a_wrong_passphrase_nothing_begins_and_nothing_changes(desk: PageHarness, path: str) -> None:
     wish = await wish_for(desk, path)
     before = all_that_is(desk)
     for passphrase in WRONG_PASSPHRASES:
@@ -76,7 +76,7 @@ async def test_with_a_wrong_passphrase_nothing_begins_and_nothing_changes(desk: 
 
 
 @pytest.mark.parametrize("path", GUARDED)
-async def test_the_same_wish_with_the_passphrase_begins(desk: Desk, path: str) -> None:
+async def test_the_same_wish_with_the_passphrase_begins(desk: PageHarness, path: str) -> None:
     """Else a wish that is refused for another reason would pass for one that is guarded."""
     wish = await wish_for(desk, path)
     desk.session.ended.set()  # an erasure waits for no receipts then

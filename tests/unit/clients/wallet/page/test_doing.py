@@ -22,23 +22,23 @@ from consensus.members.vouchers import encode_card_code
 from consensus.rights.notices import encode_notice
 from network.notices.notice_publishing import demo_notice
 from tests.miscounting_robot import committing_otherwise, miscounting
-from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
+from tests.unit.clients.wallet.page.conftest import PASSPHRASE, PageHarness
 from tests.world.sharing import WEEK_MS
 
 
-async def recorded(desk: Desk, count: int = 2) -> list[str]:
+async def recorded(desk: PageHarness, count: int = 2) -> list[str]:
     _, ids = desk.ward.record_visit(count)
     await desk.read()
     return [record_id.hex() for record_id in ids]
 
 
-async def judged(desk: Desk, ids: list[str]) -> dict[str, Any]:
+async def judged(desk: PageHarness, ids: list[str]) -> dict[str, Any]:
     """Open recordings and write down what was found; return that."""
     opened = await desk.page.do("/api/clips", {"records": ids})
     return await desk.page.do(f"/api/clips/{opened['clip']}/verdict")
 
 
-async def test_a_clip_is_opened_checked_and_shown_frame_by_frame(desk: Desk) -> None:
+async def test_a_clip_is_opened_checked_and_shown_frame_by_frame(desk: PageHarness) -> None:
     ids = await recorded(desk)
     opened = await desk.page.do("/api/clips", {"records": ids})
     assert [(seal["state"], seal["frames_ok"]) for seal in opened["seals"]] == [("good", 2), ("good", 2)]
@@ -59,7 +59,7 @@ async def test_a_clip_is_opened_checked_and_shown_frame_by_frame(desk: Desk) -> 
         assert await desk.page.refused("GET", f"/api/clips/{opened['clip']}/frames/{number}/file") == "NOT_FOUND"
 
 
-async def test_a_changed_frame_makes_the_seal_red_and_is_not_shown(desk: Desk) -> None:
+async def test_a_changed_frame_makes_the_seal_red_and_is_not_shown(desk: PageHarness) -> None:
     ids = await recorded(desk)
     desk.ward.spoil(bytes.fromhex(ids[0]), 1)
     opened = await judged(desk, ids[:1])
@@ -78,7 +78,7 @@ async def test_a_changed_frame_makes_the_seal_red_and_is_not_shown(desk: Desk) -
 
 
 async def test_a_seal_is_red_while_any_check_failed_and_so_says_the_verdict_on_the_chain(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The robot counted 5 pictures and committed to 1: what there is is whole, and still it is not verified."""
     miscounting(monkeypatch, 5)
@@ -99,7 +99,7 @@ async def test_a_seal_is_red_while_any_check_failed_and_so_says_the_verdict_on_t
     assert (await desk.page.post("/api/erasures/plan", wish | {"frames": [0]}))["records"] == [record_id.hex()]
 
 
-async def test_a_clip_whose_empty_room_nobody_has_is_shown_without_it_and_says_why(desk: Desk) -> None:
+async def test_a_clip_whose_empty_room_nobody_has_is_shown_without_it_and_says_why(desk: PageHarness) -> None:
     ids = await recorded(desk)
     desk.ward.custody.rooms.clear()
     opened = await desk.page.do("/api/clips", {"records": ids})
@@ -114,7 +114,7 @@ async def test_a_clip_whose_empty_room_nobody_has_is_shown_without_it_and_says_w
 
 
 async def test_of_a_robot_that_committed_to_another_picture_the_seal_blames_nobody_who_keeps_it(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     committing_otherwise(monkeypatch, 1)
     ids = await recorded(desk, 1)
@@ -124,7 +124,7 @@ async def test_of_a_robot_that_committed_to_another_picture_the_seal_blames_nobo
     assert desk.ward.chain.value("access", b"verdict/" + bytes.fromhex(ids[0]))["frames"] == [1]
 
 
-async def test_a_record_of_which_its_owner_erased_pictures_keeps_its_green_seal(desk: Desk) -> None:
+async def test_a_record_of_which_its_owner_erased_pictures_keeps_its_green_seal(desk: PageHarness) -> None:
     visit = desk.ward.open_visit()
     record_id = desk.ward.record(visit, frames=3)
     desk.ward.close_visit(visit)
@@ -139,7 +139,7 @@ async def test_a_record_of_which_its_owner_erased_pictures_keeps_its_green_seal(
     assert desk.ward.chain.value("access", b"verdict/" + record_id)["verdict"] == "verified"
 
 
-async def test_what_a_seal_tells_is_in_the_language_that_the_page_asks_for(desk: Desk) -> None:
+async def test_what_a_seal_tells_is_in_the_language_that_the_page_asks_for(desk: PageHarness) -> None:
     ids = await recorded(desk)
     desk.ward.spoil(bytes.fromhex(ids[0]), 1)
     opened = await desk.page.do("/api/clips", {"records": ids})
@@ -156,7 +156,7 @@ async def test_what_a_seal_tells_is_in_the_language_that_the_page_asks_for(desk:
     assert told["pt"]["checks"][3]["sentence"] == "O que foi enviado não é o que o registo nomeia: 2"
 
 
-async def test_how_many_tries_are_left_is_told_in_the_language_that_the_page_asks_for(desk: Desk) -> None:
+async def test_how_many_tries_are_left_is_told_in_the_language_that_the_page_asks_for(desk: PageHarness) -> None:
     ids = await recorded(desk)
     desk.page.headers["Accept-Language"] = "pt"
     wanted = {"records": ids, "passphrase": "coffee"}
@@ -166,13 +166,15 @@ async def test_how_many_tries_are_left_is_told_in_the_language_that_the_page_ask
     assert told[4] == "Essa não é a frase-passe. Espere 60 segundos antes de tentar outra vez."
 
 
-async def test_records_of_two_visits_are_not_opened_together(desk: Desk) -> None:
+async def test_records_of_two_visits_are_not_opened_together(desk: PageHarness) -> None:
     ids = [*(await recorded(desk)), *(await recorded(desk))]
     assert await desk.page.refused("POST", "/api/clips", {"records": ids}) == "REQUEST_INVALID"
     assert await desk.page.refused("POST", "/api/clips", {"records": []}) == "REQUEST_INVALID"
 
 
-async def test_consent_is_given_only_under_the_notice_in_force(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_consent_is_given_only_under_the_notice_in_force(
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async def nobody_signs(*_: object, **__: object) -> bytes:
         raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
 
@@ -191,7 +193,7 @@ async def test_consent_is_given_only_under_the_notice_in_force(desk: Desk, monke
     assert await desk.page.refused("POST", "/api/consents/refuse", {"purposes": []}) == "REQUEST_INVALID"
 
 
-async def test_nobody_consents_on_the_page_to_what_the_notice_does_not_name(desk: Desk) -> None:
+async def test_nobody_consents_on_the_page_to_what_the_notice_does_not_name(desk: PageHarness) -> None:
     kept = [purpose for purpose in demo_notice().purposes if purpose.code != "care"]
     notice = encode_notice(msgspec.structs.replace(demo_notice(), purposes=kept))
     desk.ward.chain.must(desk.ward.chain.admin, "consent", "publish_notice", notice)
@@ -205,7 +207,9 @@ async def test_nobody_consents_on_the_page_to_what_the_notice_does_not_name(desk
     assert job["error"]["code"] == "PURPOSE_NOT_IN_NOTICE"
 
 
-async def test_the_page_offers_no_consent_beyond_the_notice_and_tells_what_else_a_purpose_rests_on(desk: Desk) -> None:
+async def test_the_page_offers_no_consent_beyond_the_notice_and_tells_what_else_a_purpose_rests_on(
+    desk: PageHarness,
+) -> None:
     before = await desk.page.get("/api/consents")
     assert before["askable"]["safety"] == sorted(before["sensors"]), "nothing is published: she is told that"
     notice = encode_notice(demo_notice())
@@ -224,7 +228,7 @@ async def test_the_page_offers_no_consent_beyond_the_notice_and_tells_what_else_
         assert (await desk.page.do("/api/consents/refuse", refused))["status"] == "refused"
 
 
-async def test_a_yes_lacks_depth_before_the_period_of_the_yes_to_depth_and_once_it_is_over(desk: Desk) -> None:
+async def test_a_yes_lacks_depth_before_the_period_of_the_yes_to_depth_and_once_it_is_over(desk: PageHarness) -> None:
     chain, patient = desk.ward.chain, desk.ward.patient
     begins, ends = round_period(chain.time_ms + WEEK_MS, chain.time_ms + 2 * WEEK_MS)
 
@@ -247,7 +251,7 @@ async def test_a_yes_lacks_depth_before_the_period_of_the_yes_to_depth_and_once_
     assert await lacking() == ["audio", "emotion", "rgb"], "it is over"
 
 
-async def share(desk: Desk, ids: list[str]) -> dict[str, Any]:
+async def share(desk: PageHarness, ids: list[str]) -> dict[str, Any]:
     doctor = desk.ward.come_in("doctor", "staff")
     return {
         "records": ids,
@@ -258,7 +262,9 @@ async def share(desk: Desk, ids: list[str]) -> dict[str, Any]:
     }
 
 
-async def test_a_records_story_tells_what_was_said_of_it_and_of_looks_at_several_that_they_were(desk: Desk) -> None:
+async def test_a_records_story_tells_what_was_said_of_it_and_of_looks_at_several_that_they_were(
+    desk: PageHarness,
+) -> None:
     """Of a look the trail has only the number: each record of the share is told of it, as of one at several."""
     ids = await recorded(desk, 3)
     doctor = desk.ward.come_in("doctor", "staff")
@@ -282,7 +288,7 @@ async def test_a_records_story_tells_what_was_said_of_it_and_of_looks_at_several
     assert told[0] == {"access_requested": looked, "grant_noticed": deleted}
 
 
-async def test_sharing_tells_first_asks_for_the_passphrase_and_can_be_ended(desk: Desk) -> None:
+async def test_sharing_tells_first_asks_for_the_passphrase_and_can_be_ended(desk: PageHarness) -> None:
     wish = await share(desk, await recorded(desk))
     plan = await desk.page.post("/api/shares/plan", wish)
     assert (plan["grantee"]["name"], plan["records"], plan["pictures"]) == ("Dr Weber", 2, 4)
@@ -305,7 +311,7 @@ async def test_sharing_tells_first_asks_for_the_passphrase_and_can_be_ended(desk
     assert await desk.page.refused("POST", f"/api/shares/{'0' * 64}/revoke") == "NOT_FOUND"
 
 
-async def test_a_wrong_passphrase_is_counted_locked_and_ends_the_page_at_last(desk: Desk) -> None:
+async def test_a_wrong_passphrase_is_counted_locked_and_ends_the_page_at_last(desk: PageHarness) -> None:
     wish = await share(desk, await recorded(desk))
     codes = [await desk.page.refused("POST", "/api/shares", wish | {"passphrase": f"guess {n}"}) for n in range(6)]
     assert codes == ["WALLET_PASSPHRASE_WRONG"] * 4 + ["PASSPHRASE_LOCKED"] * 2
@@ -319,7 +325,9 @@ async def test_a_wrong_passphrase_is_counted_locked_and_ends_the_page_at_last(de
     assert "10 wrong passphrases" in await serve_commands._wait_until_over(desk.session, 30)
 
 
-async def test_a_clip_holds_no_more_than_its_limit_and_one_record(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_clip_holds_no_more_than_its_limit_and_one_record(
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ids = await recorded(desk)
     assert (await desk.page.do("/api/clips", {"records": ids}))["records"] == len(ids)
     monkeypatch.setattr(clip_routes, "CLIP_MAX_BYTES", 1)
@@ -331,7 +339,7 @@ async def test_a_clip_holds_no_more_than_its_limit_and_one_record(desk: Desk, mo
     assert verdicts == ["verified", None], "what was not looked at is not called checked"
 
 
-async def test_nobody_is_registered_with_a_damaged_code_or_without_the_passphrase(desk: Desk) -> None:
+async def test_nobody_is_registered_with_a_damaged_code_or_without_the_passphrase(desk: PageHarness) -> None:
     assert await desk.page.refused("POST", "/api/registration/plan", {"code": "BR1-DAMAGED"}) == "VOUCHER_INVALID"
     code = encode_card_code(desk.ward.chain.card("bea"))
     wish = {"code": code, "organisation": "hospital", "notice_version": 0, "notice_hash": ""}
@@ -340,7 +348,7 @@ async def test_nobody_is_registered_with_a_damaged_code_or_without_the_passphras
     assert await desk.page.refused("POST", "/api/registration", wrong) == "WALLET_PASSPHRASE_WRONG"
 
 
-async def test_a_clip_is_closed_once_the_chain_has_a_record_of_it_no_more(desk: Desk) -> None:
+async def test_a_clip_is_closed_once_the_chain_has_a_record_of_it_no_more(desk: PageHarness) -> None:
     ids = await recorded(desk)
     clip = (await desk.page.do("/api/clips", {"records": ids}))["clip"]
     await desk.read()
@@ -350,7 +358,7 @@ async def test_a_clip_is_closed_once_the_chain_has_a_record_of_it_no_more(desk: 
     assert await desk.page.refused("GET", f"/api/clips/{clip}") == "CLIP_NOT_OPEN"
 
 
-async def test_tasks_wait_for_each_other_and_can_be_stopped_while_they_change_nothing(desk: Desk) -> None:
+async def test_tasks_wait_for_each_other_and_can_be_stopped_while_they_change_nothing(desk: PageHarness) -> None:
     gate = asyncio.Event()
 
     async def work(job: Job) -> dict[str, Any]:
@@ -399,21 +407,21 @@ async def test_a_page_that_ends_finishes_what_she_decided_and_stops_what_only_lo
     assert [job.state for job in started] == ["cancelled", "done", "cancelled", "done"]
 
 
-async def test_a_page_that_is_locked_does_not_wait_for_receipts(desk: Desk) -> None:
+async def test_a_page_that_is_locked_does_not_wait_for_receipts(desk: PageHarness) -> None:
     ids = await recorded(desk)
     desk.session.ended.set()
     done = await desk.page.do("/api/erasures", {"records": ids, "passphrase": PASSPHRASE})
     assert done["complete"] is False
 
 
-async def test_everything_of_a_month_fits_into_one_wish(desk: Desk) -> None:
+async def test_everything_of_a_month_fits_into_one_wish(desk: PageHarness) -> None:
     ids = [f"{number:032x}" for number in range(IDS_MAX_COUNT)]
     assert await desk.page.refused("POST", "/api/erasures/plan", {"records": ids}) == "NOT_FOUND"
     assert await desk.page.refused("POST", "/api/erasures/plan", {"records": [*ids, "00"]}) == "REQUEST_INVALID"
 
 
 async def test_a_task_that_is_done_is_not_stopped_while_the_lists_are_read_again(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reading, gate = asyncio.Event(), asyncio.Event()
 
@@ -432,13 +440,15 @@ async def test_a_task_that_is_done_is_not_stopped_while_the_lists_are_read_again
     assert (await desk.page.follow({"job": job.name}))["result"] == {"export": "7"}
 
 
-async def test_a_question_says_so_if_the_wallet_is_busy_for_long(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_question_says_so_if_the_wallet_is_busy_for_long(
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sessions, "HOLD_MAX_S", 0.01)
     async with desk.session.lock:
         assert await desk.page.refused("GET", "/api/consents") == "WALLET_BUSY"
 
 
-async def test_a_task_that_fails_says_why_and_what_to_do(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_task_that_fails_says_why_and_what_to_do(desk: PageHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     ids = await recorded(desk)
 
     async def fail(*_: object) -> None:
@@ -451,7 +461,7 @@ async def test_a_task_that_fails_says_why_and_what_to_do(desk: Desk, monkeypatch
     assert (await desk.page.get("/api/overview"))["state"] == "unreachable"
 
 
-async def test_an_idle_page_is_told_by_what_people_do_not_by_what_it_asks_by_itself(desk: Desk) -> None:
+async def test_an_idle_page_is_told_by_what_people_do_not_by_what_it_asks_by_itself(desk: PageHarness) -> None:
     await desk.page.get("/api/overview")
     desk.ward.chain.time_ms += 29 * 60_000
     assert not desk.session.is_idle(30)
@@ -462,7 +472,7 @@ async def test_an_idle_page_is_told_by_what_people_do_not_by_what_it_asks_by_its
     assert not desk.session.is_idle(30)
 
 
-async def test_news_that_the_page_fetches_by_itself_keep_it_open_for_nobody(desk: Desk) -> None:
+async def test_news_that_the_page_fetches_by_itself_keep_it_open_for_nobody(desk: PageHarness) -> None:
     minute_ms = 60_000
     for quiet_minutes in range(1, 32):
         desk.ward.chain.time_ms += minute_ms

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from clients.wallet.page.routes import erasure_routes
-from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
+from tests.unit.clients.wallet.page.conftest import PASSPHRASE, PageHarness
 from tests.unit.clients.wallet.page.test_doing import recorded
 
 
 async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they_come(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(erasure_routes, "WAIT_MAX_S", 0.0)
     ids = await recorded(desk)
@@ -35,7 +35,7 @@ async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they
     assert all(row["overdue"] for row in late["custodians"])
 
 
-async def test_of_what_is_erased_no_picture_stays_open(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_of_what_is_erased_no_picture_stays_open(desk: PageHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(erasure_routes, "WAIT_MAX_S", 0.0)
     ids = await recorded(desk)
     looks = [await desk.page.do("/api/clips", {"records": ids[:1]}) for _ in range(2)]
@@ -48,7 +48,7 @@ async def test_of_what_is_erased_no_picture_stays_open(desk: Desk, monkeypatch: 
 
 
 async def test_a_picture_whose_erasure_is_asked_for_already_is_left_out_on_the_page_too(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(erasure_routes, "WAIT_MAX_S", 0.0)
     ids = await recorded(desk)

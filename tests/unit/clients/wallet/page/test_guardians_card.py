@@ -6,10 +6,10 @@ import json
 
 from clients.wallet.recovery.slip39_shares import split_words
 from clients.wallet.store.keystore import GuardianSet
-from tests.unit.clients.wallet.page.conftest import Desk
+from tests.unit.clients.wallet.page.conftest import PageHarness
 
 
-async def test_the_page_tells_of_guardians_and_how_to_name_them(desk: Desk) -> None:
+async def test_the_page_tells_of_guardians_and_how_to_name_them(desk: PageHarness) -> None:
     (first, second) = (await desk.page.get("/api/overview"))["guardians"]
     assert first["sentence"].startswith("This wallet knows of no guardians.")
     assert first["at_ms"] is None

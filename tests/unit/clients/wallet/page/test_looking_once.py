@@ -13,7 +13,7 @@ from clients.wallet.page.routes import clip_routes
 from clients.wallet.records.viewing import RecordViewer
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload
-from tests.unit.clients.wallet.page.conftest import Desk
+from tests.unit.clients.wallet.page.conftest import PageHarness
 from tests.world.sharing import SharedWard
 
 
@@ -25,7 +25,7 @@ async def trail_of(ward: SharedWard) -> list[tuple[str, dict[str, Any]]]:
 
 
 async def test_all_parts_of_a_meeting_are_one_look_and_what_was_found_one_finding(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """70 recordings are more than one request may name, and 30 are a part."""
     monkeypatch.setattr(clip_routes, "RECORDS_MAX_COUNT", 30)
@@ -46,7 +46,7 @@ async def test_all_parts_of_a_meeting_are_one_look_and_what_was_found_one_findin
     assert [kind for kind, _ in await trail_of(desk.ward)] == ["access_requested", "verdict", "access_requested"]
 
 
-async def test_a_look_that_failed_is_gone_on_with_and_not_asked_for_again(desk: Desk) -> None:
+async def test_a_look_that_failed_is_gone_on_with_and_not_asked_for_again(desk: PageHarness) -> None:
     _, ids = desk.ward.record_visit(2)
     await desk.read()
     asked = {"records": [record_id.hex() for record_id in ids], "look": "one", "meeting": True}
@@ -58,7 +58,7 @@ async def test_a_look_that_failed_is_gone_on_with_and_not_asked_for_again(desk: 
     assert len(await trail_of(desk.ward)) == 1
 
 
-async def test_a_recording_that_came_in_later_is_asked_for_by_itself(desk: Desk) -> None:
+async def test_a_recording_that_came_in_later_is_asked_for_by_itself(desk: PageHarness) -> None:
     visit = desk.ward.open_visit()
     first = desk.ward.record(visit)
     await desk.read()
@@ -69,7 +69,7 @@ async def test_a_recording_that_came_in_later_is_asked_for_by_itself(desk: Desk)
     assert [data["records"] for _, data in await trail_of(desk.ward)] == [1, 1]
 
 
-async def test_of_a_finding_on_a_meeting_each_recordings_page_tells_its_own(desk: Desk) -> None:
+async def test_of_a_finding_on_a_meeting_each_recordings_page_tells_its_own(desk: PageHarness) -> None:
     _, ids = desk.ward.record_visit(2)
     await desk.read()
     desk.ward.spoil(ids[0], 1)
@@ -85,7 +85,7 @@ async def test_of_a_finding_on_a_meeting_each_recordings_page_tells_its_own(desk
     assert story["sentence"] == "You checked 2 recordings. Not as the robot took them: 1."
 
 
-async def test_nothing_that_is_read_is_signed_in_whatever_language(desk: Desk) -> None:
+async def test_nothing_that_is_read_is_signed_in_whatever_language(desk: PageHarness) -> None:
     """All that the page asks by itself: every GET of it, and the reading of the chain."""
     visit, ids = desk.ward.record_visit(2)
     await desk.read()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import time
 from collections.abc import Sequence
@@ -16,10 +17,10 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.state.records import RECORD
-from tests.unit.clients.wallet.page.conftest import Desk
+from tests.unit.clients.wallet.page.conftest import PageHarness
 
 
-async def test_a_recording_that_comes_in_is_news_and_shows(desk: Desk) -> None:
+async def test_a_recording_that_comes_in_is_news_and_shows(desk: PageHarness) -> None:
     before = await desk.page.get("/api/overview")
     assert (before["state"], before["counts"]["records"]) == ("ready", 0)
     assert (await desk.page.get("/api/days"))["days"] == []
@@ -35,15 +36,26 @@ async def test_a_recording_that_comes_in_is_news_and_shows(desk: Desk) -> None:
     assert found["records"][0]["kind"] == "depth"
 
 
-async def test_who_asks_for_news_waits_until_there_are_some(desk: Desk) -> None:
-    started = time.monotonic()
-    answer = await desk.page.get("/api/changes", after=desk.session.news, wait_ms=50)
-    assert (answer["news"], answer["new_records"]) == (desk.session.news, [])
-    assert time.monotonic() - started >= 0.05
+async def test_who_asks_for_news_waits_until_there_are_some(desk: PageHarness, monkeypatch: pytest.MonkeyPatch) -> None:
+    before, asked, wait_news = desk.session.news, asyncio.Event(), desk.session.wait_news
+    answer = await desk.page.get("/api/changes", after=before, wait_ms=1)
+    assert (answer["news"], answer["new_records"]) == (before, [])
+
+    async def note(after: int, wait_ms: int) -> list[bytes]:
+        asked.set()
+        return await wait_news(after, wait_ms)
+
+    monkeypatch.setattr(desk.session, "wait_news", note)
+    waiting = asyncio.create_task(desk.page.get("/api/changes", after=before, wait_ms=25_000))
+    await asked.wait()
+    _, ids = desk.ward.record_visit()
+    await desk.read()
+    answer = await waiting
+    assert (answer["news"], len(answer["new_records"])) == (before + 1, len(ids))
 
 
 async def test_nothing_is_read_again_of_a_visit_in_which_nothing_happened(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     desk.ward.record_visit()
     await desk.read()
@@ -58,7 +70,7 @@ async def test_nothing_is_read_again_of_a_visit_in_which_nothing_happened(
 
 
 async def test_of_a_visit_that_goes_on_only_the_record_that_came_in_is_read(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     visit = desk.ward.open_visit()
     ids = [desk.ward.record(visit) for _ in range(5)]
@@ -79,7 +91,7 @@ async def test_of_a_visit_that_goes_on_only_the_record_that_came_in_is_read(
     assert list(desk.session.snapshot.entries) == ids
 
 
-async def test_of_a_visit_in_which_something_was_erased_every_record_is_read_again(desk: Desk) -> None:
+async def test_of_a_visit_in_which_something_was_erased_every_record_is_read_again(desk: PageHarness) -> None:
     visit = desk.ward.open_visit()
     ids = [desk.ward.record(visit) for _ in range(2)]
     await desk.read()
@@ -90,7 +102,7 @@ async def test_of_a_visit_in_which_something_was_erased_every_record_is_read_aga
     assert statuses == ["erasing", "active", "active"]
 
 
-async def test_records_are_filtered_and_paged(desk: Desk) -> None:
+async def test_records_are_filtered_and_paged(desk: PageHarness) -> None:
     desk.ward.record_visit(5)
     await desk.read()
     first = await desk.page.get("/api/records", limit=2)
@@ -108,7 +120,7 @@ async def test_records_are_filtered_and_paged(desk: Desk) -> None:
     assert await desk.page.refused("GET", "/api/records?colour=red") == "REQUEST_INVALID"
 
 
-async def test_one_record_is_told_with_its_neighbours_and_its_story(desk: Desk) -> None:
+async def test_one_record_is_told_with_its_neighbours_and_its_story(desk: PageHarness) -> None:
     _, ids = desk.ward.record_visit(3)
     await desk.read()
     record = await desk.page.get(f"/api/records/{ids[1].hex()}")
@@ -123,7 +135,9 @@ async def test_one_record_is_told_with_its_neighbours_and_its_story(desk: Desk) 
     assert "3" in story["events"][0]["sentence"]
 
 
-async def test_a_node_that_lies_is_named_and_what_was_known_stays(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_node_that_lies_is_named_and_what_was_known_stays(
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     desk.ward.record_visit()
     await desk.read()
     error = BlockRobotError("PROOF_INVALID", "The answer is for other keys than were asked for.")
@@ -142,7 +156,7 @@ async def test_a_node_that_lies_is_named_and_what_was_known_stays(desk: Desk, mo
     ]
 
 
-async def test_that_a_node_was_away_is_forgotten_after_a_while_that_it_lied_is_not(desk: Desk) -> None:
+async def test_that_a_node_was_away_is_forgotten_after_a_while_that_it_lied_is_not(desk: PageHarness) -> None:
     for code, states in (("NODE_UNREACHABLE", ["unreachable", "fine"]), ("CERTIFICATE_INVALID", ["lied", "lied"])):
         desk.ward.network.troubles["custodian-1"] = BlockRobotError(code)
         for state in states:
@@ -151,7 +165,7 @@ async def test_that_a_node_was_away_is_forgotten_after_a_while_that_it_lied_is_n
             desk.ward.chain.time_ms += 6 * 60_000
 
 
-async def test_it_speaks_the_language_that_the_page_asks_for(desk: Desk) -> None:
+async def test_it_speaks_the_language_that_the_page_asks_for(desk: PageHarness) -> None:
     english, portuguese = [(await desk.page.get("/api/texts", language=each))["texts"] for each in ("en", "pt")]
     assert english.keys() == portuguese.keys()
     assert english["nav.story"] != portuguese["nav.story"]
@@ -161,7 +175,7 @@ async def test_it_speaks_the_language_that_the_page_asks_for(desk: Desk) -> None
     assert await desk.page.refused("GET", "/api/texts?language=tlh") == "REQUEST_INVALID"
 
 
-async def test_a_note_of_what_was_not_kept_is_no_recording(desk: Desk) -> None:
+async def test_a_note_of_what_was_not_kept_is_no_recording(desk: PageHarness) -> None:
     desk.ward.record_visit(3)
     await desk.read()
     (part,) = desk.session.snapshot.visits
@@ -181,7 +195,7 @@ async def test_a_note_of_what_was_not_kept_is_no_recording(desk: Desk) -> None:
     assert plan["kinds"] == {}
 
 
-async def test_what_she_has_is_counted_without_the_pictures_that_are_erased(desk: Desk) -> None:
+async def test_what_she_has_is_counted_without_the_pictures_that_are_erased(desk: PageHarness) -> None:
     visit, ids = desk.ward.record_visit(3)
     await desk.ward.erase(visit, [ids[0]], [1])
     await desk.read()
@@ -190,7 +204,7 @@ async def test_what_she_has_is_counted_without_the_pictures_that_are_erased(desk
     assert plan["kinds"] == {"depth": 5}
 
 
-async def test_a_day_of_two_thousand_records_is_listed_within_a_second(desk: Desk) -> None:
+async def test_a_day_of_two_thousand_records_is_listed_within_a_second(desk: PageHarness) -> None:
     desk.ward.record_visit(3)
     await desk.read()
     many = desk.session.snapshot.visits[0]

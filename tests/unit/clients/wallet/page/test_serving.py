@@ -27,7 +27,7 @@ from clients.wallet.page.session import PageSession
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
 from clients.wallet.refusals import load
 from consensus.errors import BlockRobotError
-from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
+from tests.unit.clients.wallet.page.conftest import PASSPHRASE, PageHarness
 from tests.wallet_page_client import WalletPage
 from tests.world.sharing import SharedWard
 
@@ -97,7 +97,9 @@ def test_a_program_is_told_the_file_and_a_person_without_a_browser_too(run: Run,
     assert ".ann.page" in run("--no-browser").output
 
 
-async def test_who_comes_by_an_old_link_is_told_so_in_her_language(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_comes_by_an_old_link_is_told_so_in_her_language(
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(LANGUAGE_VARIABLE, "pt")
     served = make_page(desk.session)
     where = await served.start()
@@ -117,7 +119,9 @@ def test_a_wrong_passphrase_opens_no_page(run: Run, opened: list[str]) -> None:
     assert opened == []
 
 
-async def test_it_ends_when_nobody_uses_it_and_when_it_is_told_to(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_it_ends_when_nobody_uses_it_and_when_it_is_told_to(
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(serve_commands, "_LOOK_S", 0.001)
     desk.ward.chain.time_ms += 31 * 60_000
     assert "30 minutes" in await serve_commands._wait_until_over(desk.session, 30)
@@ -184,7 +188,7 @@ def test_an_erasure_whose_passphrase_is_still_checked_at_the_end_begins_or_is_sa
 
 @pytest.mark.parametrize("is_left", [True, False], ids=["left by a second Ctrl-C", "checked for too long"])
 async def test_what_is_not_waited_for_any_more_never_begins_behind_what_was_said(
-    desk: Desk, is_left: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, is_left: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     go_on, begun, loop = threading.Event(), asyncio.Event(), asyncio.get_running_loop()
 

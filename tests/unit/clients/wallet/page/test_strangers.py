@@ -7,7 +7,7 @@ from pathlib import Path
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from consensus.errors import BlockRobotError
-from tests.unit.clients.wallet.page.conftest import Desk
+from tests.unit.clients.wallet.page.conftest import PageHarness
 from tests.wallet_page_client import WalletPage
 from tests.world.sharing import SharedWard
 
@@ -38,7 +38,7 @@ async def test_what_a_page_left_behind_when_it_was_killed_is_deleted_at_the_next
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
-async def test_what_is_nobodys_business_is_refused_whatever_it_is_called(desk: Desk) -> None:
+async def test_what_is_nobodys_business_is_refused_whatever_it_is_called(desk: PageHarness) -> None:
     assert await desk.page.refused("GET", "/api/nothing") == "ROUTE_UNKNOWN"
     assert await desk.page.refused("DELETE", "/api/overview") == "METHOD_NOT_ALLOWED"
     for body in ([], {"records": "all"}, {"records": [1]}, {"records": ["zz"]}, {"records": [], "more": 1}):
@@ -48,7 +48,7 @@ async def test_what_is_nobodys_business_is_refused_whatever_it_is_called(desk: D
 
 
 async def test_a_node_that_has_not_followed_a_registration_is_no_liar_and_forgotten_once_she_is_registered(
-    desk: Desk,
+    desk: PageHarness,
 ) -> None:
     refusals = desk.session.wallet.network.troubles
     refusals["custodian-1"] = BlockRobotError("SESSION_REFUSED")
@@ -60,7 +60,7 @@ async def test_a_node_that_has_not_followed_a_registration_is_no_liar_and_forgot
     assert node["state"] == "fine"
 
 
-async def test_that_a_node_began_to_lie_or_to_be_away_is_news_once_and_so_is_that_it_is_back(desk: Desk) -> None:
+async def test_that_a_node_began_to_lie_or_to_be_away_is_news_once_and_so_is_that_it_is_back(desk: PageHarness) -> None:
     troubles = desk.session.wallet.network.troubles
     for code in ("PROOF_INVALID", "NODE_UNREACHABLE", None):
         heard = (await desk.page.get("/api/overview"))["news"]

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from clients.wallet.page.routes import export_routes
-from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
+from tests.unit.clients.wallet.page.conftest import PASSPHRASE, PageHarness
 from tests.world.dicts import typed_for
 
 WISH = {"now": True, "identity": False, "passphrase": PASSPHRASE}
@@ -23,7 +23,7 @@ def left_in(folder: Path) -> list[str]:
     return [path.name for path in folder.iterdir() if not path.name.startswith("open-")]
 
 
-async def test_the_file_can_be_fetched_has_no_name_on_the_disk_and_goes_when_it_is_forgotten(desk: Desk) -> None:
+async def test_the_file_can_be_fetched_has_no_name_on_the_disk_and_goes_when_it_is_forgotten(desk: PageHarness) -> None:
     desk.ward.record_visit()
     await desk.read()
     done = await desk.page.do("/api/exports", WISH)
@@ -36,7 +36,7 @@ async def test_the_file_can_be_fetched_has_no_name_on_the_disk_and_goes_when_it_
     assert await desk.page.refused("GET", path) == "NOT_FOUND"
 
 
-async def test_a_file_counts_as_fetched_once_all_of_it_was_sent_and_not_when_it_begins(desk: Desk) -> None:
+async def test_a_file_counts_as_fetched_once_all_of_it_was_sent_and_not_when_it_begins(desk: PageHarness) -> None:
     path = desk.session.folder / "long.zip"
     with path.open("wb") as file:
         file.truncate(FAR_BEYOND_BUFFERS_BYTES)
@@ -53,7 +53,7 @@ async def test_a_file_counts_as_fetched_once_all_of_it_was_sent_and_not_when_it_
 
 
 async def test_it_says_how_anybody_checks_the_file_against_the_network_that_this_wallet_trusts(
-    desk: Desk, tmp_path: Path
+    desk: PageHarness, tmp_path: Path
 ) -> None:
     desk.ward.record_visit()
     await desk.read()
@@ -63,7 +63,7 @@ async def test_it_says_how_anybody_checks_the_file_against_the_network_that_this
 
 
 async def test_where_no_file_is_without_a_name_it_is_deleted_when_the_page_forgets_it(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("clients.wallet.page.session._DESCRIPTORS", desk.session.folder / "none")
     for name in ("one", "two"):
@@ -79,7 +79,7 @@ async def test_where_no_file_is_without_a_name_it_is_deleted_when_the_page_forge
 
 @pytest.mark.parametrize("is_ready", [False, True])
 async def test_of_an_export_that_is_stopped_while_it_is_written_nothing_stays(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch, is_ready: bool
+    desk: PageHarness, monkeypatch: pytest.MonkeyPatch, is_ready: bool
 ) -> None:
     desk.ward.record_visit()
     await desk.read()
