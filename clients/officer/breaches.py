@@ -54,7 +54,7 @@ class Breaches:
         self._read = wallet.reading(self._key)
 
     async def read_all(self) -> list[Breach]:
-        """Oldest first. Raises SESSION_REFUSED."""
+        """Return all breaches, oldest first. Raises SESSION_REFUSED."""
         ids = await proved_list(self._read, rights.BREACH_COUNT, rights.BREACH_NUMBER)
         rows = await proved_rows(self._read, rights.BREACH, ids)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms

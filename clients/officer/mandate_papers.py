@@ -63,7 +63,7 @@ def make_receipt(papers: Sequence[Path], reason: str) -> PapersReceipt:
 
 
 def write_receipt(path: Path, receipt: PapersReceipt) -> None:
-    """User-only. Raises FILE_EXISTS, FILE_UNUSABLE."""
+    """Write a file that only its user can read. Raises FILE_EXISTS, FILE_UNUSABLE."""
     content = msgspec.json.format(msgspec.json.encode(receipt), indent=2) + b"\n"
     try:
         write_new_file(path, content)

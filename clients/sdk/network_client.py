@@ -441,7 +441,7 @@ class NetworkClient:
         return await self._ask_until_fresh(ask)
 
     async def state_value(self, flat: bytes, key: PrivateKey) -> Any:
-        """Proved; None if absent."""
+        """Return the proved value, None if it is absent."""
         return (await self.state_values([flat], key)).values[flat]
 
     async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:

@@ -59,20 +59,20 @@ class SealingKey:
     format: SealFormat
 
     def seal(self, content: bytes) -> bytes:
-        """Under a fresh nonce."""
+        """Seal with a fresh nonce."""
         nonce = secrets.token_bytes(_NONCE_BYTES)
         sealed = crypto_aead_xchacha20poly1305_ietf_encrypt(content, self.header, nonce, self.secret)
         checksum = tagged_hash(self.format.checksum_tag, self.header, nonce, sealed)
         return msgspec.msgpack.encode((self.header, nonce, sealed, checksum))
 
     def is_from(self, passphrase: str) -> bool:
-        """Costs a full derivation."""
+        """This costs a full derivation."""
         salt, cost = _read_header(self.header, self.format)
         return secrets.compare_digest(_derive(passphrase, salt, cost), self.secret)
 
 
 def new_sealing_key(passphrase: str, seal_format: SealFormat, cost: PassphraseCost | None = None) -> SealingKey:
-    """Under a fresh salt."""
+    """Derive a key with a fresh salt."""
     cost = cost or PassphraseCost()
     salt = secrets.token_bytes(_SALT_BYTES)
     header = seal_format.magic + msgspec.msgpack.encode([salt, cost.operations_count, cost.memory_bytes])

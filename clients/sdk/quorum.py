@@ -19,7 +19,7 @@ _TURNED_AWAY = frozenset({"SESSION_REFUSED", "SENDER_NOT_ADMITTED"})
 
 
 class HeaderClient(Protocol):
-    """Subset of `NetworkClient`."""
+    """The part of a `NetworkClient` that a quorum needs."""
 
     genesis: Genesis
     light_client: LightClient
@@ -31,7 +31,7 @@ class HeaderClient(Protocol):
         """The newest that this node proves final; pinned."""
 
     async def state_values(self, keys: Any, key: PrivateKey) -> ProvedState:
-        """Up to 128, proved."""
+        """Return up to 128 proved values."""
 
 
 async def confirm_with_quorum(client: HeaderClient, key: PrivateKey) -> bool:

@@ -19,7 +19,7 @@ TRANSFER_TIMEOUT_MS = 60_000
 
 
 class RequestFn(Protocol):
-    """One request (`NetworkClient.ask_node`)."""
+    """Makes one request, as `NetworkClient.ask_node`."""
 
     async def __call__(
         self,
@@ -117,7 +117,7 @@ class CustodyClient:
         return shared
 
     async def put_background(self, node: NodeAddress, content: bytes, key: PrivateKey) -> bytes:
-        """Return its SHA-256."""
+        """Store an empty frame and return its SHA-256."""
         digest = sha256(content)
         await self._ask(
             node,

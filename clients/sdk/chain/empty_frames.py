@@ -13,11 +13,11 @@ from consensus.state.records import EMPTY_FRAMES, EmptyFrameRow
 
 ROBOT_FILE = "robot.txt"
 PREVIEW_FILE = "preview.png"
-"""Beside the pictures, in a folder of frames that wait for approval: whose they are, and all in one picture."""
+"""Next to the pictures, in a folder of frames that wait for approval: whose they are, and all in one picture."""
 
 
 async def read_approved(client: NetworkClient, robot: bytes, reader: PrivateKey) -> list[EmptyFrameRow]:
-    """Proved, oldest first."""
+    """Return the proved approvals, oldest first."""
     return await proved_row(in_session(client, reader), EMPTY_FRAMES, robot) or []
 
 

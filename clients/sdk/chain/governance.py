@@ -103,7 +103,7 @@ def _proposal(proposal_id: bytes, row: GovernanceProposalRow, keys_numbers: Mapp
 
 
 async def read_membership(client: NetworkClient, reader: PrivateKey) -> MembershipView:
-    """Proved. Raises PROOF_INVALID etc."""
+    """Read the proved membership. Raises PROOF_*."""
     await client.catch_up(reader)
     found = (await read_proved(client, [ORGANISATIONS.flat, NODES.flat, OPEN.flat], reader)).values
     names, nodes = ORGANISATIONS.among(found) or [], NODES.among(found) or []

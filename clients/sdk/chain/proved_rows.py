@@ -18,7 +18,7 @@ Read = Callable[[Sequence[bytes]], Awaitable[dict[bytes, Any]]]
 
 
 class ProvingClient(Protocol):
-    """A `NetworkClient`."""
+    """What of a `NetworkClient` proves values."""
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         """Return up to 128 proved values of one state."""

@@ -19,7 +19,7 @@ def is_picture_name(name: str) -> bool:
 
 
 def read_robot_frame(name: str) -> int:
-    """From 0. Raises ValueError."""
+    """Return the frame's number, from 0. Raises ValueError."""
     found = _PICTURE.fullmatch(name)
     if found is None:
         raise ValueError(f"{name!r} is no picture's file")

@@ -43,7 +43,7 @@ def compose_on(empty: Depth, x: int, y: int, width: int, height: int, pixels_png
 
 
 def decode_depth_png(png: bytes) -> Depth:
-    """16-bit grey. Raises RENDITION_CORRUPTED."""
+    """Decode a 16-bit grey PNG. Raises RENDITION_CORRUPTED."""
     size = _check_png(png, DEPTH)
     return np.array(_decode(png, size[::-1], np.uint16), dtype=np.uint16)
 
@@ -99,7 +99,7 @@ def _decode(data: bytes, shape: tuple[int, ...], kind: type[np.generic]) -> npt.
 
 
 def encode_depth_png(depth: Depth) -> bytes:
-    """16-bit grey."""
+    """Encode as a 16-bit grey PNG."""
     if depth.dtype != np.uint16 or depth.ndim != 2:
         raise BlockRobotError("FRAME_INVALID", "A depth picture must be two-dimensional and of 16 bits.")
     return _encode(depth)

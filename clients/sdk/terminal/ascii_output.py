@@ -49,7 +49,7 @@ codecs.register(_find)
 
 
 def is_utf8(stream: TextIO, environment: Mapping[str, str] | None = None) -> bool:
-    """By encoding and locale."""
+    """Decide by the stream's encoding and the locale."""
     try:
         utf8 = codecs.lookup(getattr(stream, "encoding", None) or "ascii").name == "utf-8"
     except LookupError:

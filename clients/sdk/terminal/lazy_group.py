@@ -83,7 +83,7 @@ class LazyGroup(click.Group):
         return list(self.places)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Imports few commands."""
+        """Import as few commands as possible."""
         named = [
             CompletionItem(name, help=self.summary(name, _COMPLETION_MAX_CHARS))
             for name in self.visible_commands()

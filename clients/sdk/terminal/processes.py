@@ -10,7 +10,7 @@ _PR_SET_DUMPABLE = 4
 
 
 def is_process_alive(pid: int) -> bool:
-    """PIDs may be reused."""
+    """The PID may be another process's by now."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):

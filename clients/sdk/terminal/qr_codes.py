@@ -42,7 +42,7 @@ def qr_columns(text: str) -> int:
 
 
 def qr_svg(text: str) -> str:
-    """A scalable SVG element."""
+    """Draw a scalable SVG element."""
     rows = _matrix(text)
     cells = "".join(f"M{x} {y}h1v1h-1z" for y, row in enumerate(rows) for x, cell in enumerate(row) if cell)
     side = len(rows)

@@ -35,7 +35,7 @@ class SafeStream:
 
     @property
     def trusted(self) -> TextIO:
-        """For text already safe."""
+        """The stream for text that is safe already."""
         return self._stream
 
     def write(self, text: str) -> int:
@@ -109,7 +109,7 @@ def keep_own_tags(text: str) -> str:
 
 
 def write_trusted(text: str) -> None:
-    """Our own text, unescaped."""
+    """Write our own text as it is."""
     stream = sys.stdout
     (stream.trusted if isinstance(stream, SafeStream) else stream).write(text)
 

@@ -271,5 +271,5 @@ def show_progress(*, quiet: bool) -> Callable[[str, int, int], None]:
 
 
 def pluralize(count: int, one: str, many: str = "") -> str:
-    """E.g. `2 records`."""
+    """Say a count with its noun: `2 records`."""
     return f"{count} {one if count == 1 else many or one + 's'}"

@@ -24,7 +24,7 @@ def read_time(written: str | None, now_ms: int) -> int:
 
 
 class TimeParamType(click.ParamType[int]):
-    """As ms since 1970."""
+    """A time on the command line, as ms since 1970."""
 
     name = "time"
 

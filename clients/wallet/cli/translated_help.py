@@ -82,7 +82,7 @@ def click_speaks(language: str) -> Iterator[None]:
 
 
 def _translated_copy(command: C, ctx: click.Context, language: str) -> C:
-    """Commands below it too."""
+    """Translate the commands below it too."""
     translated = copy.copy(command)
     translated._help_option = None
     with click_speaks(language):

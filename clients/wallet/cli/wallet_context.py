@@ -43,7 +43,7 @@ _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a va
 
 
 def read_only_wallet(command: F) -> F:
-    """Mark a command as safe beside another program; its wallet changes are dropped, so the chain must have them."""
+    """Mark a command as safe while another program runs; its wallet changes are dropped, so the chain must have them."""
     setattr(command, _READS_ONLY_MARK, True)
     return command
 
@@ -117,7 +117,7 @@ def require_new(out: Path | None) -> None:
 
 
 def run_with_wallet(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
-    """Read-only commands run beside another program without saving. Warns if membership ended."""
+    """Read-only commands run while another program has the wallet, without saving. Warns if membership ended."""
     path, genesis_path = ctx.obj
     require_wallet(path)
     genesis = load_genesis(genesis_path)
@@ -176,7 +176,7 @@ def confirm_or_print(question: str, *, yes: bool, as_json: bool = False, explana
 
 
 def warn_of_linked_visits(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
-    """Return the records."""
+    """Return the records unchanged."""
     if not as_json:
         print_linking_notice(len({entry.visit.owner for entry in entries}))
     return entries

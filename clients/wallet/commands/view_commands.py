@@ -67,7 +67,7 @@ def list_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> list[Missing
 
 
 def print_missing_rooms(missing: Mapping[bytes, BlockRobotError]) -> None:
-    """Each reason once."""
+    """Print each reason once."""
     for reason in dict.fromkeys(describe_error(error)[0] for error in missing.values()):
         console.print(escape(text("view.no_room", reason=reason)))
 

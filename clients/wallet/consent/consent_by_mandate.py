@@ -10,7 +10,7 @@ from clients.wallet.ledger.wallet import Wallet
 
 @dataclass(frozen=True, slots=True)
 class RepresentedPerson:
-    """Handle, mandate, registering organisation."""
+    """A person for whom the owner acts: handle, mandate, registering organisation."""
 
     handle: bytes
     mandate: Mandate

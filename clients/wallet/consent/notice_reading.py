@@ -40,7 +40,7 @@ class NoticeView:
 
     @property
     def version(self) -> int:
-        """0 if none."""
+        """The version, 0 if none is published."""
         return 0 if self.published is None else self.published.row.version
 
     def askable(self, purposes: Sequence[str]) -> dict[str, list[str]]:

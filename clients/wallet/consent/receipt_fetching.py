@@ -216,7 +216,7 @@ class ReceiptOutcome:
 
 
 async def try_fetch_receipt(opened: Wallet, txid: bytes) -> ReceiptOutcome:
-    """Failures are not raised."""
+    """Return a failure rather than raise it."""
     try:
         return ReceiptOutcome(await ConsentReceipts(opened).obtain(txid), None)
     except BlockRobotError as error:

@@ -103,7 +103,7 @@ class Rights:
         return await self._say(chosen, "lift", [chosen.record_ids], "lifted")
 
     async def deny(self, visit: KnownVisit) -> RightsStatement:
-        """Say that the visit shows somebody else. Raises CALL_REFUSED."""
+        """Say that the visit shows another person. Raises CALL_REFUSED."""
         return await self._say(RecordChoice(visit), "wrong_person", [], "quarantined")
 
     async def correct(self, chosen: RecordChoice, kind: str, text: str) -> tuple[RightsStatement, Correction]:

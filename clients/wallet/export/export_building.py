@@ -51,7 +51,7 @@ class ExportChoice:
 
     @property
     def is_everything(self) -> bool:
-        """Whole visits."""
+        """Whether whole visits are exported."""
         return not (self.records or self.from_ms or self.until_ms)
 
     def selection(self) -> doc.Selection:

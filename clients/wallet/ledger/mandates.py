@@ -51,7 +51,7 @@ class Mandates:
     # Looking
 
     async def read_all(self) -> list[Mandate]:
-        """As proposed. Raises NOT_REGISTERED."""
+        """Return all mandates in the order of their proposals. Raises NOT_REGISTERED."""
         return await self._mandates(await self._all_ids())
 
     async def _all_ids(self) -> list[bytes]:
@@ -101,7 +101,7 @@ class Mandates:
         return [ACT.convert(found[key]) for key in keys]
 
     async def read_handle(self, wanted: str) -> bytes:
-        """Whole. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND."""
+        """Return the whole handle. Raises HANDLE_MISTYPED, HANDLE_NOT_FOUND."""
         await self._wallet.require_registered()
         if is_short(wanted):
             found = await put_query(self._read, partial(handle_from, start=decode_short(wanted)))
@@ -124,7 +124,7 @@ class Mandates:
         return member.org
 
     async def acting_for(self, handle: bytes) -> Mandate:
-        """Active. Raises MANDATE_MISSING."""
+        """Return the active mandate. Raises MANDATE_MISSING."""
         mandate_id = await self._of(handle)
         for mandate in await self._mandates([] if mandate_id is None else [mandate_id]):
             if mandate.state.representative == self._wallet.store.content.handle and mandate.status == ACTIVE:
@@ -144,7 +144,7 @@ class Mandates:
         await self._call("approve", [mandate.mandate_id])
 
     async def accept(self, mandate: Mandate) -> None:
-        """As representative. Raises CALL_REFUSED."""
+        """Accept it as the representative. Raises CALL_REFUSED."""
         await self._call("accept", [mandate.mandate_id])
 
     async def end(self, mandate: Mandate) -> None:

@@ -46,7 +46,7 @@ class StateCollector:
     _found: dict[bytes, tuple[bytes, doc.KeyProof]] = field(default_factory=dict)
 
     async def read(self, keys: Sequence[bytes]) -> None:
-        """In batches."""
+        """Read the keys in batches."""
         fresh = [key for key in dict.fromkeys(keys) if key not in self.values]
         for start in range(0, len(fresh), PROOF_KEYS_MAX_COUNT):
             part = fresh[start : start + PROOF_KEYS_MAX_COUNT]

@@ -13,7 +13,7 @@ RobotNames = Mapping[bytes, RobotName]
 
 
 async def read_robot_names(wallet: Wallet, visits: Iterable[KnownVisit]) -> dict[bytes, RobotName]:
-    """Without unnamed ones."""
+    """Robots without a name are left out."""
     found = {}
     # Each robot in the session of a visit of its own: asked together, a node would learn that one person met them all.
     for robot, visit in {visit.robot: visit for visit in visits}.items():

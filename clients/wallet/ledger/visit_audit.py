@@ -77,7 +77,7 @@ async def audit_visit(wallet: VisitReader, visit: KnownVisit, count: int | None 
 
 
 async def audit_all(wallet: VisitReader) -> list[AuditEntry]:
-    """In chain order."""
+    """Return all entries in chain order."""
     entries = []
     for visit in await wallet.scan():
         entries.extend(await audit_visit(wallet, visit))

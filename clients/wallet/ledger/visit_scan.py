@@ -63,7 +63,7 @@ def follow_announcements(
 
 
 def owner_key(visit: KnownVisit, keys: WalletKeys, chain_id: bytes) -> PrivateKey:
-    """Derived, never stored."""
+    """The key is derived, and never stored."""
     return derive_owner_key(keys.spend, keys.view, visit.ephemeral, chain_id=chain_id, robot=visit.robot)
 
 

@@ -166,7 +166,7 @@ class Wallet:
         return registration
 
     async def find_registration(self, keys: WalletKeys) -> MemberRow | None:
-        """Proven; None if inactive."""
+        """Return the proven row, None if it is not active."""
         return await find_registration(self.network, keys.identity)
 
     def _remember_registration(self, member: MemberRow | Card) -> None:
@@ -329,5 +329,5 @@ class Wallet:
         )
 
     async def records(self) -> list[VisitReport]:
-        """Oldest first."""
+        """Return the visits, oldest first."""
         return [await self.visit_report(visit) for visit in await self.scan()]

@@ -51,7 +51,7 @@ class Job:
         return self.state in {"done", "failed", "cancelled"}
 
     def tell(self, step: str, done: int = 0, of: int = 0) -> None:
-        """0 of 0: unknown."""
+        """Note a step; 0 of 0 means that the total is unknown."""
         self.step, self.done, self.of = step, done, of
         self.note()
 
@@ -114,7 +114,7 @@ class Jobs:
                 job.note()
                 try:
                     job.result = await work(job)
-                    job.is_stoppable = False  # it is done: what came of it is kept, and told
+                    job.is_stoppable = False  # it is done: its result is kept and shown
                 finally:
                     await self._after()
             job.state = "done"

@@ -76,7 +76,7 @@ class OpenClip:
         self.frames = [(view, frame) for view in self.views for frame in view.frames]
 
     def note_verdicts(self, heights: Mapping[bytes, int]) -> None:
-        """Block heights by record."""
+        """`heights`: of the verdicts' blocks, by record."""
         self.seals = tuple(replace(seal, verdict_height=heights.get(seal.view.entry.record_id)) for seal in self.seals)
 
     @property
@@ -85,11 +85,11 @@ class OpenClip:
 
     @property
     def size(self) -> int:
-        """Approximately, in bytes."""
+        """The approximate size in bytes."""
         return sum(map(size_of, self.views)) + sum(map(len, self.rooms.values()))
 
     def rendition(self, number: int) -> Rendition:
-        """By position. Raises NOT_FOUND."""
+        """Return the rendition at a position. Raises NOT_FOUND."""
         if not 0 <= number < len(self.frames):
             raise BlockRobotError("NOT_FOUND", f"The clip has {len(self.frames)} frames.")
         rendition = self.frames[number][1].rendition
@@ -109,7 +109,7 @@ class OpenClip:
         return compose_on(decode_depth_png(room), *box, rendition.pixels)
 
     def file(self, number: int) -> tuple[str, bytes]:
-        """Media type and bytes."""
+        """Return media type and bytes."""
         rendition = self.rendition(number)
         if rendition.encoding == ENCODING_PNG16:
             return "image/png", colourise(self.depth(number, own=False))
@@ -165,7 +165,7 @@ def _kind(rendition: Rendition) -> str:
 
 
 def little_endian(depth: Depth) -> bytes:
-    """Row-major, 16 bits."""
+    """Return 16-bit values row by row."""
     return np.ascontiguousarray(depth, dtype="<u2").tobytes()
 
 
@@ -200,7 +200,7 @@ class Clips:
         return None
 
     def count_committed(self, record_id: bytes) -> int | None:
-        """None if not open."""
+        """Return None if the clip is not open."""
         views = [view for clip in self._clips.values() for view in clip.views if view.entry.record_id == record_id]
         return len(views[-1].frames) if views else None
 

@@ -56,5 +56,5 @@ def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms)
 
 
 def page_folder(wallet_file: Path) -> Path:
-    """Beside its wallet."""
+    """The page's folder lies next to its wallet."""
     return wallet_file.with_name(f".{wallet_file.stem}.page")

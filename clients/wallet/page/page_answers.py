@@ -17,7 +17,7 @@ from consensus.errors import BlockRobotError
 from pages.local_page import PROBLEM_TYPE, Handler, LocalRoute, read_object
 
 QUIET_HEADER = "X-BlockRobot-Quiet-Ms"
-"""How long ago somebody touched the page that asks: it asks by itself too, whenever there are news."""
+"""How long ago the user last touched the page: it asks by itself too, whenever there is news."""
 VERIFIED_HEADER = "X-BlockRobot-Verified"
 """The height and the time, in ms, of the block against which the wallet checks when it answers."""
 Answer = Callable[[PageSession, web.Request], Awaitable[web.StreamResponse]]
@@ -41,7 +41,7 @@ class ProblemDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def page_problem(error: BlockRobotError, language: str) -> ProblemDocument:
-    """Localised (RFC 9457)."""
+    """Return a localised problem (RFC 9457)."""
     detail, next_step = describe_error(error, language)
     return ProblemDocument(
         type=f"urn:blockrobot:error:{error.code}",

@@ -35,7 +35,7 @@ def read_zone(name: str) -> datetime.tzinfo | None:
 
 
 def recordings(entries: Iterable[RecordEntry]) -> list[RecordEntry]:
-    """Without withheld-frame notices."""
+    """Notices of withheld frames are left out."""
     return [entry for entry in entries if entry.metadata.sensor != NOTICE_SENSOR]
 
 
@@ -52,7 +52,7 @@ def kind_of(entry: RecordEntry) -> str:
 
 
 def select(snapshot: Snapshot, wanted: Filter) -> list[tuple[VisitPart, RecordEntry]]:
-    """In time order."""
+    """Return what matches, in time order."""
     found = [(part, entry) for part in snapshot.visits for entry in part.report.records if wanted.takes(entry)]
     return sorted(found, key=lambda pair: (pair[1].metadata.started_at_ms, pair[1].record_id))
 

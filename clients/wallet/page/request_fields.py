@@ -85,7 +85,7 @@ class RequestFields:
 
 
 def read_id(text: str) -> bytes:
-    """Hexadecimal. Raises REQUEST_INVALID."""
+    """Read a hexadecimal id. Raises REQUEST_INVALID."""
     try:
         return bytes.fromhex(text)
     except ValueError:

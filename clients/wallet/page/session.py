@@ -172,7 +172,7 @@ class PageSession:
         return not self.jobs.are_open and self.now_ms() - self.used_at_ms > minutes * 60_000
 
     def node_troubles(self) -> dict[str, BlockRobotError]:
-        """By name; unreachability expires."""
+        """Troubles by node; an unreachable node is forgotten after a while."""
         now, troubles = self.now_ms(), self.wallet.network.troubles
         for name, error in troubles.items():
             if name not in self._troubles or self._troubles[name][0] is not error:

@@ -85,7 +85,7 @@ class Album:
         return files
 
     def write_visits(self) -> list[Path]:
-        """For several records."""
+        """Write a sheet for each visit of several records."""
         written = []
         for owner, collection in self.visits.items():
             if self.visit_records[owner] > 1 and collection.count:

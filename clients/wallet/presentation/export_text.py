@@ -13,7 +13,7 @@ from consensus.errors import CATALOGUE, BlockRobotError
 
 
 def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
-    """What the bundle discloses."""
+    """Say what the bundle discloses."""
     wanted = plan.wanted
     visits = text("count.visits", count=len(plan.visits))
     lines = [text("export.holds", visits=visits, records=text("count.records", count=plan.record_count))]

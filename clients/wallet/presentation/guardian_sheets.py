@@ -34,7 +34,7 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
     policy = f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
     made = format_date(one.made_at_ms)
     values: dict[str, Any] = {"count": len(one.guardians), "threshold": one.threshold, "name": one.guardians[place]}
-    # A guardian is told no profile and no folder: these are the owner's.
+    # A sheet names no profile and no folder: these are the owner's.
     values |= {
         "command": WALLET_COMMAND,
         "number": place + 1,

@@ -36,14 +36,14 @@ def find_language(environment: Mapping[str, str] | None = None) -> str:
 
 
 def language_in_use() -> str:
-    """The running command's."""
+    """The language of the running command."""
     context = click.get_current_context(silent=True)
     chosen = None if context is None else context.meta.get(_META_KEY)
     return chosen or find_language()
 
 
 def choose_language(context: click.Context, language: str | None) -> None:
-    """None: the environment's."""
+    """`language` None: the environment's."""
     if language is not None:
         context.meta[_META_KEY] = language
 
@@ -77,7 +77,7 @@ def reason_text(code: str, *, language: str | None = None) -> str:
 
 
 def withheld_text(withheld: Sequence[tuple[str, int]], *, language: str | None = None) -> str:
-    """Most frequent first."""
+    """Name the most frequent reason first."""
     ordered = sorted(withheld, key=lambda one: -one[1])
     if len(ordered) == 1:
         reasons = reason_text(ordered[0][0], language=language)

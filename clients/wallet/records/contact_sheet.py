@@ -75,7 +75,7 @@ def fit(picture: Image.Image) -> Image.Image:
 
 
 def evenly(tiles: Sequence[Tile], most: int) -> list[Tile]:
-    """Including first and last."""
+    """The first and the last are among them."""
     if len(tiles) <= most:
         return list(tiles)
     if most == 1:

@@ -30,7 +30,7 @@ ITERATION_EXPONENT = 1
 ITERATION_EXPONENT_MAX_COUNT = 5
 """No set of ours asks for more work; forged shares must not make the machine work for minutes."""
 CHOICES_MAX_COUNT = 20_000
-"""Eight of sixteen are 12,870; beyond that somebody puts shares in to make the machine work."""
+"""Eight of sixteen are 12,870; with more, shares were put in to keep the machine busy."""
 _ENTROPY_BYTES = 32
 _NO_PASSPHRASE = b""
 _DISTINCT_LETTERS_COUNT = 4

@@ -25,7 +25,7 @@ PAGE_COUNT = 100
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """One grant, proven."""
+    """One grant as the chain proves it."""
 
     grant_id: bytes
     row: GrantRow
@@ -86,7 +86,7 @@ async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
 
 
 def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
-    """By view tag first."""
+    """Compare the view tag first: it is cheap."""
     row = grant.row
     found = scan_grant(
         keys.view, keys.spend.public_key, row.ephemeral, row.view_tag, chain_id=chain_id, owner=row.owner

@@ -56,7 +56,7 @@ UPLOAD_PAUSE_S = 0.25
 STEP_KEYS = "fetching the keys"
 STEP_PARTS = "handing its parts to "
 STEP_SIGNING = "signing"
-"""What is told of the work: names of steps, that whoever shows them says in a person's language."""
+"""The steps of the work by name; what shows them translates them."""
 _NOT_YET = frozenset({"CLIP_NOT_CONFIRMED", "CUSTODY_CATCHING_UP", "RATE_LIMITED"})
 """What a custodian says that follows the chain a moment late, or has too much to do."""
 _NONCE_BYTES = 24

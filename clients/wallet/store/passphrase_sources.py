@@ -37,7 +37,7 @@ def load_keyring() -> Any:
 
 @contextmanager
 def explaining_keyring_errors(key: str) -> Iterator[None]:
-    """As KEYRING_UNUSABLE (`because.KEY`)."""
+    """Raise what a keyring raises as KEYRING_UNUSABLE (`because.KEY`)."""
     try:
         yield
     except BlockRobotError:

@@ -1,4 +1,4 @@
-"""Advisory lock beside the wallet file: one program at a time; the kernel releases it."""
+"""Advisory lock next to the wallet file: one program at a time; the kernel releases it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def claim_wallet(
     wait_s: float = WAIT_MAX_S,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[None]:
-    """`name_command`: how the holder's command is told to the user. Raises WALLET_BUSY, WALLET_NOT_FOUND."""
+    """`name_command`: how the holder's command is shown to the user. Raises WALLET_BUSY, WALLET_NOT_FOUND."""
     require_wallet(path)
     with _hold(path, name_command, wait_s, sleep):
         yield

@@ -55,7 +55,7 @@ def _read(ctx: click.Context) -> WalletContent:
 
 @contextlib.contextmanager
 def _opened(ctx: click.Context) -> Iterator[Keystore]:
-    """Offline, without the keyring."""
+    """Open the wallet offline and without the keyring."""
     path: Path = ctx.obj[0]
     require_wallet(path)
     passphrase = read_passphrase(from_keyring=False)

@@ -18,7 +18,7 @@ CHECK_MAX_S = 5.0
 
 
 def read_words(text: str) -> str:
-    """Normalised. Raises WORDS_INVALID."""
+    """Return the words normalised. Raises WORDS_INVALID."""
     derive_keys(text)
     return " ".join(text.lower().split())
 

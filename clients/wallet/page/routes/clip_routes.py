@@ -96,7 +96,7 @@ async def open_records(
 
 
 async def _judge(session: PageSession, request: web.Request) -> web.Response:
-    """Without refetching."""
+    """Check what is open, without fetching it again."""
     clip, language = _clip_of(session, request), language_of(request)
 
     async def work(job: Job) -> Result:

@@ -25,7 +25,7 @@ from pages.local_page import LocalRoute
 
 
 class PageLook(Answer, frozen=True, kw_only=True):
-    """One time that somebody looked at shared records."""
+    """One time that a grantee looked at shared records."""
 
     time_ms: int
     who: str
