@@ -49,6 +49,6 @@ WRITES_BESIDE = {
     "network/experiments/pages/tables.py": "an experiment's folder",
     "network/experiments/run_all.py": "an experiment's folder",
     "network/lab/hiding/companion_training.py": "a developer's model file",
-    "network/lab/pedestrians/judge.py": "a developer's cache of a film",
+    "network/lab/pedestrians/evaluate.py": "a developer's cache of a film",
     "network/cli/tool_commands.py": "our own reference pages, written again",
 }

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 from consensus.errors import BlockRobotError
 from network.cli.main import main
+from network.lab.pedestrians.evaluate import judge_pedestrians, keep_without_depth
 from network.lab.pedestrians.film import FILM, read_film
-from network.lab.pedestrians.judge import judge_pedestrians, keep_without_depth
 from network.lab.pedestrians.marks import find_people, is_marked_film, marked_people
 
 STRETCH = range(215, 375)

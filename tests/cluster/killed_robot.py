@@ -27,7 +27,7 @@ from clients.registrar.registrar import Registrar
 from clients.robot.identity.robot_keys import create_identity, load_identity, register_robot
 from clients.robot.identity.sealed_file import read_sealed
 from clients.robot.recording.spool import SpooledClip
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from clients.robot.sensing.sensor_events import Frame
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import parse_scenario
@@ -200,7 +200,7 @@ class KilledRobot:
     async def check(self) -> None:
         """All that was spooled is in the wallet once and whole, every visit is closed with its count, and nothing waits."""
         assert list((self.robot / "spool").iterdir()) == []
-        assert OpenVisits(self.robot / "open-visits", load_identity(self.robot).spool).counts == {}
+        assert UnclosedVisitStore(self.robot / "open-visits", load_identity(self.robot).spool).counts == {}
         reports = await self.read()
         entries = [entry for report in reports for entry in report.records]
         ids = [entry.record_id.hex() for entry in entries]

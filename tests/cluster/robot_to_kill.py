@@ -22,11 +22,11 @@ from typing import Any
 from clients.robot.cli import main as robot_cli
 from clients.robot.delivery.delivery import Delivery
 from clients.robot.delivery.robot_network import RobotNetwork
-from clients.robot.recording import sealing, sensor_recorder, spool, visit_book
+from clients.robot.recording import sealing, sensor_recorder, spool, visit_keyring
 from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import SensorRecorder
 from clients.robot.recording.spool import Spool
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from clients.robot.run import runner
 from clients.sdk import network_client, new_files
 from clients.sdk.chain.custody_client import CustodyClient
@@ -94,7 +94,7 @@ STEPS: dict[str, Step] = {
     "spooled-before-folder-sync": Step(new_files, "sync_folder", counts=_in_spool, number=2),
     "spooled": Step(Spool, "put", after=True, number=2),
     "visit-counted-before-sync": Step(os, "fsync", counts=_syncs_visits, number=2),
-    "visit-counted": Step(OpenVisits, "save", after=True, number=3),
+    "visit-counted": Step(UnclosedVisitStore, "save", after=True, number=3),
     "announcing": Step(RobotNetwork, "submit_and_wait", counts=_calls("open_visit")),
     "announcement-submitted": Step(NetworkClient, "submit", after=True, counts=_calls("open_visit")),
     "announced": Step(RobotNetwork, "submit_and_wait", after=True, counts=_calls("open_visit")),
@@ -110,7 +110,7 @@ STEPS: dict[str, Step] = {
     "closing": Step(RobotNetwork, "submit_and_wait", counts=_calls("close_visit")),
     "closing-submitted": Step(NetworkClient, "submit", after=True, counts=_calls("close_visit")),
     "visit-closed": Step(RobotNetwork, "submit_and_wait", after=True, counts=_calls("close_visit")),
-    "visit-forgotten": Step(OpenVisits, "forget", after=True),
+    "visit-forgotten": Step(UnclosedVisitStore, "forget", after=True),
     "pin-written": Step(network_client, "replace_file"),
     "summary-told": Step(robot_cli, "print_answer"),
     # What must not be recorded is destroyed.
@@ -223,7 +223,7 @@ def keep_diary(diary: Diary) -> None:
     wrap(sensor_recorder, "seal_clip", Around(after=sealed))
     wrap(Spool, "put", Around(after=spooled))
     wrap(sealing, "seal_data_key", Around(before=secret(1)))
-    wrap(visit_book, "open_visit_keys", Around(before=secret(0)))
+    wrap(visit_keyring, "open_visit_keys", Around(before=secret(0)))
 
 
 if __name__ == "__main__":

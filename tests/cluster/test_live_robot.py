@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from clients.robot.identity.robot_keys import load_identity
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from tests.cluster.killed_robot import PURPOSE, ROOT, SCENE_FILE, killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest
 
@@ -55,6 +55,6 @@ async def test_ctrl_c_ends_a_live_run_with_everything_sealed_recorded_and_closed
         held = [entry.metadata for report in reports for entry in report.records]
         assert sum(entry.frame_count for entry in held if entry.sensor == "depth") == frames["kept"] > 0
         assert list((robot.robot / "spool").iterdir()) == []
-        assert OpenVisits(robot.robot / "open-visits", load_identity(robot.robot).spool).counts == {}
+        assert UnclosedVisitStore(robot.robot / "open-visits", load_identity(robot.robot).spool).counts == {}
         assert [path.name for path in (tmp_path / "recordings").iterdir()] == ["tags.json"], "what it saw is not kept"
         robot.look_at_disk()

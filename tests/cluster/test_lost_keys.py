@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from clients.officer.lost_keys import LostKeys, Span
-from clients.robot.recording import sealing, visit_book
+from clients.robot.recording import sealing, visit_keyring
 from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.records.erasure import ErasureClient
@@ -26,7 +26,7 @@ from tests.cluster.test_rights import UID, Ward, quiet
 def late_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     """A robot that delivers five minutes late, as after a cut of the network: the span is over when it is looked at."""
     now = sealing.compute_time_bucket
-    for module in (sealing, visit_book):
+    for module in (sealing, visit_keyring):
         monkeypatch.setattr(module, "compute_time_bucket", lambda time_ms: now(time_ms - TIME_BUCKET_MS))
 
 

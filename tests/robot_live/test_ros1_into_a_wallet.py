@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from clients.robot.identity.robot_keys import load_identity
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from tests.cluster.killed_robot import killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.robot_live.live_robot import LiveRobot
@@ -66,5 +66,5 @@ async def test_what_ros_publishes_at_30_hz_is_recorded_whole_and_is_in_the_walle
         held = [entry.metadata for report in reports for entry in report.records]
         assert sum(entry.frame_count for entry in held if entry.sensor == "depth") == frames["kept"]
         assert [(report.closed, report.missing_count) for report in reports] == [(True, 0)] * len(reports)
-        assert OpenVisits(robot.robot / "open-visits", load_identity(robot.robot).spool).counts == {}
+        assert UnclosedVisitStore(robot.robot / "open-visits", load_identity(robot.robot).spool).counts == {}
         assert list((tmp_path / "home").rglob("*.log")) == [], "rospy keeps no log here"

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from clients.robot.identity.robot_keys import load_identity
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from tests.cluster.killed_robot import killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest, running
 from tests.robot_live.live_robot import LiveRobot
@@ -99,6 +99,6 @@ async def record_and_check(live: LiveRobot, graph: Ros2Graph, scene: Path) -> No
     held = [entry.metadata for report in reports for entry in report.records]
     assert sum(entry.frame_count for entry in held if entry.sensor == "depth") == frames["kept"]
     assert [(report.closed, report.missing_count) for report in reports] == [(True, 0)] * len(reports)
-    assert OpenVisits(live.robot.robot / "open-visits", load_identity(live.robot.robot).spool).counts == {}
+    assert UnclosedVisitStore(live.robot.robot / "open-visits", load_identity(live.robot.robot).spool).counts == {}
     left = [path for path in (live.folder / "home").rglob("*") if path.is_file()]
     assert left == [], "neither rclpy's log nor anything else is left where the robot lives"

@@ -17,7 +17,7 @@ from typing import Annotated, Protocol
 
 import structlog
 
-from clients.robot.consent.registry_reader import Majority, Reading, RegistryReader
+from clients.robot.consent.registry_reader import Majority, RegistryReader, RegistrySnapshot
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.pairing.rosters import RosterBook
 from clients.sdk.terminal.json_answers import Answer, Count, Ms, doc
@@ -128,7 +128,7 @@ class Consents:
         self._person_key = person_key
         self._stale_after_ms = stale_after_ms
         self._now_ms = now_ms
-        self._view: Reading | None = None
+        self._view: RegistrySnapshot | None = None
         self._settled_at_ms = 0
         self._waited_for: list[int] = []
         self._read_whole_at_ms = 0
@@ -146,7 +146,7 @@ class Consents:
     # The view
 
     async def refresh(self) -> None:
-        """Read anew; on errors, raise and keep the view."""
+        """Read the registry again; on errors, raise and keep the view."""
         looked_at_ms = self._now_ms()
         known = self._view
         if looked_at_ms - self._read_whole_at_ms >= READ_WHOLE_EVERY_MS:
@@ -177,7 +177,7 @@ class Consents:
             _log.warning("quorum_unheard", code=error.code)
             return False
 
-    def _note_beginnings(self, view: Reading) -> None:
+    def _note_beginnings(self, view: RegistrySnapshot) -> None:
         """A consent seen before its height begins at the first block from there; unbroken prolongation keeps its start."""
         places = dict(_places(view))
         self._begun_ms = {place: began for place, began in self._begun_ms.items() if place in places}
@@ -256,7 +256,7 @@ class Consents:
 
     # Answers
 
-    def find_withhold_reason(self, handle: bytes, purpose: str, sensor: str, taken_at_ms: int) -> WithholdReason | None:
+    def check_may_keep(self, handle: bytes, purpose: str, sensor: str, taken_at_ms: int) -> WithholdReason | None:
         """Return why a picture taken then may not be kept, or None."""
         if self._view is None or not self.is_fresh():
             return WithholdReason.STALE
@@ -281,14 +281,14 @@ class Consents:
         return max(consent.since_ms, consent.from_ms, begun_ms)
 
     @staticmethod
-    def _consent(view: Reading, handle: bytes, purpose: str, sensor: str) -> StepRow | None:
+    def _consent(view: RegistrySnapshot, handle: bytes, purpose: str, sensor: str) -> StepRow | None:
         choices = view.people.get(handle)
         return None if choices is None else effective_consent(choices.get((purpose, sensor), ()), view.height)
 
     def person_tag(self, handle: bytes) -> bytes:
         return compute_person_tag(self._person_key, handle)
 
-    async def decide_recording(self, clip: SealedClip) -> bool:
+    async def may_record_clip(self, clip: SealedClip) -> bool:
         """Wait for a fresh view later than the clip's last picture; return whether it may be recorded. In replays faster
         than real time, the sealing time counts. Raises SESSION_REFUSED, INTERNAL.
         """
@@ -298,7 +298,7 @@ class Consents:
             await self._wait_to_know_of(min(clip.captured_until_ms, clip.decided_at_ms))
             if handle is None:
                 return False
-            refusals = {self.find_withhold_reason(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends}
+            refusals = {self.check_may_keep(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends}
             if WithholdReason.STALE not in refusals:
                 return refusals == {None}
             # The view turned stale since: that is no word of theirs.
@@ -320,7 +320,7 @@ class Consents:
         return self._view.timestamp_ms >= at_ms or self._settled_at_ms >= at_ms + SETTLED_AFTER_MS
 
 
-def _places(view: Reading) -> Iterator[tuple[_Place, _Place | None]]:
+def _places(view: RegistrySnapshot) -> Iterator[tuple[_Place, _Place | None]]:
     for handle, choices in view.people.items():
         for (purpose, sensor), steps in choices.items():
             for before, step in zip((None, *steps), steps, strict=False):

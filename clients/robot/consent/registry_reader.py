@@ -51,7 +51,7 @@ class NetworkMajority:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class RegistrySnapshot:
     """One block's proof; choices by handle."""
 
     height: int
@@ -72,7 +72,7 @@ class RegistryReader:
         """Raises NODE_UNREACHABLE and others."""
         await self._client.catch_up(self._key)
 
-    async def read(self, known: Reading | None) -> Reading:
+    async def read(self, known: RegistrySnapshot | None) -> RegistrySnapshot:
         """Return a new reading; `known` is carried on while nothing changed. Change numbers are read first: later changes
         show next time. Raises PROOF_INVALID, PROOF_STALE, network errors.
         """
@@ -80,7 +80,7 @@ class RegistryReader:
         counts = tuple(state.values[key] for key in _COUNTS)
         unchanged = known is not None and counts == known.counts
         people = known.people if known is not None and unchanged else await self._read_whole()
-        return Reading(state.height, state.timestamp_ms, counts, people)
+        return RegistrySnapshot(state.height, state.timestamp_ms, counts, people)
 
     async def _read_whole(self) -> dict[bytes, Choices]:
         read = in_session(self._client, self._key)

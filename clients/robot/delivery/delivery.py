@@ -16,7 +16,7 @@ import msgspec
 import structlog
 
 from clients.robot.recording.spool import Delivered, Spool, SpooledClip
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipUpload
@@ -85,17 +85,17 @@ class Delivery:
         network: DeliveryNetwork,
         *,
         on_delivered: Callable[[Delivered], None],
-        decide_recording: Callable[[SpooledClip], Awaitable[bool]],
+        may_record_clip: Callable[[SpooledClip], Awaitable[bool]],
         on_dropped: Callable[[SpooledClip], Awaitable[None]] = _nothing,
         at_once: bool = False,
     ) -> None:
-        """`decide_recording` is checked before each announcement or record, and after upload. Refused clips are destroyed,
+        """`may_record_clip` is checked before each announcement or record, and after upload. Refused clips are destroyed,
         then `on_dropped` is called.
         """
         self._spool = spool
         self._network = network
         self._on_delivered = on_delivered
-        self._may_record = decide_recording
+        self._may_record = may_record_clip
         self._on_dropped = on_dropped
         self._delay_max_ms = 0 if at_once else SUBMIT_DELAY_MAX_MS
         self._loaded = asyncio.Semaphore(CLIPS_LOADED_MAX_COUNT)
@@ -146,14 +146,14 @@ class Delivery:
         await self._final("records", _OPEN_VISIT, arguments, accepted=("OK", "VISIT_EXISTS"), clip=clip)
         self._known_visits.add(clip.owner)
 
-    async def close_visits(self, visits: OpenVisits) -> None:
+    async def close_visits(self, visits: UnclosedVisitStore) -> None:
         """Close all visits known to the chain and forget all, after delivery of every clip. Visits destroyed before
         announcement are not revealed. If a restart leaves this unknown, a node is asked.
         """
         for owner, record_count in visits.counts.items():
             await self._close(visits, owner, record_count)
 
-    async def close_over(self, visits: OpenVisits, goes_on: Callable[[bytes], bool]) -> None:
+    async def close_over(self, visits: UnclosedVisitStore, goes_on: Callable[[bytes], bool]) -> None:
         """Close this run's ended visits whose records are all final; others next time. `goes_on` is checked before the
         record count is read, so the count is complete.
         """
@@ -166,7 +166,7 @@ class Delivery:
             except BlockRobotError as error:
                 _log.warning("visit_not_closed", code=error.code)
 
-    async def _close(self, visits: OpenVisits, owner: bytes, record_count: int) -> None:
+    async def _close(self, visits: UnclosedVisitStore, owner: bytes, record_count: int) -> None:
         doubtful = owner in visits.inherited or owner in self._tried_visits
         if self.has_announced(owner) or (doubtful and await self._is_on_chain(owner)):
             await self.close_visit(owner, record_count)

@@ -64,7 +64,7 @@ def encode_cutout(out: Cutout) -> EncodedCutout:
 
 
 def extract_cutout(depth: Depth, background: Background, segmented: Segmented, silhouette: Silhouette) -> Cutout:
-    """Edges are regrown by 3 px into foreground. A depth step separates somebody behind too small for a label."""
+    """Edges are regrown by 3 px into foreground. A depth step separates a person behind who is too small for a label."""
     assert segmented.labels is not None
     left, top, width, height = silhouette.box
     x0, y0 = max(0, 2 * left - 4), max(0, 2 * top - 4)

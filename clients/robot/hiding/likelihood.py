@@ -28,7 +28,7 @@ ABSENT_MOTIONS = ((0.0, 0.0, 0.4), (0.7, 0.02, 0.3), (0.7, 0.3, 0.3))
 VISIBLE_FRONT = ((18.0, 2.0, 1.0),)
 ABSENT_FRONT = ((2.0, 18.0, 0.9995), (1.0, 1.0, 0.0005))
 _LOG_2PI = math.log(2 * math.pi)
-# What is less likely than this beside the likeliest counts as this likely, so that no logarithm is infinite.
+# What is less likely than this, relative to the likeliest, counts as this likely, so that no logarithm is infinite.
 _TINY = 1e-300
 _TRANSITIONS_KEPT_COUNT = 1024
 
@@ -40,7 +40,7 @@ class Spread(NamedTuple):
     covariance: Array
 
 
-class Step(NamedTuple):
+class FilterUpdate(NamedTuple):
     """A reading's effect on beliefs of equal spread."""
 
     after: Spread
@@ -86,7 +86,7 @@ class Filters:
         self.start = Belief(means, log_weight, Spread(None, covariance))
         self._transition = lru_cache(_TRANSITIONS_KEPT_COUNT)(self._make_transition)
 
-    def step(self, spread: Spread, at_ms: int, sigma_m: float) -> Step:
+    def step(self, spread: Spread, at_ms: int, sigma_m: float) -> FilterUpdate:
         motion, noise = self._transition(max(0, at_ms - (at_ms if spread.at_ms is None else spread.at_ms)))
         covariance = motion @ spread.covariance @ motion.transpose(0, 2, 1) + noise
         # What is measured is the position plus the drifting error: (1, 0, drifting) of the state, and fresh noise.
@@ -96,7 +96,7 @@ class Filters:
         gain = across / variance[:, None]
         after = covariance - gain[:, :, None] * across[:, None, :]
         constant = -0.5 * (_LOG_2PI + np.log(variance))
-        return Step(Spread(at_ms, after), motion, drifting, gain, 1 / variance, constant)
+        return FilterUpdate(Spread(at_ms, after), motion, drifting, gain, 1 / variance, constant)
 
     def _make_transition(self, elapsed_ms: int) -> tuple[Array, Array]:
         """Return transition and process noise, both (components, 3, 3)."""
@@ -116,7 +116,7 @@ class Filters:
 FILTERS = Filters()
 
 
-def update_belief(belief: Belief, step: Step, distance_m: float, person_m: float) -> Belief:
+def update_belief(belief: Belief, step: FilterUpdate, distance_m: float, person_m: float) -> Belief:
     """`person_m`: the person's range at the reading."""
     predicted = (step.motion @ belief.mean[:, :, None])[:, :, 0]
     error = distance_m - person_m * FILTERS.in_view - predicted[:, 0] - step.drifting * predicted[:, 2]

@@ -14,7 +14,7 @@ from clients.sdk.terminal.json_answers import Answer, Count, Ms, doc
 BIND_LOG_ODDS = 9.2
 READINGS_MIN_COUNT = 4
 # The distances by themselves must fit a person three times as well as a bearer who is not in the picture. Without that
-# antennas alone would bind, and that a tag is before the robot is also true of whoever stands beside the picture.
+# antennas alone would bind, and that a tag is before the robot is also true of a person just outside the picture.
 DISTANCE_LOG_ODDS_MIN = 1.1
 _RIVAL_WITHIN = 5.0  # log-odds: a rival this close to the best is what stands in the way
 _CONTRADICTS_BELOW = -2.3  # log-odds of the distances: an absent bearer explains them ten times as well

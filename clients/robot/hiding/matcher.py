@@ -14,14 +14,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clients.robot.hiding.likelihood import FILTERS, Belief, Step, log_antenna, log_evidence, log_sum, update_belief
+from clients.robot.hiding.likelihood import (
+    FILTERS,
+    Belief,
+    FilterUpdate,
+    log_antenna,
+    log_evidence,
+    log_sum,
+    update_belief,
+)
 from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, READINGS_MIN_COUNT, MatchEvidence
 from clients.robot.hiding.tracking import NEAREST_RANGE_MS, Track
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
 
 PRIOR_ABSENT = 0.3
 UNBIND_LOG_ODDS = 0.0
-# Evidence older than this is let go, some seconds at a time, since what is left is then weighed anew.
+# Evidence older than this is let go, some seconds at a time, since what is left is then weighed again.
 EVIDENCE_MS = 30_000
 LET_GO_MS = 15_000
 # Of all readings of one tag in a tenth of a second, one for each kind counts: a storm of readings weighs no more.
@@ -34,10 +42,10 @@ SIGMA_MIN_M = 0.05
 UNFOLLOWED_M = 1.5
 _CHECKPOINT_EVERY_COUNT = 16
 
-# A reader's delay is looked for among these shifts, to be told; it changes no verdict.
+# A reader's delay is looked for among these shifts, for the report; it changes no verdict.
 SHIFT_MAX_MS, SHIFT_STEP_MS = 4_000, 250
 SHIFT_READINGS_MIN_COUNT, SHIFT_READINGS_MAX_COUNT = 8, 64
-_SHIFT_BETTER = 0.4  # the spread that is left must be this small beside the one without a shift
+_SHIFT_BETTER = 0.4  # the spread that is left must be this small compared with the one without a shift
 _SHIFT_SIGMAS = 2.5  # and no more than so many stated errors
 
 _Order = tuple[int, int, int, str, int, float, float, float]
@@ -93,7 +101,7 @@ class _Tag:
     scores: _TrackScores = field(default_factory=dict)
     checkpoints: list[tuple[int, _TrackScores]] = field(default_factory=lambda: [(0, {})])
     known: bool = False  # whether the roster holds it
-    # Up to here bindings stand as they were made, though the evidence is weighed anew.
+    # Up to here bindings stand as they were made, though the evidence is weighed again.
     decided_until_ms: int | None = None
 
     def add(self, sighting: Sighting) -> bool:
@@ -291,7 +299,7 @@ class Matcher:
     def _weigh(self, tag: _Tag, reading: Sighting) -> None:
         at_ms = reading.middle_ms
         clouds = self._ranges_unfollowed(at_ms)
-        steps: dict[int, Step] = {}
+        steps: dict[int, FilterUpdate] = {}
         for number, track in self._tracks.items():
             person_m = track.range_at(at_ms)
             if person_m is None:
@@ -333,7 +341,7 @@ class Matcher:
 
 
 def _update_evidence(
-    evidence: _Evidence, reading: Sighting, at_ms: int, person_m: float, steps: dict[int, Step]
+    evidence: _Evidence, reading: Sighting, at_ms: int, person_m: float, steps: dict[int, FilterUpdate]
 ) -> _Evidence:
     if reading.distance_m is not None and reading.sigma_m is not None:
         evidence = _compare(evidence, at_ms, reading.distance_m, reading.sigma_m, person_m, steps)
@@ -342,7 +350,7 @@ def _update_evidence(
 
 
 def _compare(
-    evidence: _Evidence, at_ms: int, distance_m: float, sigma_m: float, person_m: float, steps: dict[int, Step]
+    evidence: _Evidence, at_ms: int, distance_m: float, sigma_m: float, person_m: float, steps: dict[int, FilterUpdate]
 ) -> _Evidence:
     spread = evidence.belief.spread
     step = steps.get(id(spread))

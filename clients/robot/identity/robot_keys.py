@@ -1,6 +1,6 @@
 """A robot's own keys, in one file readable by its user only.
 
-Sealed under a passphrase if given; otherwise whoever steals the robot has keys and the day's roster until revocation
+Sealed under a passphrase if given; otherwise a thief of the robot has keys and the day's roster until revocation
 (see the threat model).
 """
 

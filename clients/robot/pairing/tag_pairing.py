@@ -159,7 +159,7 @@ class Pairing:
         return made
 
     def owners_so_far(self, captured_at_ms: int) -> tuple[str, ...]:
-        """Later sightings only add."""
+        """Return the owners known until now; later sightings only add to them."""
         return tuple(sorted(alias for alias, seen in self._known.items() if seen.covers(captured_at_ms)))
 
     def _check_time(self, sequence: int, captured_at_ms: int, *, vouched: bool) -> None:

@@ -53,7 +53,7 @@ class Batcher:
         return ready
 
     def add_withheld(self, alias: str, reason: str, count: int = 1) -> None:
-        """Told with the owner's next clip."""
+        """Note a withheld frame; the owner's next clip reports it."""
         counts = self._open.setdefault(alias, OpenClip()).withheld
         counts[reason] = counts.get(reason, 0) + count
 

@@ -83,7 +83,7 @@ class OccupancyMonitor:
             self._strangers.clear()
         self._strangers.append((start, end))
 
-    def assess(self, start_ms: int, end_ms: int, *, final: bool = False) -> Occupancy | None:
+    def find_occupancy(self, start_ms: int, end_ms: int, *, final: bool = False) -> Occupancy | None:
         """Was one person alone in the span? None: not settled."""
         frames = self._settled(start_ms - APART_MAX_MS, end_ms + APART_MAX_MS, final=final)
         if frames is None:
@@ -102,7 +102,7 @@ class OccupancyMonitor:
         return Occupancy(owners, sole_owner=owners[0] if alone else "")
 
     def silhouettes(self, at_ms: int, *, final: bool = False) -> list[KeptFrame | WithheldFrame] | None:
-        """None: not yet."""
+        """Return the verdicts of the one depth frame that belongs to a picture, or None if it is not settled yet."""
         frames = self._settled(at_ms - SKEW_MAX_MS, at_ms + SKEW_MAX_MS, final=final)
         if not frames:
             return None if frames is None else []

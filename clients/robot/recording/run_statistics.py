@@ -30,7 +30,7 @@ ARRIVALS_MAX_COUNT = 4_096
 """Of so many frames it is remembered when they came: more than two minutes of 30 a second, longer than any waits here."""
 
 AMBIGUOUS_TAGS_MAX_COUNT = 16
-"""Of so many tags it is told why they could not be told to be anybody's in view."""
+"""So many tags at most are reported as ambiguous, and as many as merged."""
 
 _EXACT_BELOW_MS = 10_000
 

@@ -23,8 +23,8 @@ from clients.robot.recording.event_log import EventLog
 from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sealing import ClipContent, seal_clip
 from clients.robot.recording.spool import SpooledClip
-from clients.robot.recording.unclosed_visits import OpenVisits
-from clients.robot.recording.visit_book import VisitBook
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
+from clients.robot.recording.visit_keyring import VisitKeyring
 from clients.robot.sensing.sensor_clocks import RunClocks
 from consensus.members.roster import RosterRow
 from consensus.primitives.hashing import HASH_SIZE_BYTES
@@ -44,8 +44,8 @@ class RunContext:
     """What the tracks of a run share; `now_ms` is wall clock."""
 
     consents: Consents
-    visits: VisitBook
-    open_visits: OpenVisits
+    visits: VisitKeyring
+    open_visits: UnclosedVisitStore
     log: EventLog
     clip_ms: int
     now_ms: Callable[[], int]
@@ -82,7 +82,7 @@ class SensorRecorder:
 
     def is_tag_allowed(self, row: RosterRow, read_at_ms: int) -> bool:
         """Return whether a tag read at this camera time is known."""
-        refusal = self._find_withhold_reason(row, read_at_ms + self._offset_ms)
+        refusal = self._check_may_keep(row, read_at_ms + self._offset_ms)
         if refusal is not None:
             place = (row.handle, self._visits.purpose, self.sensor)
             coming = refusal is WithholdReason.NO_CONSENT and self._consents.is_coming(*place)
@@ -94,13 +94,13 @@ class SensorRecorder:
     def process(self, output: KeptFrame | WithheldFrame) -> list[ReadyClip]:
         """Return the clips that an output closes."""
         row = self._people[output.alias]
-        refusal = self._find_withhold_reason(row, output.captured_at_ms + self._offset_ms)
+        refusal = self._check_may_keep(row, output.captured_at_ms + self._offset_ms)
         if isinstance(output, KeptFrame) and refusal is None:
             if output.evidence is not None:
                 self._statistics.add_off(output.alias, output.evidence)
             self._kept.setdefault(output.alias, self._find_beginning(row))
             return self.batcher.add_kept(output, self._now_ms())
-        # Only who consents is told the reason: for others, that would be a record of them.
+        # Only people who consent get the reason: for others, it would be a record of them.
         may_tell = refusal is None or refusal is WithholdReason.STALE
         reported = str(output.reason if isinstance(output, WithheldFrame) and may_tell else refusal)
         evidence = output.evidence if isinstance(output, WithheldFrame) and may_tell else None
@@ -142,14 +142,14 @@ class SensorRecorder:
         row = self._people[clip.alias]
         kept, stale_count = [], 0
         for frame in clip.frames:
-            refusal = self._find_withhold_reason(row, frame.captured_at_ms + self._offset_ms)
+            refusal = self._check_may_keep(row, frame.captured_at_ms + self._offset_ms)
             if refusal is None:
                 kept.append(frame)
             else:
                 self._note_withheld(frame.sequence, clip.alias, str(refusal))
                 stale_count += refusal is WithholdReason.STALE
         withheld = Counter(dict(clip.withheld)) + Counter({str(WithholdReason.STALE): stale_count})
-        now_refusal = self._find_withhold_reason(row, self._now_ms())
+        now_refusal = self._check_may_keep(row, self._now_ms())
         if kept or (withheld and now_refusal is None):
             return ReadyClip(alias=clip.alias, frames=tuple(kept), withheld=tuple(sorted(withheld.items())))
         if now_refusal is WithholdReason.STALE:
@@ -160,7 +160,7 @@ class SensorRecorder:
     def drop_refused(self) -> None:
         """After each reading, drop samples and end visits without consent."""
         for alias, row in self._people.items():
-            refusal = self._find_withhold_reason(row, self._now_ms())
+            refusal = self._check_may_keep(row, self._now_ms())
             if refusal is WithholdReason.NO_CONSENT:
                 for frame in self.batcher.drop(alias):
                     self._note_withheld(frame.sequence, alias, str(WithholdReason.NO_CONSENT))
@@ -177,8 +177,8 @@ class SensorRecorder:
     def _find_beginning(self, row: RosterRow) -> int | None:
         return self._consents.find_beginning(row.handle, self._visits.purpose, self.sensor)
 
-    def _find_withhold_reason(self, row: RosterRow, taken_at_ms: int) -> WithholdReason | None:
-        return self._consents.find_withhold_reason(row.handle, self._visits.purpose, self.sensor, taken_at_ms)
+    def _check_may_keep(self, row: RosterRow, taken_at_ms: int) -> WithholdReason | None:
+        return self._consents.check_may_keep(row.handle, self._visits.purpose, self.sensor, taken_at_ms)
 
     def _note_withheld(
         self, sequence: int, alias: str, reason: str, evidence: MatchEvidence | MergedEvidence | None = None

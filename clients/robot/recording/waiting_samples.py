@@ -160,7 +160,7 @@ class WaitingSamples:
         return True
 
     def _whole(self, waiting: _Waiting, *, final: bool) -> list[KeptFrame | WithheldFrame] | None:
-        judged = self.alone.assess(waiting.start_ms, waiting.end_ms, final=final)
+        judged = self.alone.find_occupancy(waiting.start_ms, waiting.end_ms, final=final)
         if judged is None:
             return None
         everything = EncodedCutout(0, 0, waiting.form.width, waiting.form.height, waiting.data)

@@ -28,8 +28,8 @@ from clients.robot.recording.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import RunContext
 from clients.robot.recording.spool import Spool
-from clients.robot.recording.unclosed_visits import OpenVisits
-from clients.robot.recording.visit_book import VisitBook
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
+from clients.robot.recording.visit_keyring import VisitKeyring
 from clients.robot.run.pipeline import Pipeline, note_delivered, note_dropped
 from clients.robot.run.run_summary import RunIntake, RunProgress, RunSummary
 from clients.robot.run.run_validity import RunValidity
@@ -171,13 +171,13 @@ class _Run:
         redactor = FrameRedactor(background)
         lens = CameraIntrinsics(source, redactor.use_focal_px, live=isinstance(source, LiveSource))
         statistics = RunStatistics(window_ms=redactor.pairing.window_ms)
-        open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
+        open_visits = UnclosedVisitStore(self._folder / "open-visits", self._identity.spool)
         member = self._identity.identity.public_key
         await publish_frames(self._network, bank, self._folder, member, self._options.approver)
         with EventLog(self._options.events) as log:
             run = RunContext(
                 consents=self._consents,
-                visits=VisitBook(self._chain_id, member, self._options.purpose),
+                visits=VisitKeyring(self._chain_id, member, self._options.purpose),
                 open_visits=open_visits,
                 log=log,
                 clip_ms=self._options.clip_ms,
@@ -187,7 +187,7 @@ class _Run:
                 self._spool,
                 self._network,
                 on_delivered=lambda done: note_delivered(done, statistics, log),
-                decide_recording=self._consents.decide_recording,
+                may_record_clip=self._consents.may_record_clip,
                 on_dropped=lambda clip: note_dropped(clip, run, statistics),
                 at_once=self._options.at_once,
             )
@@ -277,7 +277,7 @@ async def replay_recording(
     `intake` counts unusable messages and the `fault`; `camera` the focal length's origin. Raises ROBOT_RUNNING,
     EMPTY_SCENE_MISSING, EMPTY_FRAME_NOT_APPROVED, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, network errors.
     """
-    # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
+    # Picture work runs in one thread next to the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)
     with lock_robot(folder):
         async with open_pinned_client(genesis, folder / PIN_FILE) as client:

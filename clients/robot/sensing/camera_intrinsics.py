@@ -49,7 +49,7 @@ class CameraIntrinsics:
         """A live first frame waits `FOCAL_WAIT_MAX_S` at most."""
         async for event in events:
             if self._focal_px is None and isinstance(event, Frame):
-                if self._live:  # a recording has told it at the start, or never will
+                if self._live:  # a recording gives it at the start, or never
                     await self._wait()
                 self._frames_before += self._focal_px is None
             yield event

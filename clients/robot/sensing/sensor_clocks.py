@@ -22,7 +22,7 @@ DRIFT_MAX_PPM = 500.0  # quartz is within 100
 DRIFT_SPAN_MIN_MS = 60_000
 STEP_MIN_MS = 50.0  # smaller steps of a clock are taken for delay
 STEP_BINS_COUNT = 3
-READERS_MAX_COUNT = 32  # more than a robot can be told of
+READERS_MAX_COUNT = 32  # more than a robot can be configured with
 READING_MAX_MS = 10_000  # of a longer reading its end counts: some readers tell when they saw a tag first of all
 _PPM = 1e-6
 _Kind = TypeVar("_Kind", bound=Event)

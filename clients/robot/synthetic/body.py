@@ -53,7 +53,7 @@ def pose(person: Person, at_s: float) -> Capsules | None:
 
 
 def place_rows(rows: Sequence[Row], x: float, z: float, heading: float, props: int = 0) -> Capsules:
-    """Return rows of somebody or something that stands at a place and looks along `heading` (0: against z)."""
+    """Return rows of a person or thing that stands at a place and looks along `heading` (0: against z)."""
     local = np.array([row[:6] for row in rows], dtype=np.float32).reshape(-1, 2, 3)
     cos, sin = math.cos(heading), math.sin(heading)
     right, up, ahead = local[..., 0], local[..., 1], local[..., 2]

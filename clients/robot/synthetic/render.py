@@ -13,9 +13,9 @@ from clients.robot.sensing.sensor_events import Depth, Facing
 from clients.robot.synthetic.body import Capsules, pose
 from clients.robot.synthetic.camera import AID_BIT, Camera, Image, Labels, draw
 from clients.robot.synthetic.corridor import empty_corridor
+from clients.robot.synthetic.environment import furnish, mirror, patches
 from clients.robot.synthetic.noise import CameraNoise
 from clients.robot.synthetic.scenario import Person, Scenario
-from clients.robot.synthetic.surroundings import furnish, mirror, patches
 
 RENDERER_VERSION = 3
 EMPTY_FRAME_OFFSET = 1_000_000
@@ -40,7 +40,7 @@ class Renderer:
         self.scenario = scenario
         self.camera = Camera(scenario)
         self._bare = empty_corridor(self.camera)
-        self._noise = _noise_of(self.camera.shape, scenario.focal_px, scenario.seed, scenario.surroundings.holes)
+        self._noise = _noise_of(self.camera.shape, scenario.focal_px, scenario.seed, scenario.environment.holes)
 
     def frame(self, index: int) -> Depth:
         """Return a frame as uint16 millimetres."""
@@ -77,7 +77,7 @@ class Renderer:
         return depth
 
     def _mirror(self, depth: Image, labels: Labels, bodies: list[tuple[Capsules, int]]) -> None:
-        share = self.scenario.surroundings.mirror_floor
+        share = self.scenario.environment.mirror_floor
         if share > 0:  # the patches are at fixed pixels
             mirror(self.camera, depth, labels, bodies, *patches(depth.shape, share, self.scenario.seed))
 
@@ -87,7 +87,7 @@ class Renderer:
             self.camera.at = at
             self._bare = empty_corridor(self.camera)
         depth = self._bare.copy()
-        furnish(self.camera, depth, self.scenario.surroundings, at_s)
+        furnish(self.camera, depth, self.scenario.environment, at_s)
         return depth
 
 

@@ -184,7 +184,7 @@ class Scenario:
     reader: Reader
     people: tuple[Person, ...]
     digest: str
-    surroundings: Environment = Environment()
+    environment: Environment = Environment()
     absent: frozenset[str] = frozenset()
 
     @property
@@ -197,7 +197,7 @@ class Scenario:
 
     def camera_at(self, at_s: float) -> tuple[float, float, float]:
         """Return the robot's (x, z, yaw); zeros while standing still."""
-        path = self.surroundings.camera_path
+        path = self.environment.camera_path
         if not path:
             return 0.0, 0.0, 0.0
         times = [point[0] for point in path]
@@ -320,7 +320,7 @@ def _scenario(table: dict[str, Any], digest: str) -> Scenario:
         ),
         people=_people(table.get("people", [])),
         digest=digest,
-        surroundings=_surroundings(table.get("surroundings", {})),
+        environment=_environment(table.get("environment", {})),
     )
 
 
@@ -362,7 +362,7 @@ def _person(row: dict[str, Any]) -> Person:
     )
 
 
-def _surroundings(table: dict[str, Any]) -> Environment:
+def _environment(table: dict[str, Any]) -> Environment:
     return Environment(
         mirror_floor=float(table.get("mirror_floor", 0.0)),
         holes=float(table.get("holes", 0.0)),
@@ -403,7 +403,7 @@ def _flag(row: dict[str, Any], key: str) -> bool:
 
 def check_scenario(scenario: Scenario) -> None:
     """Raise CONFIGURATION_INVALID for unrenderable scenarios."""
-    reader, around = scenario.reader, scenario.surroundings
+    reader, environment = scenario.reader, scenario.environment
     problems = (
         (not 0 < scenario.duration_s <= DURATION_MAX_S, "duration_s must be above 0 and at most an hour"),
         (not 1 <= scenario.frame_rate <= 120, "frame_rate must be between 1 and 120"),
@@ -417,16 +417,16 @@ def check_scenario(scenario: Scenario) -> None:
         (not 0 <= reader.late_s <= 60, "reader.late_s must be between 0 and 60"),
         (len(scenario.people) > PEOPLE_MAX_COUNT, "there are too many people"),
         (len({person.alias for person in scenario.people}) < len(scenario.people), "two people share an alias"),
-        (not 0 <= around.mirror_floor <= 1, "surroundings.mirror_floor must be a share, 0 to 1"),
-        (not 0 <= around.holes <= 0.5, "surroundings.holes must be between 0 and 0.5"),
-        (len(around.doors) + len(around.beds) > THINGS_MAX_COUNT, "there are too many doors and beds"),
-        (any(door.closes_s <= door.opens_s for door in around.doors), "a door must close after it opens"),
+        (not 0 <= environment.mirror_floor <= 1, "environment.mirror_floor must be a share, 0 to 1"),
+        (not 0 <= environment.holes <= 0.5, "environment.holes must be between 0 and 0.5"),
+        (len(environment.doors) + len(environment.beds) > THINGS_MAX_COUNT, "there are too many doors and beds"),
+        (any(door.closes_s <= door.opens_s for door in environment.doors), "a door must close after it opens"),
     )
     for wrong, sentence in problems:
         if wrong:
             raise BlockRobotError("CONFIGURATION_INVALID", f"Scenario: {sentence}.")
-    if around.camera_path:
-        _check_times("the robot", [point[0] for point in around.camera_path], "camera_path")
+    if environment.camera_path:
+        _check_times("the robot", [point[0] for point in environment.camera_path], "camera_path")
     for person in scenario.people:
         _check_person(person)
 

@@ -98,7 +98,7 @@ def draw_scene(
         reader=Reader(float(rng.choice([0.3, 0.5])), 1, 2, 0.1, missed=0.3, late_s=float(rng.choice([0.0, 0.0, 2.0]))),
         people=joined(people),
         digest="",
-        surroundings=_surroundings(rng, stratum, duration_s),
+        environment=_environment(rng, stratum, duration_s),
     )
     check_scenario(scenario)
     return replace(scenario, digest=hashlib.sha256(repr(scenario).encode()).hexdigest())
@@ -279,7 +279,7 @@ def _third(rng: np.random.Generator, people: tuple[Person, ...], duration_s: flo
     return draw_person(rng, THIRD, cut_off(times, points, duration_s))
 
 
-def _surroundings(rng: np.random.Generator, stratum: Stratum, duration_s: float) -> Environment:
+def _environment(rng: np.random.Generator, stratum: Stratum, duration_s: float) -> Environment:
     doors: tuple[Door, ...] = ()
     if rng.random() < 0.25:
         opens = float(rng.uniform(0.1, 0.6)) * duration_s

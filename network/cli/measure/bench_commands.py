@@ -227,7 +227,7 @@ def hiding(as_json: bool, **options: int) -> None:
 
     Example: blockrobot bench hiding --scenes 200 --json
     """
-    from network.lab.hiding.judge import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
+    from network.lab.hiding.evaluate import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
 
     _finish(run_hiding_benchmark(HidingOptions(**options), _Teller()), as_json=as_json)
 
@@ -246,7 +246,7 @@ def matcher_command(tracks: int, seed: int, workers: int | None, as_json: bool) 
 
     Example: blockrobot bench matcher --tracks 10000 --seed 1 --json
     """
-    from network.lab.matcher.matcher_judge import judge_matcher  # noqa: PLC0415 - only when it is needed
+    from network.lab.matcher.matcher_evaluation import judge_matcher  # noqa: PLC0415 - only when it is needed
 
     def on_progress(done: int, of: int) -> None:
         if sys.stderr.isatty():
@@ -311,8 +311,8 @@ def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path |
 
     Example: blockrobot bench pedestrians --picture shown.png
     """
+    from network.lab.pedestrians.evaluate import judge_pedestrians  # noqa: PLC0415
     from network.lab.pedestrians.film import FILM  # noqa: PLC0415 - only when it is needed
-    from network.lab.pedestrians.judge import judge_pedestrians  # noqa: PLC0415
 
     result = judge_pedestrians(seed, tags=tags, film_file=film or FILM, picture=picture, on_progress=_Teller())
     _finish(result, as_json=as_json)

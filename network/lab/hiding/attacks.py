@@ -12,7 +12,7 @@ from clients.robot.sensing.sensor_events import Depth, Mask
 from clients.robot.synthetic.camera import Labels
 from network.lab.hiding.hand_made import HAND_MADE
 from network.lab.hiding.learned import Example, LearnedAttacker
-from network.lab.hiding.play import VISIBLE_MIN_PX, Played, Shown, Stage, Timed, owner_cutout, placed, play
+from network.lab.hiding.run_scene import VISIBLE_MIN_PX, Played, Shown, Stage, Timed, owner_cutout, placed, play
 from network.lab.hiding.scenes import Scene, View, blur_others, half_view, show_owner_only
 from network.lab.hiding.scoring import iou
 
@@ -70,7 +70,7 @@ def learn_from(scene: Scene) -> Examples:
             break
         depth, labels = stage.renderer.frame_with_truth(int(index))
         seen = [label for label in scene.owners.values() if (labels == label).any()]
-        label = seen[0] if seen else 1  # somebody is taken for the owner even where no bearer is in the picture
+        label = seen[0] if seen else 1  # a person is taken for the owner even where no bearer is in the picture
         others = (labels > 0) & (labels != label)
         if not (labels == label).any() or np.count_nonzero(others) < VISIBLE_MIN_PX:
             continue

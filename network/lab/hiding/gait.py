@@ -16,7 +16,7 @@ from network.lab.hiding.attacks import BLUR, CONTROL, NONE, ON_OURS, OURS
 from network.lab.hiding.features import Floats
 from network.lab.hiding.hand_made import by_difference
 from network.lab.hiding.learned import LearnedAttacker, require_learning
-from network.lab.hiding.play import VISIBLE_MIN_PX, Stage, owner_cutout, placed, release
+from network.lab.hiding.run_scene import VISIBLE_MIN_PX, Stage, owner_cutout, placed, release
 from network.lab.hiding.scenes import Scene, View, blur_others, half_view, show_owner_only
 
 WALK_S = 6.0

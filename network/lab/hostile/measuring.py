@@ -16,7 +16,7 @@ from network.lab.hostile.running import call_before, call_program, compile_progr
 
 GAS_LIMIT = 1_000_000
 GAS_COUNTED_MIN = 40_000
-"""A program that uses less is not measured: what its call costs beside its steps would be most of the figure."""
+"""A program that uses less is not measured: what its call costs in addition to its steps would be most of the figure."""
 SURE_ROUNDS_COUNT = 7
 EXTREMES_COUNT = 12
 

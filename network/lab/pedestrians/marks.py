@@ -20,7 +20,7 @@ OWNER_MIN_SHARE = 0.8
 """Of a rendition's pixels: so many lie in its owner's box, or nobody can be named."""
 
 VISIBLE_MIN_SHARE = 0.02
-"""Of somebody's box: so much of it in another's rendition, outside of the owner's box, and they are visible there."""
+"""The share of a person's box in another's rendition, outside of the owner's box, from which on they are visible there."""
 
 _SLACK_PX = 6  # the boxes were drawn by eye
 

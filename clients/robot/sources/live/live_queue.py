@@ -17,7 +17,7 @@ from clients.robot.sources.messages.message_types import Message, MessageTypes
 QUEUE_MAX_COUNT = 20_000
 QUEUE_MAX_BYTES = 128 * 1024 * 1024
 ENTRY_BYTES = 512
-"""What an entry takes beside its data, about."""
+"""What an entry takes in addition to its data, about."""
 
 _LANES = {"frame": 0, "rgb": 0, "sighting": 2}
 _OTHERS_LANE = 1

@@ -37,7 +37,7 @@ class Sample:
         self.topics = {topic: TopicFigures(topic, kind, types={kind}) for topic, kind in advertised.items()}
         with ExitStack() as closing:
             closing.callback(self._feed.close)
-            # Nobody said of what type they are to be: one whose type cannot be had here must not keep the rest from sight.
+            # No type is configured for them: one whose type cannot be had here must not keep the rest from sight.
             self._feed.open(dict.fromkeys(advertised, ""), self)
             time.sleep(seconds)
         self.listened_s = seconds

@@ -123,7 +123,7 @@ class LiveSource:
         self._unread: Counter[str] = Counter()
         self._focal_px = topics.focal_px
         self._focal_known = threading.Event()
-        # Readers that are asked beside the camera's middleware have no topics.
+        # Readers with a connection of their own have no topics.
         self._watches = {feed: Watch(feed.name, topics.wanted, topics.depth) for feed in self._feeds[:1]}
 
     def __enter__(self) -> Self:

@@ -123,7 +123,7 @@ class LlrpFeed:
 
     async def _serve(self, links: Sequence[_Link]) -> None:
         self._loop, self._work = asyncio.get_running_loop(), asyncio.current_task()
-        # What a reader's nonsense breaks in the library ends that connection, and is said by us.
+        # What a reader's nonsense breaks in the library ends that connection, with our own message.
         self._loop.set_exception_handler(lambda _loop, _context: None)
         async with asyncio.TaskGroup() as group:
             for link in links:

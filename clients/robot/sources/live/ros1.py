@@ -276,7 +276,7 @@ def _within(limit_s: float, what: Callable[[], None], uri: str) -> None:
     def do() -> None:
         try:
             what()
-        except Exception as error:  # noqa: BLE001 - whatever it is, it is told in the caller's thread
+        except Exception as error:  # noqa: BLE001 - whatever it is, it is raised in the caller's thread
             failures.append(error)
 
     doing = threading.Thread(target=do, daemon=True)

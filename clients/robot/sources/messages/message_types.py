@@ -33,7 +33,7 @@ _IDL_WORK = 6
 _RULE = "=" * 80 + "\n"
 _WORD = re.compile(r"\w+|[^\w\s]")
 LEARNT_MAX_COUNT = 64
-"""How many definitions of live publishers are kept; what is forgotten is worked out again when it is told again."""
+"""How many definitions of live publishers are kept; what is forgotten is parsed again when it is published again."""
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")

@@ -21,7 +21,7 @@ READ_LEAST_BYTES = 64 * 1024
 READ_PER_BYTE = 3
 """How often a connection may give out the bytes of the file; each table is read once."""
 ROW_BYTES = 16
-"""What a row counts beside its texts and data; a message takes 20 bytes of a file at least."""
+"""What a row counts in addition to its texts and data; a message takes 20 bytes of a file at least."""
 VALUE_MAX_BYTES = 256 * 1024 * 1024
 HEAP_MAX_BYTES = 512 * 1024 * 1024
 """All that SQLite may take in this process, sorting included: no file for temporary data is made."""

@@ -91,7 +91,7 @@ def _draw(rng: np.random.Generator, seed: int, stratum: DriveStratum, *, judging
         raise NoRoomError
     scenario = _scenario(rng, f"{stratum}-{seed}", people, track, duration_s, judging=judging)
     if room.ground != Ground():  # only a level floor is drawn as a mirror
-        scenario = replace(scenario, surroundings=replace(scenario.surroundings, mirror_floor=0.0))
+        scenario = replace(scenario, environment=replace(scenario.environment, mirror_floor=0.0))
     scenario = replace(scenario, frame_rate=frame_rate)
     mount = _mount(rng, scenario.camera_height_m)
     exposure_s = float(rng.uniform(0.0, EXPOSURE_MAX_S))
@@ -188,5 +188,5 @@ def _scenario(
         reader=Reader(float(rng.choice([0.3, 0.5])), 1, 2, 0.1, missed=0.3, late_s=float(rng.choice([0.0, 0.0, 2.0]))),
         people=people,
         digest="",
-        surroundings=Environment(mirror_floor=mirror, holes=holes, camera_path=track),
+        environment=Environment(mirror_floor=mirror, holes=holes, camera_path=track),
     )

@@ -63,7 +63,7 @@ class Drive:
         return ahead / SPEED_STEP_S, (yaw1 - yaw0) / SPEED_STEP_S
 
     def odometry(self) -> tuple[OdometrySample, ...]:
-        return measure_odometry(self.scenario.surroundings.camera_path, self.scenario.seed, self.faults)
+        return measure_odometry(self.scenario.environment.camera_path, self.scenario.seed, self.faults)
 
     def readings(self) -> list[Reading]:
         return readings(self.scenario, self.seen_from_robot)

@@ -14,11 +14,11 @@ from clients.robot.synthetic.camera import AID_BIT, Camera, CameraPose, Image, L
 from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.room import Panel
 from clients.robot.synthetic.driving.solids import Faces, draw_faces, joined_faces, reflected
+from clients.robot.synthetic.environment import mirror, patches
 from clients.robot.synthetic.noise import CameraNoise, FlightNoise, blur
-from clients.robot.synthetic.surroundings import mirror, patches
 
 HORIZON_M = 20.0
-FURNITURE_BIT, REFLECTED_BIT = 0x40, 0x20  # beside AID_BIT in labels while they are drawn
+FURNITURE_BIT, REFLECTED_BIT = 0x40, 0x20  # next to AID_BIT in labels while they are drawn
 NUMBER_BITS = 0x1F
 CELL_M, PATTERN_CELLS = 0.015, 512  # of the blotches on a shiny surface, which repeat
 
@@ -47,7 +47,7 @@ class DriveRenderer:
         scenario = drive.scenario
         self.camera = Camera(scenario)
         self._noise = _noise_of(
-            self.camera.shape, scenario.focal_px, scenario.seed, scenario.surroundings.holes, drive.time_of_flight
+            self.camera.shape, scenario.focal_px, scenario.seed, scenario.environment.holes, drive.time_of_flight
         )
         ground = drive.room.ground
         pieces = [(piece, ground.up_m(piece.z), FURNITURE_BIT | n) for n, piece in enumerate(drive.pieces, start=1)]
@@ -66,7 +66,7 @@ class DriveRenderer:
         depth, marks = self._draw(self._faces, self._things, bodies)
         for panel in drive.room.panels:
             self._show_panel(panel, at, depth, marks, bodies)
-        share = drive.scenario.surroundings.mirror_floor
+        share = drive.scenario.environment.mirror_floor
         if share > 0:
             shown = [(body, number | REFLECTED_BIT) for body, number in bodies]
             x, _, z = self._places(at, depth)

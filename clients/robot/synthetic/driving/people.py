@@ -35,7 +35,7 @@ TURN_MAX_RADPS = 2.5
 
 
 class NoRoomError(Exception):
-    """Somebody who has to be in a drive found no place: another one is drawn."""
+    """A person who has to be in a drive found no place: another drive is drawn."""
 
 
 def draw_people(rng: np.random.Generator, space: Space, stratum: str, duration_s: float) -> tuple[Person, ...]:
@@ -62,7 +62,7 @@ def draw_people(rng: np.random.Generator, space: Space, stratum: str, duration_s
 
 
 def draw_behind(rng: np.random.Generator, space: Space, panel: Panel, duration_s: float) -> Person:
-    """Return somebody who stands behind a pane, outside the room."""
+    """Return a person who stands behind a pane, outside the room."""
     x, z = space.room.place_by(panel.wall, panel.at_m + float(rng.uniform(-0.3, 0.3)), -float(rng.uniform(0.6, 1.6)))
     person = draw_person(rng, "behind", ((0.0, x, z), (duration_s, x, z)))
     return replace(person, facing=draw_turning(rng, duration_s))
@@ -106,7 +106,7 @@ def _standing(rng: np.random.Generator, space: Space, person: Person, duration_s
 
 
 def _passed(rng: np.random.Generator, space: Space, duration_s: float) -> Person:
-    """Return somebody beside the robot's way."""
+    """Return a person next to the robot's path."""
     person = _drawn(rng, OWNER if rng.random() < 0.5 else OTHER, duration_s)
     for _ in range(TRIES_COUNT):
         moment = int(rng.uniform(0.45, 0.75) * len(space.times))
@@ -122,7 +122,7 @@ def _passed(rng: np.random.Generator, space: Space, duration_s: float) -> Person
 
 
 def _lying(rng: np.random.Generator, space: Space, alias: str, duration_s: float) -> Person:
-    """Return somebody in a bed along a side wall."""
+    """Return a person in a bed along a side wall."""
     person = draw_person(rng, alias, (), aid="bed")
     for _ in range(TRIES_COUNT):
         wall: Wall = "left" if rng.random() < 0.5 else "right"

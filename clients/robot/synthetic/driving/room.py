@@ -108,14 +108,14 @@ class Room:
         low, high = -OUTSIDE_M, self.length_m + OUTSIDE_M
         boxes = [box for wall in WALLS for box in self._wall(wall)]
         away = FAR_M
-        around = [
+        outside = [
             box_between((-away, -half), (BELOW_M, top), (-away, away)),
             box_between((half, away), (BELOW_M, top), (-away, away)),
             box_between((-away, away), (BELOW_M, top), (high, away)),
             box_between((-away, away), (BELOW_M, top), (-away, low)),
             box_between((-away, away), (top, top + 1), (-away, away)),
         ]
-        return joined_faces([place_boxes([*boxes, *around]), self.ground.faces()])
+        return joined_faces([place_boxes([*boxes, *outside]), self.ground.faces()])
 
     def panel_face(self, panel: Panel) -> Faces:
         """Return a panel's one face, which looks into the room."""

@@ -17,8 +17,8 @@ from clients.robot.pairing.rosters import RosterBook
 from clients.robot.recording.event_log import AliasBook
 from clients.robot.recording.sealing import ClipContent, seal_clip
 from clients.robot.recording.spool import Delivered, Spool, SpooledClip
-from clients.robot.recording.unclosed_visits import OpenVisits
-from clients.robot.recording.visit_book import VisitBook
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
+from clients.robot.recording.visit_keyring import VisitKeyring
 from clients.robot.run.pipeline import CLOSE_EVERY_S
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
@@ -76,8 +76,8 @@ class RobotDay:
         self.roster = roster
         key = unit.identity.spool
         self.spool = Spool(unit.folder / "spool", key)
-        self.open_visits = OpenVisits(unit.folder / "visits", key)
-        self.visits = VisitBook(chain.chain_id, unit.member, PURPOSE)
+        self.open_visits = UnclosedVisitStore(unit.folder / "visits", key)
+        self.visits = VisitKeyring(chain.chain_id, unit.member, PURPOSE)
         self.people: dict[str, RosterRow] = {}
         self.aliases = AliasBook()
         self._handles = {compute_person_tag(key, row.handle): row.handle for row in roster.rows}
@@ -85,7 +85,7 @@ class RobotDay:
             self.spool,
             link,
             on_delivered=_heard,
-            decide_recording=self._may_record,
+            may_record_clip=self._may_record,
             on_dropped=self._dropped,
             at_once=at_once,
         )

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 
 
-def note(visits: OpenVisits, owner: bytes, sealed_count: int) -> None:
+def note(visits: UnclosedVisitStore, owner: bytes, sealed_count: int) -> None:
     """Seal and spool as many clips of a visit as there are to be with those before, and save the count.
 
     0: one that was destroyed again.

@@ -33,33 +33,33 @@ def every(step_ms: int, until_ms: int, verdict: str = "alone") -> dict[int, str]
 
 
 def test_somebody_was_alone_only_once_the_frames_after_have_come_and_are_settled() -> None:
-    judged = scene(every(100, 3_000)).assess(1_000, 1_200)
+    judged = scene(every(100, 3_000)).find_occupancy(1_000, 1_200)
     assert judged is not None
     assert (judged.sole_owner, judged.owners) == ("ann", ("ann",))
-    assert scene(every(100, 1_500)).assess(1_000, 1_000) is None
-    assert scene(every(100, 3_000), settled=False).assess(1_000, 1_000) is None
-    assert scene({}).assess(1_000, 1_000) is None
-    judged = scene(every(100, 3_000), settled=False).assess(1_000, 1_000, final=True)
+    assert scene(every(100, 1_500)).find_occupancy(1_000, 1_000) is None
+    assert scene(every(100, 3_000), settled=False).find_occupancy(1_000, 1_000) is None
+    assert scene({}).find_occupancy(1_000, 1_000) is None
+    judged = scene(every(100, 3_000), settled=False).find_occupancy(1_000, 1_000, final=True)
     assert judged is not None
     assert (judged.sole_owner, judged.owners) == ("", ())
 
 
 def test_one_frame_with_somebody_beside_her_or_nobody_known_to_be_her_is_enough_to_withhold() -> None:
-    judged = scene(every(100, 3_000) | {1_400: "together"}).assess(1_000, 1_000)
+    judged = scene(every(100, 3_000) | {1_400: "together"}).find_occupancy(1_000, 1_000)
     assert judged is not None
     assert (judged.sole_owner, judged.reason) == ("", WithholdReason.NOT_ALONE)
-    judged = scene(every(100, 3_000) | {600: "lost"}).assess(1_000, 1_000)
+    judged = scene(every(100, 3_000) | {600: "lost"}).find_occupancy(1_000, 1_000)
     assert judged is not None
     assert (judged.sole_owner, judged.reason) == ("", WithholdReason.NOT_MATCHED)
 
 
 def test_every_tag_in_range_is_a_person_wherever_the_camera_looks() -> None:
-    judged = scene(every(100, 3_000), owners=("ann", "ben")).assess(1_000, 1_000)
+    judged = scene(every(100, 3_000), owners=("ann", "ben")).find_occupancy(1_000, 1_000)
     assert judged is not None
     assert (judged.sole_owner, judged.owners) == ("", ("ann", "ben"))
     alone = scene(every(100, 9_000))
     alone.note_stranger(7_000, 7_000)
-    early, late = alone.assess(1_500, 1_500), alone.assess(3_000, 3_000)
+    early, late = alone.find_occupancy(1_500, 1_500), alone.find_occupancy(3_000, 3_000)
     assert early is not None
     assert late is not None
     assert (early.sole_owner, late.sole_owner) == ("ann", "")
@@ -76,7 +76,7 @@ def test_a_storm_of_strangers_is_remembered_without_end_of_memory() -> None:
     alone = scene(every(100, 3_000))
     for number in range(5_000):
         alone.note_stranger(number * 20_000, number * 20_000)
-    judged = alone.assess(1_000, 1_000)
+    judged = alone.find_occupancy(1_000, 1_000)
     assert judged is not None
     assert judged.sole_owner == ""
     assert len(alone._strangers) <= 1_024
@@ -85,7 +85,7 @@ def test_a_storm_of_strangers_is_remembered_without_end_of_memory() -> None:
 def test_a_gap_between_frames_vouches_for_nobody() -> None:
     for missing in (range(1_000, 1_600), range(400, 1_100), range(1_001)):
         verdicts = {at: verdict for at, verdict in every(100, 3_000).items() if at not in missing}
-        judged = scene(verdicts).assess(1_000, 1_000)
+        judged = scene(verdicts).find_occupancy(1_000, 1_000)
         assert judged is not None
         assert judged.sole_owner == ""
 

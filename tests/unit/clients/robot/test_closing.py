@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from clients.robot.delivery.delivery import Delivery
-from clients.robot.recording.unclosed_visits import OpenVisits
-from clients.robot.recording.visit_book import CLOSE_DELAY_MAX_MS
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
+from clients.robot.recording.visit_keyring import CLOSE_DELAY_MAX_MS
 from clients.robot.sensing.sensor_events import SourceEvent
 from clients.robot.synthetic.scenario import parse_scenario
 from clients.robot.synthetic.scenario_bag import make_bag
@@ -35,7 +35,7 @@ async def test_a_visit_is_closed_with_its_count_and_closing_twice_is_harmless(tm
     assert run.network.closed == {run.done[0].clip.owner: 2}
 
 
-def closed_by(run: Run, delivery: Delivery, visits: OpenVisits) -> dict[bytes, int]:
+def closed_by(run: Run, delivery: Delivery, visits: UnclosedVisitStore) -> dict[bytes, int]:
     run_virtual(delivery.close_visits(visits))
     assert visits.counts == {}
     return run.network.closed
@@ -44,7 +44,7 @@ def closed_by(run: Run, delivery: Delivery, visits: OpenVisits) -> dict[bytes, i
 def test_all_that_was_announced_in_this_run_is_closed_and_no_node_is_asked(tmp_path: Path) -> None:
     run = Run(tmp_path / "spool", clips=2)
     owner = run.spool.get(run.names[0]).owner
-    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits = UnclosedVisitStore(tmp_path / "visits", KEY)
     note(visits, owner, 2)
     delivery = run_virtual(run.deliver_all())
     assert closed_by(run, delivery, visits) == {owner: 2}
@@ -53,7 +53,7 @@ def test_all_that_was_announced_in_this_run_is_closed_and_no_node_is_asked(tmp_p
 
 def test_a_visit_that_this_run_never_tried_to_announce_is_forgotten_and_no_node_hears_of_it(tmp_path: Path) -> None:
     run = Run(tmp_path / "spool", clips=0)
-    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits = UnclosedVisitStore(tmp_path / "visits", KEY)
     note(visits, b"\x02" * 33, 1)
     assert closed_by(run, run.delivery(), visits) == {}
     assert (run.network.calls, run.network.asked_visits) == ([], [])
@@ -63,11 +63,13 @@ def test_a_visit_that_this_run_never_tried_to_announce_is_forgotten_and_no_node_
 def test_of_an_earlier_runs_visit_the_chain_is_asked_whether_it_was_announced(tmp_path: Path, announced: bool) -> None:
     """The robot was killed: it cannot know. A network that is away is asked until it answers."""
     owner = b"\x02" * 33
-    note(OpenVisits(tmp_path / "visits", KEY), owner, 1)
+    note(UnclosedVisitStore(tmp_path / "visits", KEY), owner, 1)
     run = Run(tmp_path / "spool", clips=0)
     run.network.visits = {owner: []} if announced else {}
     run.network.question_refusals = ["NODE_UNREACHABLE"] * 3
-    assert closed_by(run, run.delivery(), OpenVisits(tmp_path / "visits", KEY)) == ({owner: 1} if announced else {})
+    assert closed_by(run, run.delivery(), UnclosedVisitStore(tmp_path / "visits", KEY)) == (
+        {owner: 1} if announced else {}
+    )
     assert run.network.asked_visits == [owner]
     assert len(run.network.times("close_visit")) == announced
 
@@ -76,7 +78,7 @@ def test_during_a_run_a_visit_is_closed_once_it_is_over_and_all_its_records_are_
     """A run may last for days, and its people need not wait that long to know that nothing is missing."""
     run = Run(tmp_path / "spool", clips=2)
     owner = run.spool.get(run.names[0]).owner
-    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits = UnclosedVisitStore(tmp_path / "visits", KEY)
     note(visits, owner, 2)
     going_on = {owner}
 
@@ -107,7 +109,7 @@ class TwoOver(Run):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder / "spool", clips=0)
-        self.visits = OpenVisits(folder / "visits", KEY)
+        self.visits = UnclosedVisitStore(folder / "visits", KEY)
         self.going_on = {self.SECOND}
         self.under_way = self.delivery()
 
@@ -164,7 +166,7 @@ async def test_a_visit_that_went_on_after_a_clip_was_destroyed_is_closed_with_wh
 ) -> None:
     run = Run(tmp_path / "spool", clips=3)
     first = run.spool.get(run.names[0])
-    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits = UnclosedVisitStore(tmp_path / "visits", KEY)
     run.refused = {first.upload.record_id}
     delivery = run.delivery()
     for place, name in enumerate(run.names):
@@ -179,9 +181,9 @@ async def test_a_visit_that_went_on_after_a_clip_was_destroyed_is_closed_with_wh
 
 def test_a_visit_of_an_earlier_life_is_left_to_the_end_of_the_run(tmp_path: Path) -> None:
     """How many of its records are final only that life knew."""
-    note(OpenVisits(tmp_path / "visits", KEY), b"\x02" * 33, 0)
+    note(UnclosedVisitStore(tmp_path / "visits", KEY), b"\x02" * 33, 0)
     run = Run(tmp_path / "spool", clips=0)
-    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits = UnclosedVisitStore(tmp_path / "visits", KEY)
     run_virtual(run.delivery().close_over(visits, lambda _: False))
     assert (visits.counts, run.network.asked_visits) == ({b"\x02" * 33: 0}, [])
 
@@ -192,7 +194,7 @@ async def test_a_visit_all_of_whose_clips_were_destroyed_during_the_run_is_forgo
 ) -> None:
     run = Run(tmp_path / "spool")
     sealed = run.spool.get(run.names[0])
-    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits = UnclosedVisitStore(tmp_path / "visits", KEY)
     note(visits, sealed.owner, 1)
     run.refused = {sealed.upload.record_id}
     delivery = await run.deliver_all()
@@ -204,7 +206,7 @@ async def test_a_visit_all_of_whose_clips_were_destroyed_during_the_run_is_forgo
 def test_an_announcement_whose_answer_was_lost_before_she_said_no_is_closed_all_the_same(tmp_path: Path) -> None:
     run = Run(tmp_path / "spool")
     sealed = run.spool.get(run.names[0])
-    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits = UnclosedVisitStore(tmp_path / "visits", KEY)
     note(visits, sealed.owner, 0)
 
     async def main() -> Delivery:

@@ -11,7 +11,7 @@ import pytest
 from clients.robot.consent.consent_view import STALE_AFTER_MS
 from clients.robot.recording.event_log import read_events
 from clients.robot.recording.spool import Spool
-from clients.robot.recording.visit_book import CLOSE_DELAY_MAX_MS
+from clients.robot.recording.visit_keyring import CLOSE_DELAY_MAX_MS
 from clients.robot.run.pipeline import CLOSE_EVERY_S
 from clients.robot.sensing.sensor_events import Frame, SourceEvent
 from clients.robot.synthetic.scenario import parse_scenario

@@ -60,7 +60,7 @@ class Ward:
         self, handle: bytes = ANN, purpose: str = "demo", sensor: str = "depth", taken_at_ms: int | None = None
     ) -> WithholdReason | None:
         at_ms = virtual_now_ms() if taken_at_ms is None else taken_at_ms
-        return self.consents.find_withhold_reason(handle, purpose, sensor, at_ms)
+        return self.consents.check_may_keep(handle, purpose, sensor, at_ms)
 
     def clip(self, handle: bytes = ANN, from_ms: int | None = None, until_ms: int | None = None) -> SpooledClip:
         now = virtual_now_ms()
@@ -269,7 +269,7 @@ async def test_a_clip_waits_for_a_look_at_the_registry_after_its_last_picture(wa
     await asyncio.sleep(0.5)
     sealed = ward.clip()
     ward.registry.say(ANN, "withdrawn")
-    asked = asyncio.create_task(ward.consents.decide_recording(sealed))
+    asked = asyncio.create_task(ward.consents.may_record_clip(sealed))
     await asyncio.sleep(0.1)
     assert not asked.done(), "the view is older than the picture"
     watch = asyncio.create_task(ward.consents.watch())
@@ -287,11 +287,11 @@ async def test_on_an_idle_chain_a_clip_waits_until_a_no_of_its_time_would_be_fin
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(0.1)
     sealed, started_ms = ward.clip(), virtual_now_ms()
-    assert await ward.consents.decide_recording(sealed) is True
+    assert await ward.consents.may_record_clip(sealed) is True
     assert SETTLED_AFTER_MS <= virtual_now_ms() - started_ms <= SETTLED_AFTER_MS + 2 * REFRESH_EVERY_MS
     ward.registry.idle = False
     started_ms = virtual_now_ms()
-    assert await ward.consents.decide_recording(ward.clip()) is True
+    assert await ward.consents.may_record_clip(ward.clip()) is True
     assert virtual_now_ms() - started_ms <= 2 * REFRESH_EVERY_MS
     watch.cancel()
 
@@ -304,10 +304,10 @@ async def test_a_look_for_one_clip_is_not_late_enough_for_the_next(ward: Ward) -
     ward.registry.idle = True
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(0.1)
-    first = asyncio.create_task(ward.consents.decide_recording(ward.clip()))
+    first = asyncio.create_task(ward.consents.may_record_clip(ward.clip()))
     await asyncio.sleep(SETTLED_AFTER_MS / 1000 - 0.5)
     second, started_ms = ward.clip(), virtual_now_ms()
-    assert await ward.consents.decide_recording(second) is True
+    assert await ward.consents.may_record_clip(second) is True
     assert virtual_now_ms() - started_ms >= SETTLED_AFTER_MS
     assert await first is True
     watch.cancel()
@@ -322,7 +322,7 @@ async def test_what_a_node_says_that_is_cut_off_brings_no_clip_to_the_chain(ward
     ward.registry.cut_off = ward.registry.idle = True
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(2)
-    asked = asyncio.create_task(ward.consents.decide_recording(ward.clip()))
+    asked = asyncio.create_task(ward.consents.may_record_clip(ward.clip()))
     await asyncio.sleep(60 - 2)
     assert not asked.done()
     assert ward.consents.is_fresh(), "nor is the view old yet"
@@ -338,11 +338,11 @@ async def test_others_are_asked_only_while_a_clip_waits_that_no_block_came_for(w
     ward.registry.say(ANN)
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(30)
-    assert await ward.consents.decide_recording(ward.clip()) is True
+    assert await ward.consents.may_record_clip(ward.clip()) is True
     ward.registry.idle = True
     await asyncio.sleep(30)
     assert ward.registry.quorums_asked == 0
-    assert await ward.consents.decide_recording(ward.clip()) is True
+    assert await ward.consents.may_record_clip(ward.clip()) is True
     assert ward.registry.quorums_asked == 1
     watch.cancel()
 
@@ -353,7 +353,7 @@ async def test_one_node_that_takes_the_robot_for_no_member_ends_nothing(ward: Wa
     await ward.consents.refresh()
     watch = asyncio.create_task(ward.consents.watch())
     ward.registry.failure, ward.registry.others_serve = "SESSION_REFUSED", True
-    asked = asyncio.create_task(ward.consents.decide_recording(ward.clip()))
+    asked = asyncio.create_task(ward.consents.may_record_clip(ward.clip()))
     await asyncio.sleep(5)
     assert not asked.done()
     assert ward.refusal() is None
@@ -373,7 +373,7 @@ async def test_a_robot_that_is_a_member_again_goes_on(ward: Ward) -> None:
     ward.registry.failure = ""
     await asyncio.sleep(2)
     ward.consents.raise_failure()
-    assert await ward.consents.decide_recording(ward.clip()) is True
+    assert await ward.consents.may_record_clip(ward.clip()) is True
     watch.cancel()
 
 
@@ -382,9 +382,9 @@ async def test_a_view_that_turns_stale_while_a_clip_is_judged_destroys_nothing(w
     ward.registry.say(ANN, since_ms=virtual_now_ms() - DAY_MS)
     await ward.consents.refresh()
     sealed = ward.clip(until_ms=virtual_now_ms() - 1_000)
-    find, times = ward.consents.find_withhold_reason, [WithholdReason.STALE]
-    ward.consents.find_withhold_reason = lambda *told: times.pop() if times else find(*told)  # type: ignore[method-assign]
-    asked = asyncio.create_task(ward.consents.decide_recording(sealed))
+    find, times = ward.consents.check_may_keep, [WithholdReason.STALE]
+    ward.consents.check_may_keep = lambda *told: times.pop() if times else find(*told)  # type: ignore[method-assign]
+    asked = asyncio.create_task(ward.consents.may_record_clip(sealed))
     await asyncio.sleep(0.1)
     assert not asked.done()
     watch = asyncio.create_task(ward.consents.watch())
@@ -400,7 +400,7 @@ async def test_a_clip_waits_out_a_registry_that_is_away_and_is_then_judged(ward:
     ward.registry.failure = "NODE_UNREACHABLE"
     watch = asyncio.create_task(ward.consents.watch())
     await asyncio.sleep(0.5)
-    asked = [asyncio.create_task(ward.consents.decide_recording(ward.clip(handle))) for handle in (ANN, BEN)]
+    asked = [asyncio.create_task(ward.consents.may_record_clip(ward.clip(handle))) for handle in (ANN, BEN)]
     await asyncio.sleep(600)
     assert not any(task.done() for task in asked)
     ward.registry.failure = ""
@@ -413,7 +413,7 @@ async def test_a_clip_waits_out_a_registry_that_is_away_and_is_then_judged(ward:
 async def test_a_clip_of_nobody_on_the_roster_is_not_recorded(ward: Ward) -> None:
     ward.registry.say(ANN)
     await ward.consents.refresh()
-    assert await ward.consents.decide_recording(ward.clip(b"?" * 32, until_ms=virtual_now_ms() - 100)) is False
+    assert await ward.consents.may_record_clip(ward.clip(b"?" * 32, until_ms=virtual_now_ms() - 100)) is False
 
 
 @story()
@@ -422,7 +422,7 @@ async def test_a_clip_that_reaches_out_of_the_consent_at_either_end_is_not_recor
     ward.registry.say(ANN)
     await ward.consents.refresh()
     now = virtual_now_ms()
-    assert await ward.consents.decide_recording(ward.clip(from_ms=now - 5_000, until_ms=now - 100)) is False
+    assert await ward.consents.may_record_clip(ward.clip(from_ms=now - 5_000, until_ms=now - 100)) is False
 
 
 @story()
@@ -432,8 +432,8 @@ async def test_at_its_end_a_consent_holds_no_more_nor_for_a_clip_that_reaches_th
     await asyncio.sleep((end_ms - virtual_now_ms()) / 1000 + 1)
     await ward.consents.refresh()
     assert [ward.refusal(taken_at_ms=at_ms) for at_ms in (end_ms - 1, end_ms)] == [None, WithholdReason.OUTSIDE]
-    assert await ward.consents.decide_recording(ward.clip(from_ms=end_ms - 200, until_ms=end_ms - 100)) is True
-    assert await ward.consents.decide_recording(ward.clip(from_ms=end_ms - 200, until_ms=end_ms)) is False
+    assert await ward.consents.may_record_clip(ward.clip(from_ms=end_ms - 200, until_ms=end_ms - 100)) is True
+    assert await ward.consents.may_record_clip(ward.clip(from_ms=end_ms - 200, until_ms=end_ms)) is False
 
 
 @story()
@@ -445,7 +445,7 @@ async def test_a_recording_that_is_played_faster_than_time_is_judged_when_it_is_
     sealed = ward.clip(from_ms=later, until_ms=later)
     watch = asyncio.create_task(ward.consents.watch())
     started = virtual_now_ms()
-    assert await ward.consents.decide_recording(sealed) is True
+    assert await ward.consents.may_record_clip(sealed) is True
     assert virtual_now_ms() - started <= 2 * REFRESH_EVERY_MS
     watch.cancel()
 
@@ -458,7 +458,7 @@ async def test_a_robot_that_was_revoked_stops_rather_than_wait_for_ever(ward: Wa
     ward.registry.failure = "SESSION_REFUSED"
     await asyncio.sleep(0.1)
     with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
-        await ward.consents.decide_recording(ward.clip())
+        await ward.consents.may_record_clip(ward.clip())
     assert ward.refusal() is WithholdReason.STALE
     watch.cancel()
 

@@ -20,7 +20,7 @@ from clients.robot.delivery.delivery import (
     Delivery,
 )
 from clients.robot.recording.spool import Delivered, Spool, SpooledClip
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from consensus.chain.transaction import Transaction, sign_transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -146,7 +146,7 @@ class Run:
         self.refused: set[bytes] = set()
         self.asked = 0
 
-    async def decide_recording(self, clip: SpooledClip) -> bool:
+    async def may_record_clip(self, clip: SpooledClip) -> bool:
         self.asked += 1
         return clip.upload.record_id not in self.refused
 
@@ -158,7 +158,7 @@ class Run:
             self.spool,
             self.network,
             on_delivered=self.done.append,
-            decide_recording=self.decide_recording,
+            may_record_clip=self.may_record_clip,
             on_dropped=self.note_dropped,
             at_once=at_once,
         )
@@ -344,11 +344,11 @@ async def test_a_spool_that_filled_up_over_days_is_not_held_in_memory(tmp_path: 
     run.spool.get = lambda name: loaded.append(name) or get(name)  # type: ignore[method-assign,func-returns-value]
     heard = asyncio.Event()
 
-    async def decide_recording(_: SpooledClip) -> bool:
+    async def may_record_clip(_: SpooledClip) -> bool:
         await heard.wait()
         return True
 
-    run.decide_recording = decide_recording  # type: ignore[method-assign]
+    run.may_record_clip = may_record_clip  # type: ignore[method-assign]
     delivery = run.delivery()
     for name in run.names:
         delivery.start(name)
@@ -378,7 +378,7 @@ def test_a_visit_whose_key_another_robot_took_stops_no_robot(tmp_path: Path) -> 
 
     async def main() -> dict[bytes, int]:
         delivery = await run.deliver_all()
-        visits = OpenVisits(tmp_path / "visits", KEY)
+        visits = UnclosedVisitStore(tmp_path / "visits", KEY)
         visits.count(owner, 2)
         await delivery.close_visits(visits)
         assert delivery.dropped_count == 2

@@ -13,7 +13,7 @@ import pytest
 
 from clients.robot.delivery.delivery import Delivery
 from clients.robot.recording.spool import Spool, SpooledClip
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from clients.robot.synthetic.scenario import parse_scenario
 from clients.robot.synthetic.scenario_bag import make_bag
 from consensus.errors import BlockRobotError
@@ -31,7 +31,7 @@ class Counted(Run):
     def __init__(self, folder: Path, clips: int) -> None:
         super().__init__(folder / "spool", clips=clips)
         self.folder = folder
-        self.visits = OpenVisits(folder / "visits", KEY)
+        self.visits = UnclosedVisitStore(folder / "visits", KEY)
         self.owner = self.spool.get(self.names[0]).owner
         note(self.visits, self.owner, clips)
 
@@ -46,7 +46,7 @@ class Counted(Run):
     @property
     def on_disk(self) -> tuple[int, dict[bytes, int]]:
         """What a robot that begins again finds: how many clips, and what each visit is counted to have."""
-        return len(Spool(self.folder / "spool", KEY).names()), OpenVisits(self.folder / "visits", KEY).counts
+        return len(Spool(self.folder / "spool", KEY).names()), UnclosedVisitStore(self.folder / "visits", KEY).counts
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def test_killed_at_any_sync_of_a_run_a_robot_counts_what_was_ever_spooled_and_no
         shutil.copytree(tmp_path / "robot", left)
         with monkeypatch.context() as plain:
             plain.setattr(os, "fsync", sync)
-            spool, visits = Spool(left / "spool", KEY), OpenVisits(left / "open-visits", KEY)
+            spool, visits = Spool(left / "spool", KEY), UnclosedVisitStore(left / "open-visits", KEY)
             counted, spooled = sum(visits.counts.values()), len(spool.names()) + len(delivered)
             visits.recover_spooled(spool)
         assert sum(visits.counts.values()) == spooled
@@ -173,4 +173,4 @@ def test_a_clip_for_which_there_is_no_room_counts_as_missing(tmp_path: Path, sma
     robot.spool = Spool(tmp_path / "robot" / "spool", KEY, max_bytes=10)
     with pytest.raises(BlockRobotError, match="SPOOL_FULL"):
         run_virtual(robot.run())
-    assert list(OpenVisits(tmp_path / "robot" / "open-visits", KEY).counts.values()) == [1]
+    assert list(UnclosedVisitStore(tmp_path / "robot" / "open-visits", KEY).counts.values()) == [1]

@@ -17,8 +17,8 @@ from clients.robot.recording.batching import ReadyClip
 from clients.robot.recording.event_log import EventLog, read_events
 from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import RunContext, SensorRecorder
-from clients.robot.recording.unclosed_visits import OpenVisits
-from clients.robot.recording.visit_book import VisitBook
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
+from clients.robot.recording.visit_keyring import VisitKeyring
 from clients.robot.run.pipeline import note_dropped
 from clients.robot.sensing.sensor_clocks import ClockEstimator
 from consensus.members.roster import ROSTER_VERSION, Roster, RosterRow
@@ -51,11 +51,11 @@ class RecordingHarness:
         self.statistics = RunStatistics(window_ms=5_000)
         self.log_path = folder / "events.jsonl"
         self.log = EventLog(self.log_path)
-        self.visits = VisitBook(bytes(32), ROBOT.public_key, "demo")
+        self.visits = VisitKeyring(bytes(32), ROBOT.public_key, "demo")
         self.run = RunContext(
             consents=self.consents,
             visits=self.visits,
-            open_visits=OpenVisits(folder / "open-visits", KEY),
+            open_visits=UnclosedVisitStore(folder / "open-visits", KEY),
             log=self.log,
             clip_ms=CLIP_MS,
             now_ms=virtual_now_ms,
@@ -292,7 +292,7 @@ def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tm
         assert desk.statistics.withheld == {"no-consent": 2}
         assert desk.logged() == [("frame-5", "ann", "no-consent"), ("frame-6", "ann", "no-consent")]
         assert desk.consents.summarise().clips_dropped == 3
-        assert visits.counts == OpenVisits(tmp_path / "open-visits", KEY).counts == {sealed.owner: 0}
+        assert visits.counts == UnclosedVisitStore(tmp_path / "open-visits", KEY).counts == {sealed.owner: 0}
         sound = RunStatistics(window_ms=5_000)
         desk.statistics.senses["audio"] = sound
         sound.clip_sealed(clip(8).upload.record_id, [(3, 100)], "ann")

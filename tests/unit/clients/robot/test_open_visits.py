@@ -9,9 +9,9 @@ import msgspec
 import pytest
 
 from clients.robot.identity.sealed_file import seal_content
-from clients.robot.recording import unclosed_visits
+from clients.robot.recording import unclosed_visit_store
 from clients.robot.recording.spool import Spool
-from clients.robot.recording.unclosed_visits import OpenVisits
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.counted import note
 from tests.unit.clients.robot.test_spool import KEY, clip
@@ -21,20 +21,20 @@ ANN, BOB = b"\x02" + b"A" * 32, b"\x03" + b"B" * 32
 
 def test_counts_survive_a_kill_at_any_moment(tmp_path: Path) -> None:
     path = tmp_path / "robot" / "open-visits"
-    visits = OpenVisits(path, KEY)
+    visits = UnclosedVisitStore(path, KEY)
     assert visits.counts == {}
     for owner, count in ((ANN, 1), (BOB, 1), (ANN, 2)):
         note(visits, owner, count)
-        assert OpenVisits(path, KEY).counts == visits.counts
+        assert UnclosedVisitStore(path, KEY).counts == visits.counts
     visits.forget(BOB)
     visits.save()
     (path.parent / ".tmp-open-visits").write_bytes(b"half a fi")
-    assert OpenVisits(path, KEY).counts == {ANN: 2}
+    assert UnclosedVisitStore(path, KEY).counts == {ANN: 2}
     assert [file.name for file in path.parent.iterdir()] == ["open-visits"]
 
 
 def test_the_file_shows_no_owner_key(tmp_path: Path) -> None:
-    note(OpenVisits(tmp_path / "open-visits", KEY), ANN, 7)
+    note(UnclosedVisitStore(tmp_path / "open-visits", KEY), ANN, 7)
     assert ANN[1:] not in (tmp_path / "open-visits").read_bytes()
 
 
@@ -43,17 +43,17 @@ def test_the_file_shows_no_owner_key(tmp_path: Path) -> None:
 )
 def test_a_changed_file_is_named_and_not_taken_for_an_empty_one(tmp_path: Path, change) -> None:
     path = tmp_path / "open-visits"
-    note(OpenVisits(path, KEY), ANN, 7)
+    note(UnclosedVisitStore(path, KEY), ANN, 7)
     path.write_bytes(change(path.read_bytes()))
     with pytest.raises(BlockRobotError, match=r"SPOOL_DAMAGED.*open-visits"):
-        OpenVisits(path, KEY)
+        UnclosedVisitStore(path, KEY)
 
 
 def test_a_clip_is_counted_on_disk_once_it_is_spooled_and_saved_and_what_is_there_is_not_written_again(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "open-visits"
-    visits = OpenVisits(path, KEY)
+    visits = UnclosedVisitStore(path, KEY)
     visits.count(ANN, 1)
     visits.save()
     assert (visits.counts, path.exists()) == ({ANN: 1}, False), "a sealed clip is in the robot's memory alone"
@@ -63,26 +63,26 @@ def test_a_clip_is_counted_on_disk_once_it_is_spooled_and_saved_and_what_is_ther
     first = path.read_bytes()
     visits.save()
     assert path.read_bytes() == first
-    assert OpenVisits(path, KEY).counts == {ANN: 1}
+    assert UnclosedVisitStore(path, KEY).counts == {ANN: 1}
     visits.lower(ANN)
-    assert OpenVisits(path, KEY).counts == {ANN: 1}
+    assert UnclosedVisitStore(path, KEY).counts == {ANN: 1}
     visits.save()
-    assert OpenVisits(path, KEY).counts == {ANN: 0}
+    assert UnclosedVisitStore(path, KEY).counts == {ANN: 0}
 
 
 def test_a_clip_that_cannot_be_spooled_counts_as_missing(tmp_path: Path) -> None:
-    visits = OpenVisits(tmp_path / "open-visits", KEY)
+    visits = UnclosedVisitStore(tmp_path / "open-visits", KEY)
     visits.count(ANN, 1)
     visits.missed(ANN)
     visits.save()
-    assert OpenVisits(tmp_path / "open-visits", KEY).counts == {ANN: 1}
+    assert UnclosedVisitStore(tmp_path / "open-visits", KEY).counts == {ANN: 1}
 
 
 class Life:
     """A robot's life, as far as spool and counts go: what it finds, and what it leaves when it is killed."""
 
     def __init__(self, folder: Path) -> None:
-        self.visits = OpenVisits(folder / "open-visits", KEY)
+        self.visits = UnclosedVisitStore(folder / "open-visits", KEY)
         self.spool = Spool(folder / "spool", KEY)
         self.visits.recover_spooled(self.spool)
 
@@ -104,7 +104,7 @@ def test_what_a_killed_robot_had_spooled_and_not_counted_is_counted_once_by_the_
     killed.store(4, ANN, is_saved=False)
     for _ in range(2):  # it may be killed again before it does anything
         life = Life(tmp_path)
-        assert life.visits.counts == OpenVisits(tmp_path / "open-visits", KEY).counts == {ANN: 3, BOB: 1}
+        assert life.visits.counts == UnclosedVisitStore(tmp_path / "open-visits", KEY).counts == {ANN: 3, BOB: 1}
         assert life.visits.inherited == {ANN, BOB}
 
 
@@ -126,32 +126,32 @@ def test_a_clip_that_cannot_be_read_stops_no_robot_at_its_start(tmp_path: Path) 
 
 def test_a_thread_that_saves_sees_no_half_of_a_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A count and the number that it goes to belong together, whatever is spooled while an earlier state is saved."""
-    visits = OpenVisits(tmp_path / "open-visits", KEY)
+    visits = UnclosedVisitStore(tmp_path / "open-visits", KEY)
     visits.spooled(ANN, "000000000001.clip")
 
     def meanwhile(*arguments: Any) -> bytes:
         visits.spooled(ANN, "000000000002.clip")
         return seal_content(*arguments)
 
-    monkeypatch.setattr(unclosed_visits, "seal_content", meanwhile)
+    monkeypatch.setattr(unclosed_visit_store, "seal_content", meanwhile)
     visits.save()
     monkeypatch.undo()
-    assert OpenVisits(tmp_path / "open-visits", KEY).counts == {ANN: 1}
+    assert UnclosedVisitStore(tmp_path / "open-visits", KEY).counts == {ANN: 1}
     visits.save()
-    assert OpenVisits(tmp_path / "open-visits", KEY).counts == {ANN: 2}
+    assert UnclosedVisitStore(tmp_path / "open-visits", KEY).counts == {ANN: 2}
 
 
 def test_a_visit_that_goes_on_after_a_clip_was_dropped_stays_a_record_short(tmp_path: Path) -> None:
     """The pipeline counts what it seals; what was destroyed since was sealed too, and will never be a record."""
     path = tmp_path / "open-visits"
-    visits = OpenVisits(path, KEY)
+    visits = UnclosedVisitStore(path, KEY)
     note(visits, ANN, 1)
     visits.lower(ANN)
     note(visits, ANN, 2)
     note(visits, ANN, 3)
     visits.lower(ANN)
     note(visits, ANN, 4)
-    assert visits.counts == OpenVisits(path, KEY).counts == {ANN: 2}
+    assert visits.counts == UnclosedVisitStore(path, KEY).counts == {ANN: 2}
     visits.forget(ANN)
     visits.lower(ANN)
     assert visits.counts == {}

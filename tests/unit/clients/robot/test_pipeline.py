@@ -21,8 +21,8 @@ from clients.robot.recording.event_log import EventLog, read_events
 from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import RunContext
 from clients.robot.recording.spool import Delivered, Spool
-from clients.robot.recording.unclosed_visits import OpenVisits
-from clients.robot.recording.visit_book import VisitBook
+from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
+from clients.robot.recording.visit_keyring import VisitKeyring
 from clients.robot.run.pipeline import Pipeline, note_delivered, note_dropped
 from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
 from clients.robot.sensing.input_checks import Inputs
@@ -81,7 +81,7 @@ class Robot:
         self.statistics = RunStatistics(window_ms=5_000)
         self.log_path = folder / "events.jsonl"
         self.spool = Spool(folder / "spool", KEY)
-        self.open_visits = OpenVisits(folder / "open-visits", KEY)
+        self.open_visits = UnclosedVisitStore(folder / "open-visits", KEY)
         self.source = BagSource(recording, topics=topics)
         self.sensors = sensors
         self.inputs: Inputs
@@ -110,7 +110,7 @@ class Robot:
 
             run = RunContext(
                 consents=self.consents,
-                visits=VisitBook(self.chain, ROBOT.public_key, "demo"),
+                visits=VisitKeyring(self.chain, ROBOT.public_key, "demo"),
                 open_visits=self.open_visits,
                 log=log,
                 clip_ms=self.clip_ms,
@@ -120,7 +120,7 @@ class Robot:
                 self.spool,
                 self.network,
                 on_delivered=note,
-                decide_recording=self.consents.decide_recording,
+                may_record_clip=self.consents.may_record_clip,
                 on_dropped=lambda clip: note_dropped(clip, run, self.statistics),
                 at_once=True,
             )
@@ -271,4 +271,4 @@ def test_a_visit_that_a_killed_robot_left_open_is_closed_by_the_next_run_with_it
     run_virtual(second.run())
     assert counts
     assert second.network.closed == counts
-    assert OpenVisits(tmp_path / "open-visits", KEY).counts == {}
+    assert UnclosedVisitStore(tmp_path / "open-visits", KEY).counts == {}

@@ -72,7 +72,7 @@ front_misread = 0.0
 missed = 0.25
 late_s = 1.5
 
-[surroundings]
+[environment]
 mirror_floor = 0.3
 holes = 0.02
 doors = [{ side = "left", z_m = 3.0, opens_s = 0.2 }]
@@ -101,7 +101,7 @@ def hard_text(small_text: str) -> str:
 def test_a_hard_corridor_is_read_with_all_that_makes_it_hard(hard_text: str) -> None:
     scenario = parse_scenario(hard_text)
     bob, ann = scenario.people
-    around = scenario.surroundings
+    environment = scenario.environment
     assert (ann.aid, bob.manner, bob.accompanies, bob.arms, bob.coat) == (
         "wheelchair",
         "pushing",
@@ -110,7 +110,12 @@ def test_a_hard_corridor_is_read_with_all_that_makes_it_hard(hard_text: str) -> 
         True,
     )
     assert (scenario.reader.missed, scenario.reader.late_s) == (0.25, 1.5)
-    assert (around.mirror_floor, around.holes, around.doors[0].side, around.beds[0].from_s) == (0.3, 0.02, "left", 0.0)
+    assert (environment.mirror_floor, environment.holes, environment.doors[0].side, environment.beds[0].from_s) == (
+        0.3,
+        0.02,
+        "left",
+        0.0,
+    )
     assert scenario.camera_at(0.3) == pytest.approx((0.05, 0.2, math.radians(5)))
     assert ann.heading(0.6)[0] == pytest.approx(math.pi / 2)
 
@@ -131,7 +136,7 @@ def test_a_hard_corridor_is_read_with_all_that_makes_it_hard(hard_text: str) -> 
         ("facing_deg = [[0.0, 0], [0.6, 90]]", "facing_deg = [[0.6, 0], [0.0, 90]]", "facing_deg of ann"),
         ("missed = 0.25", "missed = 1.25", "reader.missed"),
         ("late_s = 1.5", "late_s = -1", "reader.late_s"),
-        ("holes = 0.02", "holes = 0.9", "surroundings.holes"),
+        ("holes = 0.02", "holes = 0.9", "environment.holes"),
         ("mirror_floor = 0.3", "mirror_floor = nan", "mirror_floor"),
         ("opens_s = 0.2", "opens_s = 0.2, closes_s = 0.1", "a door must close after it opens"),
         ('side = "left"', 'side = "up"', "side = 'up'"),

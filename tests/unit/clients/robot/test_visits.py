@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 
-from clients.robot.recording.visit_book import CLOSE_DELAY_MAX_MS, VisitBook
+from clients.robot.recording.visit_keyring import CLOSE_DELAY_MAX_MS, VisitKeyring
 from consensus.limits import TIME_BUCKET_MS, VISIT_MAX_MS
 from consensus.members.roster import RosterRow
 from consensus.primitives.keys import PrivateKey
@@ -31,8 +31,8 @@ class Person:
         )
 
 
-def book() -> VisitBook:
-    return VisitBook(CHAIN, ROBOT, "demo")
+def book() -> VisitKeyring:
+    return VisitKeyring(CHAIN, ROBOT, "demo")
 
 
 def test_a_visit_lasts_while_its_person_is_there_and_nothing_is_recorded_once_it_may_be_closed() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.robot.recording.visit_book import CLOSE_DELAY_MAX_MS, VisitBook
+from clients.robot.recording.visit_keyring import CLOSE_DELAY_MAX_MS, VisitKeyring
 from network.lab.privacy.attacks.ledger_view import LedgerView, read_ledger
 from network.lab.privacy.attacks.open_limits import attack_consent_words
 from network.lab.privacy.hospital.attacked_days import play
@@ -32,7 +32,7 @@ def play_refusals(folder: Path) -> tuple[LedgerView, Rate]:
     return view, attack_consent_words(played, view, by_closing_alone=True)
 
 
-def close_with_the_word(book: VisitBook, owner: bytes, now_ms: int) -> bool:
+def close_with_the_word(book: VisitKeyring, owner: bytes, now_ms: int) -> bool:
     """Tell that a visit is over once nothing is recorded in it any more."""
     book._forget_ended(now_ms)
     return any(visit.chain.owner == owner for visit in book._open.values())
@@ -47,7 +47,7 @@ def test_a_visit_that_is_closed_because_she_said_no_names_her(
     shipped: tuple[LedgerView, Rate], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, rate = shipped
-    monkeypatch.setattr(VisitBook, "goes_on", close_with_the_word)
+    monkeypatch.setattr(VisitKeyring, "goes_on", close_with_the_word)
     _, leaking = play_refusals(tmp_path)
     assert leaking.trials == rate.trials > 5
     assert leaking.success > 0.6 > 0.45 > rate.success

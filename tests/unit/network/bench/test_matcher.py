@@ -11,9 +11,9 @@ from click.testing import CliRunner
 
 from clients.robot.sensing.sensor_events import Facing
 from network.cli.measure.bench_commands import bench
-from network.lab.matcher import matcher_judge as matcher_module
+from network.lab.matcher import matcher_evaluation as matcher_module
 from network.lab.matcher.matcher_draws import TRACK_MS, Bearer, Drawn, Setting, draw
-from network.lab.matcher.matcher_judge import (
+from network.lab.matcher.matcher_evaluation import (
     GROUPS,
     Outcome,
     gap_name,

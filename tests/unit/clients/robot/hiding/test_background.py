@@ -20,7 +20,7 @@ from clients.robot.synthetic.scenes import draw_scene
 def scene(*, moving: bool) -> Scenario:
     drawn = draw_scene(7, "moving-robot", duration_s=6.0, third=False)
     path = ((0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (5.0, 0.1, 0.4, 0.2), (6.0, 0.1, 0.4, 0.2))
-    return replace(drawn, surroundings=replace(drawn.surroundings, camera_path=path if moving else ()))
+    return replace(drawn, environment=replace(drawn.environment, camera_path=path if moving else ()))
 
 
 def learned(renderer: Renderer) -> Background:

@@ -30,8 +30,8 @@ def small(drive: Drive) -> Drive:
 def standing(room: Room, *people: Person, mirror_floor: float = 0.0) -> Drive:
     """Return a small drive that stands at z = 1 in a room without furniture, and looks ahead."""
     drive = small(draw_drive(1, "straight", judging=False))
-    around = Environment(mirror_floor=mirror_floor, camera_path=STILL)
-    scenario = replace(drive.scenario, camera_height_m=1.2, people=people, surroundings=around)
+    environment = Environment(mirror_floor=mirror_floor, camera_path=STILL)
+    scenario = replace(drive.scenario, camera_height_m=1.2, people=people, environment=environment)
     return replace(drive, scenario=scenario, room=room, pieces=(), mount=LEVEL, exposure_s=0.0)
 
 
@@ -143,9 +143,9 @@ def holes_in_floor(drive: Drive) -> dict[tuple[int, int], bool]:
 def test_blotches_of_a_shiny_floor_stay_where_they_are_while_the_robot_moves() -> None:
     drive = standing(Room(5.0, 9.0, 2.7), mirror_floor=0.9)
     drive = replace(drive, mount=replace(LEVEL, pitch=0.6))
-    around = replace(drive.scenario.surroundings, camera_path=((0.0, 0.2, 1.3, 0.3), (10.0, 0.2, 1.3, 0.3)))
+    environment = replace(drive.scenario.environment, camera_path=((0.0, 0.2, 1.3, 0.3), (10.0, 0.2, 1.3, 0.3)))
     one = holes_in_floor(drive)
-    other = holes_in_floor(replace(drive, scenario=replace(drive.scenario, surroundings=around)))
+    other = holes_in_floor(replace(drive, scenario=replace(drive.scenario, environment=environment)))
     shared = [(one[cell], other[cell]) for cell in one.keys() & other.keys()]
     assert len(shared) > 100
     assert 0.1 < np.mean([first for first, _ in shared]) < 0.5
@@ -198,7 +198,7 @@ def test_one_who_stands_still_moves_in_the_picture_as_the_robot_does() -> None:
     track = tuple((t / 5, 0.0, 1.0, math.radians(2.0 * t)) for t in range(51))
     drive = standing(room, ANN)
     turning = replace(
-        drive, scenario=replace(drive.scenario, surroundings=replace(drive.scenario.surroundings, camera_path=track))
+        drive, scenario=replace(drive.scenario, environment=replace(drive.scenario.environment, camera_path=track))
     )
     renderer = DriveRenderer(turning)
     for index in (0, 5, 10):

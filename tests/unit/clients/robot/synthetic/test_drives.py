@@ -29,7 +29,7 @@ def drives(stratum: DriveStratum) -> tuple[Drive, ...]:
 
 def way_of(drive: Drive) -> Floats:
     """Return (t, x, z, yaw) of the robot while frames are taken."""
-    table = np.array(drive.scenario.surroundings.camera_path)
+    table = np.array(drive.scenario.environment.camera_path)
     return table[table[:, 0] <= drive.scenario.duration_s]
 
 
@@ -96,7 +96,7 @@ def test_learning_and_judging_never_meet() -> None:
     assert judged >= JUDGED_ONLY
     one, other = (draw_drive(7, "stop", judging=judging) for judging in (False, True))
     assert one.scenario.people != other.scenario.people
-    assert one.scenario.surroundings.camera_path != other.scenario.surroundings.camera_path
+    assert one.scenario.environment.camera_path != other.scenario.environment.camera_path
 
 
 def test_the_same_seed_draws_the_same_drive() -> None:

@@ -81,14 +81,14 @@ def shift_px(scene: Scenario) -> float:
 def test_a_moving_robot_sees_who_stands_still_move() -> None:
     moving = draw_scene(5, "moving-robot", third=False)
     assert shift_px(moving) > 3
-    assert shift_px(replace(moving, surroundings=replace(moving.surroundings, camera_path=()))) < 1
+    assert shift_px(replace(moving, environment=replace(moving.environment, camera_path=()))) < 1
 
 
 @pytest.mark.parametrize("stratum", ["close", "crossing", "companion"])
 def test_a_control_differs_only_where_the_other_was_or_cast_shadows(stratum: Stratum) -> None:
     scene = small(draw_scene(8, stratum, third=False))
-    still = replace(scene.surroundings, mirror_floor=0.0)
-    scene = replace(scene, surroundings=still)
+    still = replace(scene.environment, mirror_floor=0.0)
+    scene = replace(scene, environment=still)
     full, control = Renderer(scene), Renderer(without(scene, "other"))
     for index in (20, 50):
         seen, alone = full.truth(index), control.truth(index)
@@ -123,17 +123,17 @@ def test_readings_are_missed_and_late() -> None:
 
 def test_a_door_opens_a_bed_appears_and_a_mirroring_floor_shows_no_label() -> None:
     scene = draw_scene(1, "single")
-    around = scene.surroundings
-    plain = replace(around, doors=(), beds=(), mirror_floor=0.0, holes=0.0)
-    bare = Renderer(small(replace(scene, surroundings=plain))).truth(60)
+    environment = scene.environment
+    plain = replace(environment, doors=(), beds=(), mirror_floor=0.0, holes=0.0)
+    bare = Renderer(small(replace(scene, environment=plain))).truth(60)
     for changed in (
         replace(plain, doors=(DOOR,)),
         replace(plain, beds=(BED,)),
         replace(plain, mirror_floor=0.6),
         replace(plain, holes=0.05),
     ):
-        truth = Renderer(small(replace(scene, surroundings=changed))).truth(60)
+        truth = Renderer(small(replace(scene, environment=changed))).truth(60)
         assert np.mean(truth.depth != bare.depth) > 0.005
         assert set(np.unique(truth.labels)) <= {0, 1}
-    before = Renderer(small(replace(scene, surroundings=replace(plain, doors=(DOOR,))))).truth(5)
-    assert np.array_equal(before.depth, Renderer(small(replace(scene, surroundings=plain))).truth(5).depth)
+    before = Renderer(small(replace(scene, environment=replace(plain, doors=(DOOR,))))).truth(5)
+    assert np.array_equal(before.depth, Renderer(small(replace(scene, environment=plain))).truth(5).depth)

@@ -14,7 +14,7 @@ from network.lab.hiding import learned
 from network.lab.hiding.features import NAMES, features
 from network.lab.hiding.hand_made import HAND_MADE, by_bite, by_difference, by_holes
 from network.lab.hiding.learned import Example, train
-from network.lab.hiding.play import spread
+from network.lab.hiding.run_scene import spread
 from network.lab.hiding.scenes import View, blur_others, half_view, show_owner_only
 from network.lab.hiding.scoring import iou
 

@@ -11,7 +11,7 @@ from clients.robot.synthetic.scenario import Person
 from network.lab.hiding import gait
 from network.lab.hiding.attacks import BLUR, CONTROL, NONE, ON_OURS, OURS
 from network.lab.hiding.gait import GALLERY_WALKS, PROBES, GaitReport
-from network.lab.hiding.play import Stage
+from network.lab.hiding.run_scene import Stage
 
 POPULATION = [gait._build(np.random.default_rng([1, n])) for n in range(3)]
 

@@ -16,7 +16,7 @@ from clients.robot.hiding.frame_redactor import KeptFrame
 from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.sensing.sensor_events import Frame
-from network.lab.hiding import play as play_module
+from network.lab.hiding import run_scene as play_module
 from network.lab.hiding.attacks import (
     CONTROL,
     CONTROL_NOT_CUT,
@@ -29,11 +29,11 @@ from network.lab.hiding.attacks import (
     judge_scene,
     learn_from,
 )
+from network.lab.hiding.evaluate import holds
 from network.lab.hiding.figures import summarise
 from network.lab.hiding.gait import GaitReport
-from network.lab.hiding.judge import holds
 from network.lab.hiding.learned import LearnedAttacker, train
-from network.lab.hiding.play import Played, Stage, Timed, gap_px, owner_cutout
+from network.lab.hiding.run_scene import Played, Stage, Timed, gap_px, owner_cutout
 from network.lab.hiding.scenes import JUDGING, LEARNING, draw_scenes
 
 

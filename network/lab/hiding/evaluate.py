@@ -18,7 +18,7 @@ from network.lab.hiding.figures import HidingFigures, summarise
 from network.lab.hiding.gait import GaitReport, judge_gait
 from network.lab.hiding.learned import LearnedAttacker, require_learning, train
 from network.lab.hiding.scenes import JUDGING, LEARNING, draw_scenes
-from network.lab.matcher.matcher_judge import judge_matcher
+from network.lab.matcher.matcher_evaluation import judge_matcher
 
 Progress = Callable[[str], None]
 

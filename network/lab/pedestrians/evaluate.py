@@ -19,7 +19,7 @@ from consensus.errors import BlockRobotError
 from network.bench.conditions import Result, measure_conditions
 from network.lab.pedestrians.film import FILM, FRAME_MS, FRAME_RATE, Colour, Film, read_film
 from network.lab.pedestrians.marks import Box, find_people, is_marked_film, marked_people
-from network.lab.pedestrians.play import (
+from network.lab.pedestrians.run_film import (
     READ_EVERY_FRAMES,
     SIGMA_M,
     Followed,
@@ -170,7 +170,7 @@ def keep_without_depth(film: Film) -> int:
     kept = 0
     for index in range(len(film.frames)):
         at_ms = index * FRAME_MS
-        judged = alone.assess(at_ms, at_ms, final=True)
+        judged = alone.find_occupancy(at_ms, at_ms, final=True)
         kept += bool(judged and judged.sole_owner) + bool(alone.silhouettes(at_ms, final=True))
     return kept
 

@@ -38,7 +38,7 @@ class _Kept:
     counted_up_to: int
 
 
-class OpenVisits:
+class UnclosedVisitStore:
     """One file; `inherited`: owner keys from earlier runs."""
 
     def __init__(self, path: Path, key: bytes) -> None:
@@ -82,11 +82,11 @@ class OpenVisits:
         self.save()
 
     def count(self, owner: bytes, sealed_count: int) -> None:
-        """Destroyed clips count."""
+        """Set a visit's count; `sealed_count` includes clips that were destroyed since."""
         self._counts[owner] = sealed_count - self._dropped[owner]
 
     def spooled(self, owner: bytes, name: str) -> None:
-        """Save before the clip's delivery."""
+        """Count a spooled clip; save before it is delivered."""
         self._keep(owner, self._kept.counts.get(owner, 0) + 1, number_of(name))
 
     def missed(self, owner: bytes) -> None:
@@ -101,7 +101,7 @@ class OpenVisits:
             self._keep(owner, max(0, self._kept.counts.get(owner, 0) - 1))
 
     def forget(self, owner: bytes) -> None:
-        """Once closed on chain; save afterwards."""
+        """Remove a visit that is closed on the chain; save afterwards."""
         self._counts.pop(owner, None)
         self._dropped.pop(owner, None)
         left = {other: count for other, count in self._kept.counts.items() if other != owner}
@@ -112,7 +112,7 @@ class OpenVisits:
         self._kept = _Kept(before.counts | {owner: count}, before.counted_up_to if number is None else number)
 
     def save(self) -> None:
-        """From any thread. Raises SPOOL_FULL."""
+        """Write what changed; may be called from any thread. Raises SPOOL_FULL."""
         with self._lock:
             kept = self._kept
             if kept != self._saved:

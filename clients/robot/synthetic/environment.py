@@ -32,13 +32,13 @@ def door_angle(door: Door, at_s: float) -> float:
     return DOOR_OPEN_RAD * max(share, 0.0)
 
 
-def furnish(camera: Camera, depth: Image, surroundings: Environment, at_s: float) -> None:
-    for door in surroundings.doors:
+def furnish(camera: Camera, depth: Image, environment: Environment, at_s: float) -> None:
+    for door in environment.doors:
         angle = door_angle(door, at_s)
         if angle > 0:
             _draw_door(camera, depth, door, angle)
     nobody = np.zeros(depth.shape, dtype=np.uint8)
-    for bed in surroundings.beds:
+    for bed in environment.beds:
         if at_s >= bed.from_s:
             rows = np.array(bed_rows(bed), dtype=np.float32)
             draw(camera, depth, nobody, Capsules(rows[:, :3], rows[:, 3:6], rows[:, 6]), 0)

@@ -27,7 +27,7 @@ class _Open:
     opened_at_ms: int
 
 
-class VisitBook:
+class VisitKeyring:
     """Opens visits, replaced before ten minutes are over."""
 
     def __init__(self, chain_id: bytes, robot: bytes, purpose: str) -> None:
@@ -56,7 +56,7 @@ class VisitBook:
         return chain
 
     def _forget_ended(self, now_ms: int) -> None:
-        """In case the robot is stolen."""
+        """Drop the keys of visits that ended, so that a stolen robot does not give them away."""
         self._open = {
             alias: visit for alias, visit in self._open.items() if now_ms - visit.opened_at_ms < _VISIT_ROLL_MS
         }
@@ -71,5 +71,5 @@ class VisitBook:
         return owner in self._closes_at_ms
 
     def forget(self, alias: str) -> None:
-        """A person's later visit is new."""
+        """Drop a person's keys: their next visit gets new ones."""
         self._open.pop(alias, None)
