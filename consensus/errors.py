@@ -129,7 +129,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("EVENTS_FILE_FOREIGN", 400, "Events would be added to a file that holds something else.", "Name another file with --out or --events; this one was left as it is."),
     ErrorEntry("EVIDENCE_INVALID", 400, "The evidence does not show two words of one producer.", "Accuse nobody of it; a node that made it is damaged or dishonest."),
     ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory.", "Start one with `blockrobot up`."),
-    ErrorEntry("CLUSTER_ALREADY_RUNNING", 409, "A cluster already runs in this directory.", "Use it (`blockrobot console` shows it), or stop it with `blockrobot down`."),
+    ErrorEntry("CLUSTER_ALREADY_RUNNING", 409, "All nodes of the network in this directory, or the one that is named, run already.", "Use it (`blockrobot console` shows it), or stop it with `blockrobot down`."),
     ErrorEntry("CLUSTER_START_FAILED", 500, "The cluster did not become ready in time.", "See `blockrobot logs` for the first error.", retryable=True),
     ErrorEntry("CLUSTER_FIRST_START_FAILED", 500, "The new network did not become ready in time, and was removed again.", "Mend what the last lines of its nodes name, then start it again.", retryable=True),
     ErrorEntry("FAULT_UNKNOWN", 400, "There is no such fault, behaviour, link profile or node.", "See `blockrobot fault --help` for the names."),

@@ -102,14 +102,19 @@ class Cluster:
             raise BlockRobotError("NOT_FOUND", f"There is no node {name!r}; there are {', '.join(self.names)}.")
         return self.configs[name]
 
-    def start_all(self) -> None:
-        """Without faults. Raises CLUSTER_ALREADY_RUNNING."""
-        running = [name for name in self.names if self.is_running(name)]
-        if running:
-            raise BlockRobotError("CLUSTER_ALREADY_RUNNING", f"Already running: {', '.join(running)}.")
-        for name in self.names:
-            (self.config(name).data_dir / STATE_FILE_NAME).unlink(missing_ok=True)
+    def start_all(self) -> list[str]:
+        """Start those that are down; return their names. A network of which none runs starts without faults.
+
+        Raises CLUSTER_ALREADY_RUNNING.
+        """
+        down = [name for name in self.names if not self.is_running(name)]
+        if not down:
+            raise BlockRobotError("CLUSTER_ALREADY_RUNNING", f"Already running: {', '.join(self.names)}.")
+        for name in down:
+            if down == self.names:
+                (self.config(name).data_dir / STATE_FILE_NAME).unlink(missing_ok=True)
             self.start(name)
+        return down
 
     def kill(self, name: str) -> None:
         self._signal(name, signal.SIGKILL)

@@ -61,6 +61,8 @@ def up(
 ) -> None:
     """Start the local network, making it first if there is none. Its state survives down and up.
 
+    Of a network that runs it starts the nodes that are down, and says which.
+
     A new one publishes the demonstration hospital's privacy notice: blockrobot notice show. Nodes drop blocks that are
     older than any record may be, but for those that --archive names.
 
@@ -88,12 +90,16 @@ def up(
             archives=archive,
         )
     cluster = Cluster(place)
-    cluster.start_all()
+    started = cluster.start_all()
+    others = [name for name in cluster.names if name not in started]
     try:
         with console.status("Waiting for the nodes to be ready ..."):
-            asyncio.run(cluster.wait_ready())
+            asyncio.run(_wait_for(cluster, started))
     except (BlockRobotError, KeyboardInterrupt) as error:
-        cluster.stop_all()
+        if not others:
+            cluster.stop_all()
+        for name in started if others else ():
+            cluster.stop(name)
         if is_new:
             # A network that never ran holds nothing; kept, it would insist on the ports and store that failed.
             failure = _first_failure(cluster, error)
@@ -102,12 +108,22 @@ def up(
         raise
     if is_new:
         _tell_people(place)
+    if others:
+        click.echo(f"Started: {', '.join(started)}. Already running: {', '.join(others)}.", err=True)
     if not (with_console and as_json):
         report(asyncio.run(cluster.status()), place, as_json=as_json)
     if with_console:
         from network.cli.cluster.console_commands import show_console  # noqa: PLC0415 - only when it is needed
 
         show_console(cluster, no_browser=no_browser, as_json=as_json)
+
+
+async def _wait_for(cluster: Cluster, started: list[str]) -> None:
+    """Nodes that ran before may be stuck, or too few to be ready: then those that were started only have to answer."""
+    if started == cluster.names:
+        await cluster.wait_ready()
+    else:
+        await asyncio.gather(*map(cluster.wait_answering, started))
 
 
 def _tell_people(place: Path) -> None:

@@ -17,6 +17,7 @@ from aiohttp.test_utils import TestServer
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.provisioning.network_layout import create_network
+from node.faults import STATE_FILE_NAME
 
 BASE_PORT = 45_670
 
@@ -43,6 +44,27 @@ def test_an_empty_folder_holds_no_network(tmp_path: Path) -> None:
         with pytest.raises(BlockRobotError) as caught:
             Cluster(folder)
         assert refusal_of(caught) == "CLUSTER_NOT_RUNNING"
+
+
+def test_of_a_network_that_runs_the_nodes_that_are_down_are_started_with_their_faults(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running: set[str] = set()
+    monkeypatch.setattr(cluster, "is_running", running.__contains__)
+    monkeypatch.setattr(cluster, "start", running.add)
+    faults = cluster.config("node-3").data_dir / STATE_FILE_NAME
+    faults.write_text("{}")
+    assert cluster.start_all() == cluster.names
+    assert not faults.exists()
+    with pytest.raises(BlockRobotError) as caught:
+        cluster.start_all()
+    assert refusal_of(caught) == "CLUSTER_ALREADY_RUNNING"
+    running -= {"node-3", "node-4"}
+    faults.write_text("{}")
+    assert cluster.start_all() == ["node-3", "node-4"]
+    assert running == set(cluster.names)
+    assert faults.exists()
+    faults.unlink()
 
 
 async def test_a_cluster_knows_its_nodes_and_a_dead_one_has_no_status(cluster: Cluster) -> None:

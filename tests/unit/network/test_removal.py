@@ -84,7 +84,7 @@ def test_a_new_network_that_does_not_start_is_removed_and_nothing_beside_it(
         (self.folder / "notes.txt").write_text("mine", encoding="utf-8")
         raise BlockRobotError("PORT_IN_USE", "Another program already listens on 127.0.0.1:25000.")
 
-    monkeypatch.setattr(Cluster, "start_all", lambda self: None)
+    monkeypatch.setattr(Cluster, "start_all", lambda self: self.names)
     monkeypatch.setattr(Cluster, "wait_ready", never_ready)
     result = CliRunner().invoke(main, ["up", "--dir", str(place), "--nodes", "1", "--base-port", "25000"])
     assert "PORT_IN_USE" in result.output
@@ -96,10 +96,11 @@ def test_a_new_network_that_did_not_start_says_the_last_lines_of_the_logs_that_g
 ) -> None:
     place = tmp_path / "network"
 
-    def leave_logs(self: Cluster) -> None:
+    def leave_logs(self: Cluster) -> list[str]:
         for name in self.names:
             lines = [f'{{"event": "line {number} of {name}"}}' for number in range(9)]
             self.config(name).log_path.write_text("\n".join(lines), encoding="utf-8")
+        return self.names
 
     monkeypatch.setattr(Cluster, "start_all", leave_logs)
     monkeypatch.setattr(Cluster, "is_running", lambda _self, name: name != "node-2")
