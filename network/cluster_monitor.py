@@ -172,7 +172,9 @@ def kept_lines(statuses: Mapping[str, Mapping[str, Any] | None]) -> list[str]:
         if status is None or "blocks_kept" not in status:
             continue
         kept = status["blocks_kept"]
+        if not (status["earliest_height"] or kept["archive"] or kept["held_by"]):
+            continue  # it has every block, as a young network's nodes do
         since = "" if kept["earliest_ms"] is None else f" ({format_time(kept['earliest_ms'])})"
-        what = f"from {status['earliest_height']}{since} on{', as an archive' if kept['archive'] else ''}"
+        what = f"{status['earliest_height']}{since}{', as an archive' if kept['archive'] else ''}"
         groups.setdefault(what + _HELD.get(kept["held_by"], ""), []).append(name)
-    return [f"{', '.join(names)}: blocks {what}." for what, names in groups.items()]
+    return [f"{', '.join(names)}: the oldest block kept is {what}." for what, names in groups.items()]

@@ -113,9 +113,14 @@ def test_how_far_back_nodes_keep_blocks_is_told_of_those_that_keep_the_same_at_o
             "node-4", running=True, status={"earliest_height": 5, "blocks_kept": kept | {"held_by": "custodian"}}
         ),
         NodeStatusReport("node-5", running=False, status=None),
+        NodeStatusReport("node-6", running=True, status={"earliest_height": 0, "blocks_kept": kept}),
     ]
     report(rows, Path("network"), as_json=False)
     lines = capsys.readouterr().out.splitlines()
-    assert f"node-1, node-2: blocks from 7 ({format_time(1_700_000_000_000)}) on." in lines
-    assert f"node-3: blocks from 0 ({format_time(1_700_000_000_000)}) on, as an archive." in lines
-    assert any(line.startswith("node-4: blocks from 5 ") and "custodian has not followed" in line for line in lines)
+    assert f"node-1, node-2: the oldest block kept is 7 ({format_time(1_700_000_000_000)})." in lines
+    assert f"node-3: the oldest block kept is 0 ({format_time(1_700_000_000_000)}), as an archive." in lines
+    assert any(
+        line.startswith("node-4: the oldest block kept is 5 ") and "custodian has not followed" in line
+        for line in lines
+    )
+    assert not any(line.startswith("node-6: ") for line in lines)
