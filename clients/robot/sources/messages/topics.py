@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
@@ -36,6 +37,7 @@ DETECTION_MAP = TagMap(
 )
 STRING_TYPE = "std_msgs/msg/String"
 _STRING_MAP = TagMap(epc="data")
+_SETTINGS = ("clock", "depth", "empty", "tags", "rgb", "labels", "audio", "definitions", "llrp")
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,252})|[0-9A-Fa-f:.]{2,45}")
 FIELDS_SHOWN_MAX_COUNT = 24
 
@@ -132,19 +134,21 @@ def load_topics(path: Path | None) -> Topics:
 def parse_topics(text: str) -> Topics:
     """Raises TOPICS_INVALID."""
     try:
-        table = _Table(read_toml_text(text), "")
+        table = _Table(read_toml_text(text), "", _SETTINGS)
     except TextInvalidError as error:
         raise _wrong(f"The topics file is not valid TOML: {error}.") from error
     clock = table.word("clock", "stamp", get_args(ClockName))
-    depth, empty, rgb = table.table("depth"), table.table("empty"), table.table("rgb")
-    labels, audio = table.table("labels"), table.table("audio")
-    readers = tuple(_llrp_reader(row) for row in table.tables("llrp"))
+    depth, empty = table.table("depth", "topic", "focal_px"), table.table("empty", "topic")
+    rgb = table.table("rgb", "topic", "registered")
+    labels, audio = table.table("labels", *_names_of(LabelTopic)), table.table("audio", *_names_of(AudioTopic))
+    readers = tuple(_llrp_reader(row) for row in table.tables("llrp", *_names_of(LlrpReader)))
     topics = Topics(
         depth=(depth.text("topic", required=False) if depth else "") or DEPTH_TOPIC,
         focal_px=(depth.number("focal_px") or None) if depth else None,
         empty=empty.text("topic") if empty else EMPTY_TOPIC,
         # Who has a reader of their own, and names no topic of readings, has none.
-        tags=tuple(_tag_topic(row) for row in table.tables("tags")) or (() if readers else Topics().tags),
+        tags=tuple(_tag_topic(row) for row in table.tables("tags", "topic", "type", *_names_of(TagMap)))
+        or (() if readers else Topics().tags),
         rgb=rgb.text("topic") if rgb else "",
         rgb_registered=rgb.flag("registered") if rgb else False,
         labels=_labels(labels) if labels else None,
@@ -153,10 +157,6 @@ def parse_topics(text: str) -> Topics:
         definitions=table.texts("definitions"),
         llrp=readers,
     )
-    for part in (depth, empty, rgb):
-        if part:
-            part.close()
-    table.close()
     return check_topics(topics)
 
 
@@ -248,7 +248,6 @@ def _tag_topic(table: _Table) -> TagTopic:
     lists = {path.partition("[]")[0] for path in made.paths if "[]" in path}
     if len(lists) > 1 and not all(path.endswith("[]") for path in made.paths if "[]" in path):
         raise _wrong(f"{table.name}epc and its fellows go through different lists.")
-    table.close()
     return topic
 
 
@@ -259,7 +258,6 @@ def _llrp_reader(table: _Table) -> LlrpReader:
         front=table.antennas("front"),
         back=table.antennas("back"),
     )
-    table.close()
     if not _HOST.fullmatch(made.host) or made.port > 65_535:
         raise _wrong(f"{table.name}host and port are no address of a reader.")
     if set(made.front) & set(made.back):
@@ -268,9 +266,7 @@ def _llrp_reader(table: _Table) -> LlrpReader:
 
 
 def _labels(table: _Table) -> LabelTopic:
-    made = LabelTopic(table.text("topic"), table.path("text") or "data", table.path("confidence"))
-    table.close()
-    return made
+    return LabelTopic(table.text("topic"), table.path("text") or "data", table.path("confidence"))
 
 
 def _audio(table: _Table) -> AudioTopic:
@@ -282,16 +278,19 @@ def _audio(table: _Table) -> AudioTopic:
     )
     if not (4_000 <= made.rate_hz <= 192_000 and 1 <= made.channels <= 8):
         raise _wrong("audio.rate_hz must be between 4000 and 192000, audio.channels between 1 and 8.")
-    table.close()
     return made
 
 
 class _Table:
-    """One table of the file; `close` rejects unknown settings."""
+    """One table of the file. Unknown settings are refused first: a misspelt one looks as if another were missing."""
 
-    def __init__(self, values: Mapping[str, Any], name: str) -> None:
+    def __init__(self, values: Mapping[str, Any], name: str, known: tuple[str, ...]) -> None:
         self._values = dict(values)
         self.name = f"{name}." if name else ""
+        for key in sorted(values.keys() - set(known)):
+            near = difflib.get_close_matches(key, known, 1)
+            guess = f" Did you mean {near[0]}?" if near else ""
+            raise _wrong(f"{self.name}{key} is no setting that the robot knows.{guess}")
 
     def _take(self, key: str, kind: type | tuple[type, ...], what: str) -> Any:
         value = self._values.pop(key, None)
@@ -350,19 +349,19 @@ class _Table:
             raise _wrong(f"{self.name}{key} must hold texts.")
         return {str(name): value for name, value in values.items()}
 
-    def table(self, key: str) -> _Table | None:
+    def table(self, key: str, *known: str) -> _Table | None:
         value = self._take(key, dict, "a table")
-        return None if value is None else _Table(value, f"{self.name}{key}")
+        return None if value is None else _Table(value, f"{self.name}{key}", known)
 
-    def tables(self, key: str) -> list[_Table]:
+    def tables(self, key: str, *known: str) -> list[_Table]:
         values = self._take(key, list, f"a list of tables, [[{key}]]") or []
         if not all(isinstance(value, dict) for value in values):
             raise _wrong(f"{self.name}{key} must be a list of tables, [[{key}]].")
-        return [_Table(value, f"{key}[{place}]") for place, value in enumerate(values)]
+        return [_Table(value, f"{key}[{place}]", known) for place, value in enumerate(values)]
 
-    def close(self) -> None:
-        if self._values:
-            raise _wrong(f"{self.name}{sorted(self._values)[0]} is no setting that the robot knows.")
+
+def _names_of(kind: type[TagMap | LabelTopic | AudioTopic | LlrpReader]) -> tuple[str, ...]:
+    return tuple(one.name for one in fields(kind))
 
 
 def _wrong(detail: str) -> BlockRobotError:

@@ -164,6 +164,10 @@ def test_topics_go_together_with_a_reader_of_ones_own_and_a_depth_topic_has_a_na
         ('[[llrp]]\nhost = "a"\nback = [true]', "numbers"),
         ('[[llrp]]\nhost = "a"\nfront = [1]\nback = [1]', "same antenna"),
         ('[[llrp]]\nhost = "a"\ndistance = 3', "distance is no setting"),
+        (
+            '[[tags]]\ntopic = "/t"\nepc = "d"\ndistance = "d"\ndistance_unit = "m"\ndistance_sgma = 1',
+            "distance_sgma is no setting that the robot knows. Did you mean distance_sigma?",
+        ),
         ('[[llrp]]\nhost = "a"\n[[llrp]]\nhost = "a"', "twice"),
         ("\n".join(f'[[llrp]]\nhost = "a{n}"' for n in range(9)), "more than 8"),
         ('[llrp]\nhost = "a"', "[[llrp]]"),
