@@ -40,7 +40,10 @@ NEXT_STEPS: Mapping[str, str] = MappingProxyType(
         "HANDLE_TAKEN": f"Somebody registered with this card already. If that was not you: {_CARD[0].lower()}{_CARD[1:]}",
         "CARD_SIGNATURE_WRONG": _CARD,
         "NOT_A_REGISTRAR": _CARD,
-        "MEMBER_EXISTS": "This wallet is registered already: go on with `blockrobot wallet records`.",
+        "MEMBER_EXISTS": (
+            "The key is registered already: go on with `blockrobot wallet records`; for a robot with `blockrobot robot "
+            "replay` or `blockrobot robot run`."
+        ),
         "MEMBER_NOT_ACTIVE": f"The membership has ended. {_CARD}",
         "ROBOT_NAME_WRONG": "Give another: `blockrobot card name` says what a name and a place may hold.",
         # Officers
