@@ -60,7 +60,7 @@ def test_the_lines_for_an_own_recording_work_as_typed(reader: Reader) -> None:
         if "--draft" in line:
             check_the_draft(ward / "topics.toml")
     replayed = next(text for line, text in shown.items() if "robot replay" in line)
-    assert "120 frames: 80 kept" in replayed
+    assert "120 frames; counted for each owner: 80 kept" in replayed
     assert " 0 lost." in replayed
     assert "80 pictures" in shown["blockrobot wallet records"]
 

@@ -18,7 +18,7 @@ from msgspec import UNSET, UnsetType
 
 from clients.robot.cli.background_commands import background
 from clients.robot.cli.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
-from clients.robot.cli.reading_warnings import warn_of_lens, warn_of_readings
+from clients.robot.cli.reading_warnings import warn_of_lens, warn_of_readings, warn_of_silence
 from clients.robot.cli.robot_answers import (
     RobotNewAnswer,
     RobotPassphraseAnswer,
@@ -247,7 +247,7 @@ async def _record(
 
 def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str, Any]) -> None:
     place: RobotPlace = ctx.obj
-    folder = place.folder
+    folder, tell = place.folder, notice_teller(as_json=as_json)
     chosen = ReplayOptions(
         passphrase=place.find_passphrase(),
         roster=options["roster"] or folder / _ROSTER_FILE,
@@ -260,14 +260,15 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         lasts_s=options.get("seconds"),
         copies=options["copies"],
         approver=place.get_approver(options["approve_as"]),
+        tell=tell,
     )
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
     warnings = list(warn_of_readings(source.topics)) if isinstance(source, BagSource | LiveSource) else []
     if isinstance(source, BagSource):  # a live camera tells its focal length once it runs
-        warnings += warn_of_lens(source.focal_px)
+        warnings += [*warn_of_silence(source.silent_tag_topics), *warn_of_lens(source.focal_px)]
     for warning in warnings:
-        notice_teller(as_json=as_json)(warning)
+        tell(warning)
     waiting_count = count_waiting(folder / SPOOL_FOLDER)
     if waiting_count and not as_json:
         click.echo(waiting_line(waiting_count), err=True)
@@ -285,7 +286,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         answer = extend(RobotRunAnswer, summary, error=problem)
         print_answer(answer, ok=_count_lost(summary) == 0 and error is None)
         sys.exit(EXIT_DONE if error is None else exit_code_of(error.entry))
-    for line in summary_lines(summary):
+    for line in summary_lines(summary, _silent_tag_topics(source, summary)):
         console.print(line, markup=False)
     if was_ended:
         console.print(ended_line())
@@ -299,6 +300,17 @@ def _tell_broken(spool: Path, figures: RunProgress, *, as_json: bool, is_live: b
         print_answer(RobotRunEndedAnswer(ended="at-once", progress=figures, spooled_clips=waiting), ok=False)
     clear_line()
     click.echo(broken_line(figures, waiting, str(spool), is_live=is_live), err=True)
+
+
+def _silent_tag_topics(source: Source, summary: RunSummary) -> list[str]:
+    """If no topic had a reading, all of them."""
+    if isinstance(source, LiveSource) and not isinstance(summary.intake.heard, UnsetType):
+        topics = [tags.topic for tags in source.topics.tags]
+        silent = [topic for topic in topics if not summary.intake.heard.get(topic)]
+        return silent if len(silent) == len(topics) and not source.topics.llrp else []
+    if isinstance(source, BagSource) and not source.sighting_count:
+        return source.silent_tag_topics
+    return []
 
 
 def _count_lost(summary: RunSummary) -> int:

@@ -47,6 +47,12 @@ def warn_of_readings(topics: Topics) -> Iterator[str]:
         )
 
 
+def warn_of_silence(topics: list[str]) -> Iterator[str]:
+    """A sentence per topic of tags that a recording holds no message of."""
+    for topic in topics:
+        yield f"No reading of a tag comes from {topic}: the recording holds 0 messages of it."
+
+
 def warn_of_lens(focal_px: float | None) -> Iterator[str]:
     """If a recording's focal length is unknown."""
     if focal_px is None:

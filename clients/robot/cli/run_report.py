@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
 from msgspec import UnsetType
@@ -42,14 +42,21 @@ def clear_line() -> None:
         overwrite_line()
 
 
-def summary_lines(summary: RunSummary) -> Iterator[str]:
+def summary_lines(summary: RunSummary, silent: Sequence[str] = ()) -> Iterator[str]:
+    """`silent` are the topics of tags, if no reading came of any."""
     frames = summary.frames
-    yield (
-        f"{frames.published} frames: {frames.kept} kept in {summary.records} records, "
-        f"{_withheld(frames)}, {frames.lost} lost."
-    )
+    is_any_kept = frames.kept or any(counts.kept for counts in summary.senses.values())
+    kept = f"{frames.kept} kept" + (f" in {_count_of(summary.records, 'record')}" if is_any_kept else "")
+    published = _count_of(frames.published, "frame")
+    line = f"{published}; counted for each owner: {kept}, {_withheld(frames)}, {frames.lost} lost."
+    if summary.records and not is_any_kept:
+        says = "says" if summary.records == 1 else "say"
+        line += f" {_count_of(summary.records, 'record')} {says} what was withheld."
+    yield line
     if frames.published and not frames.kept:
-        if not frames.withheld:
+        if silent:
+            yield f"No reading of a tag came: 0 messages of {', '.join(silent)}."
+        elif not frames.withheld:
             yield "No frame was in reach of a reading of a tag on the roster."
         yield "No frame was kept. What each reason means: docs/how-to/your-robot.md, `What is kept, and what is withheld`."
     camera = summary.camera
@@ -137,6 +144,10 @@ def refused_lines(refused: dict[str, int]) -> Iterator[str]:
         yield f"Custodians took no upload {sum(refused.values())} times ({listed}); what was refused was tried again."
 
 
+def _count_of(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def _withheld(counts: FrameCounts) -> str:
     reasons = counts.withheld_reasons
     listed = [f"{count} {reason}" for reason, count in reasons.items()] if len(reasons) > 1 else list(reasons)
@@ -183,7 +194,7 @@ def _unknown_lines(unknown: UnknownTagCounts) -> Iterator[str]:
 def consent_lines(figures: ConsentCounts) -> Iterator[str]:
     if figures.stale_times:
         seconds = round(figures.stale_ms / 1000)
-        yield f"For {seconds} s nobody's consent could be proved, and nothing was kept. Is the network in reach?"
+        yield f"For {seconds} s nobody's consent could be proved, and nothing was kept meanwhile. Is the network in reach?"
     refused = figures.sightings_refused
     if refused.get("no-consent"):
         yield f"{refused['no-consent']} readings were of tags whose bearers do not consent to this purpose and sensor."
@@ -228,4 +239,8 @@ def broken_line(figures: RunProgress, waiting_count: int, spool: str, *, is_live
 
 def _so_far(figures: RunProgress) -> str:
     read, kept, records = figures.frames_read or 0, figures.frames_recorded or 0, figures.records or 0
-    return f"{read} frames were read; {kept}, counted for each owner, are recorded in {records} records"
+    were, are = "was" if read == 1 else "were", "is" if kept == 1 else "are"
+    return (
+        f"{_count_of(read, 'frame')} {were} read; {kept}, counted for each owner, {are} recorded in "
+        f"{_count_of(records, 'record')}"
+    )

@@ -110,7 +110,7 @@ class SealedClip(Protocol):
 
 
 class Consents:
-    """Registry view; `on_change` is called after each reading."""
+    """Registry view; `on_change` is called after each reading, `tell` when it grows stale or is fresh again."""
 
     def __init__(
         self,
@@ -121,7 +121,9 @@ class Consents:
         person_key: bytes,
         stale_after_ms: Callable[[], int],
         now_ms: Callable[[], int],
+        tell: Callable[[str], None] = lambda _sentence: None,
     ) -> None:
+        self._tell = tell
         self._reader = reader
         self._majority = majority
         self._persons = {compute_person_tag(person_key, row.handle): row.handle for row in roster.rows}
@@ -234,13 +236,17 @@ class Consents:
         now_ms = self._now_ms()
         if self.is_fresh():
             if self._stale_since_ms is not None:
-                self.figures.stale_ms += now_ms - self._stale_since_ms
+                lasted_ms = now_ms - self._stale_since_ms
+                self.figures.stale_ms += lasted_ms
                 self._stale_since_ms = None
-                _log.warning("registry_fresh")
+                self._tell(f"The network makes blocks again, after {lasted_ms / 1000:.0f} s: the robot goes on.")
         elif self._stale_since_ms is None:
             self._stale_since_ms = now_ms
             self.figures.stale_count += 1
-            _log.error("registry_stale", age_ms=None if self._view is None else now_ms - self._view.timestamp_ms)
+            self._tell(
+                "The network does not answer, or nothing becomes final: the robot waits, and keeps nothing meanwhile. "
+                "`blockrobot doctor` says more."
+            )
         news, self._news = self._news, asyncio.Event()
         news.set()
 

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import fcntl
 import os
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -58,7 +58,7 @@ LOCK_FILE = "robot.lock"
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
     """With `viewpoint` the approved bank supplies empty frames. `lasts_s`: source seconds in real time; `copies`: required
-    custodians (or all); `passphrase`: key file's; `approver`: admin key that approves empty frames.
+    custodians (or all); `passphrase`: key file's; `approver`: admin key that approves empty frames; `tell` hears notices.
     """
 
     roster: Path
@@ -72,6 +72,7 @@ class ReplayOptions:
     copies: int = COPIES_DEFAULT_COUNT
     passphrase: str | None = field(default=None, repr=False)
     approver: PrivateKey | None = field(default=None, repr=False)
+    tell: Callable[[str], None] = field(default=lambda _sentence: None, repr=False)
 
 
 class ProgressListener(Protocol):
@@ -145,6 +146,7 @@ class _Run:
             person_key=self._identity.spool,
             stale_after_ms=lambda: compute_stale_after_ms(self._heartbeat_ms),
             now_ms=self._network.now_ms,
+            tell=options.tell,
         )
 
     async def work(self, source: Source) -> RunSummary:

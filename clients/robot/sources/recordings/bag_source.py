@@ -41,6 +41,7 @@ class BagSource:
         self._reader = MessageReader(self._topics)
         figures = self._recording.topics
         self.frame_count = figures[self._topics.depth].count
+        self.silent_tag_topics = [tags.topic for tags in self._topics.tags if not figures[tags.topic].count]
         self.sighting_count = sum(figures[tags.topic].count for tags in self._topics.tags)
         self.empty_frame_count = figures[self._topics.empty].count if self._topics.empty in figures else 0
 
@@ -81,7 +82,9 @@ class BagSource:
         self.shift_ms += start_ms - self.start_ms
 
     def empty_frames(self) -> list[Depth]:
-        """Raises EMPTY_SCENE_MISSING."""
+        """Raises EMPTY_SCENE_MISSING; BAG_TOPIC_MISSING for a recording without a depth image."""
+        if not self.frame_count and not self.broken:
+            raise _missing(f"The recording has no depth image: 0 messages of {self._topics.depth}.", self._recording)
         if self._empty.recording is not None:
             found = self._empty_elsewhere(self._empty.recording)
         elif self._empty.seconds is not None:

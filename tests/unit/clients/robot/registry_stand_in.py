@@ -99,7 +99,12 @@ class RegistryStandIn:
         self.state[identity.CHANGES.flat] += 1
 
 
-def consents_on(registry: RegistryStandIn, roster: Roster, stale_after_ms: int = STALE_AFTER_MS) -> Consents:
+def consents_on(
+    registry: RegistryStandIn,
+    roster: Roster,
+    stale_after_ms: int = STALE_AFTER_MS,
+    tell: Callable[[str], None] = lambda _sentence: None,
+) -> Consents:
     """The robot's view of that registry; nothing is read yet."""
     book = RosterBook(roster)
     reader = RegistryReader(registry, ROBOT, book.rows)
@@ -110,4 +115,5 @@ def consents_on(registry: RegistryStandIn, roster: Roster, stale_after_ms: int =
         person_key=PERSON_KEY,
         stale_after_ms=lambda: stale_after_ms,
         now_ms=registry.now_ms,
+        tell=tell,
     )

@@ -22,7 +22,7 @@ def test_what_stood_in_the_way_is_said_in_plain_words() -> None:
         stale_count=1, stale_ms=61_400, sightings_refused={"no-consent": 7, "registry-stale": 2}, clips_dropped=3
     )
     text = said(figures)
-    assert "For 61 s nobody's consent could be proved" in text
+    assert "For 61 s nobody's consent could be proved, and nothing was kept meanwhile." in text
     assert "7 readings were of tags whose bearers do not consent" in text
     assert "had not begun" not in text
     assert "3 sealed clips were destroyed" in text

@@ -53,7 +53,8 @@ class Ward:
         self.off_ms = 0
         self.known = roster(*handles)
         self.registry = RegistryStandIn(self.known, virtual_now_ms)
-        self.consents = consents_on(self.registry, self.known)
+        self.notices: list[str] = []
+        self.consents = consents_on(self.registry, self.known, tell=self.notices.append)
         self.consents._now_ms = lambda: virtual_now_ms() + self.off_ms
 
     def refusal(
@@ -181,12 +182,17 @@ async def test_a_registry_that_cannot_be_reached_closes_and_opens_again(ward: Wa
     ward.registry.failure = "NODE_UNREACHABLE"
     await asyncio.sleep(STALE_AFTER_MS / 1000 - 10)
     assert ward.refusal() is None
+    assert ward.notices == []
     await asyncio.sleep(70)
     assert ward.refusal() is WithholdReason.STALE
+    (waits,) = ward.notices
+    assert "nothing becomes final: the robot waits" in waits
     ward.registry.failure = ""
     await asyncio.sleep(2)
     assert ward.refusal() is None
     watch.cancel()
+    assert len(ward.notices) == 2
+    assert ward.notices[1].startswith("The network makes blocks again, after ")
     told = ward.consents.summarise()
     assert told.stale_times == 1
     assert 55_000 <= told.stale_ms <= 65_000

@@ -127,11 +127,13 @@ def test_a_live_runs_last_lines_say_what_was_not_read_and_what_was_gone() -> Non
 def test_frames_that_are_withheld_are_said_with_their_reasons_and_where_these_are_explained() -> None:
     all_of_them = replace(COUNTS, kept=0, withheld=5, withheld_reasons={"no-distance": 5})
     first, pointer = summary_lines(summary_of(all_of_them))
-    assert first == "5 frames: 0 kept in 1 records, 5 withheld (no-distance), 0 lost."
+    assert first == (
+        "5 frames; counted for each owner: 0 kept, 5 withheld (no-distance), 0 lost. 1 record says what was withheld."
+    )
     assert "docs/how-to/your-robot.md" in pointer
     some = replace(COUNTS, kept=2, withheld=3, withheld_reasons={"crowd": 1, "no-distance": 2})
     assert list(summary_lines(summary_of(some))) == [
-        "5 frames: 2 kept in 1 records, 3 withheld (1 crowd, 2 no-distance), 0 lost."
+        "5 frames; counted for each owner: 2 kept in 1 record, 3 withheld (1 crowd, 2 no-distance), 0 lost."
     ]
 
 
@@ -143,6 +145,8 @@ def test_a_run_of_which_nothing_was_in_reach_of_a_reading_says_that_nothing_was_
     }
     _, reach, kept, refused = summary_lines(summary_of(nothing, **intake))
     assert "No frame was in reach of a reading" in reach
+    _, silent, *_ = summary_lines(summary_of(nothing, **intake), ["/rfid"])
+    assert silent == "No reading of a tag came: 0 messages of /rfid."
     assert kept.startswith("No frame was kept.")
     assert refused == (
         "Not usable: 51 tag readings (51 field: a field that the topics file names is not there, or holds something else). "

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clients.robot.cli.reading_warnings import warn_of_silence
 from clients.robot.sensing.sensor_events import Facing, Frame, RefusedMessage, Sighting
 from clients.robot.sources.messages.topics import Topics, parse_topics
 from clients.robot.sources.recordings.bag_source import BagSource, EmptyScene
@@ -266,6 +267,17 @@ def test_a_recording_of_nothing_has_no_start(tmp_path: Path) -> None:
     path = record(tmp_path / "bag", "mcap", [Topic(DEPTH_TOPIC, IMAGE, []), Topic("/tags", STRING, [])])
     with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
         _ = BagSource(path, topics=topics_of()).start_ms
+
+
+def test_a_recording_without_a_depth_image_says_so_and_names_silent_topics_of_tags(tmp_path: Path) -> None:
+    path = record(tmp_path / "bag", "mcap", [Topic(DEPTH_TOPIC, IMAGE, []), Topic("/tags", STRING, [])])
+    source = BagSource(path, topics=topics_of(), empty=EmptyScene(seconds=(0, 3)))
+    with pytest.raises(BlockRobotError, match=f"^BAG_TOPIC_MISSING: .*no depth image: 0 messages of {DEPTH_TOPIC}"):
+        source.empty_frames()
+    assert source.silent_tag_topics == ["/tags"]
+    assert list(warn_of_silence(source.silent_tag_topics)) == [
+        "No reading of a tag comes from /tags: the recording holds 0 messages of it."
+    ]
 
 
 def test_without_an_empty_scene_the_refusal_says_how_to_choose_one(tmp_path: Path) -> None:
