@@ -214,6 +214,7 @@ def test_a_topic_of_another_type_is_missing(tmp_path: Path) -> None:
 
 
 def test_a_recording_without_empty_frames_says_so(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "bag", {DEPTH_TOPIC: (IMAGE_TYPE, []), SIGHTING_TOPIC: (SIGHTING_TYPE, [])})
+    image = bytes(MessageCodec().encode_image(np.ones((4, 6), np.uint16), 5))
+    path = write_bag(tmp_path / "bag", {DEPTH_TOPIC: (IMAGE_TYPE, [image]), SIGHTING_TOPIC: (SIGHTING_TYPE, [])})
     with pytest.raises(BlockRobotError, match="EMPTY_SCENE_MISSING"):
         BagSource(path).empty_frames()
