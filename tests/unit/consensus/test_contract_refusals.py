@@ -45,3 +45,9 @@ def test_an_unknown_purpose_is_answered_with_those_that_the_network_publishes() 
     with pytest.raises(BlockRobotError, match="PURPOSE_UNKNOWN") as unknown:
         require_purpose("spying")
     assert all(code in unknown.value.detail for code in PURPOSES)
+
+
+def test_who_is_registered_already_may_be_a_wallet_or_a_robot() -> None:
+    step = NEXT_STEPS["MEMBER_EXISTS"]
+    assert "blockrobot wallet records" in step
+    assert "blockrobot robot replay" in step
