@@ -19,6 +19,7 @@ from clients.wallet.answers.sharing_answers import (
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from clients.wallet.consent.rights_requests import choose
+from clients.wallet.ledger.record_filter import refuse_erased
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.share_text import (
     explain,
@@ -137,6 +138,7 @@ def share(
         sharing = SharingClient(opened)
         grantee = await sharing.resolve_grantee(read_given(wanted), label)
         reports = await opened.records()
+        await refuse_erased(opened, reports, record_ids)
         entries = select_shareable(reports, choose(reports, record_ids, visits), purpose)
         explanation = explain(entries, grantee, purpose, until_ms)
         confirm_or_print(text("share.ask"), yes=yes, explanation=explanation)

@@ -6,9 +6,11 @@ import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from clients.wallet.ledger.visit_audit import audit_visit
 from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from pages.time_format import local_time
+from clients.wallet.refusals import refusal
+from pages.time_format import format_time, local_time
 
 _DAY_MINUTES = 24 * 60
 
@@ -98,10 +100,33 @@ def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_pa
 
 
 async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
-    """None named: all except denied visits'. Raises NOT_FOUND."""
+    """None named: all except denied visits'. Raises RECORD_NOT_FOUND, CLIP_ERASED."""
     reports = await opened.records()
+    await refuse_erased(opened, reports, record_ids)
     reports = [report for report in reports if record_ids or not report.rights.breach_id]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
     if not record_ids:
         return list(entries.values())
     return [entries[resolve_record(list(entries), record_id)] for record_id in record_ids]
+
+
+async def refuse_erased(opened: Wallet, reports: Sequence[VisitReport], record_ids: Sequence[str]) -> None:
+    """Raises CLIP_ERASED, with the time, for a name that only erased records have."""
+    there = [entry.record_id.hex() for report in reports for entry in report.records]
+    for start in filter(None, map(str.lower, record_ids)):
+        if any(known.startswith(start) for known in there):
+            continue
+        for report in reports:
+            for record_id in report.erased_ids:
+                if record_id.hex().startswith(start):
+                    trail = await audit_visit(opened, report.visit)
+                    asked = [
+                        entry.time_ms
+                        for entry in trail
+                        if entry.kind == "erasure_requested"
+                        and entry.record_id == record_id
+                        and not entry.data["frames"]
+                    ]
+                    if asked:
+                        raise refusal("CLIP_ERASED", "erased_by_you", name=start, moment=format_time(asked[0]))
+                    raise refusal("CLIP_ERASED", "erased_in_time", name=start)
