@@ -106,8 +106,9 @@ def issue(
             console.print(qr_lines(qr_text(code)))
     if replaced and not as_json:
         click.echo(
-            "This tag had a card before. Whoever registered with that one is on no roster from now on, and is not recorded "
-            "until they register with the new code.",
+            "This tag had a card before: destroy that card, for its code registers until it expires. "
+            "Whoever registered with that one is on no roster from now on, and is not recorded until they register with "
+            "the new code. `blockrobot roster make` names them.",
             err=True,
         )
 
@@ -232,10 +233,18 @@ def make(registrar_dir: Path | None, genesis: Path | None, robot: str, out: Path
     Example: blockrobot roster make --robot 02ab... --out roster.sealed
     """
     member = _member_key(robot, "--robot")
-    sealed, rows = asyncio.run(_open(registrar_dir, genesis).make_roster(member))
-    write_new_file(out, sealed, replace=True)
+    made = asyncio.run(_open(registrar_dir, genesis).make_roster(member))
+    write_new_file(out, made.sealed, replace=True)
+    superseded = [key.hex() for key in made.superseded]
     if as_json:
-        print_answer(RosterMakeAnswer(rows=rows, out=str(out)))
+        print_answer(RosterMakeAnswer(rows=made.rows, out=str(out), superseded=superseded))
     else:
-        people = "1 person" if rows == 1 else f"{rows} people"
+        people = "1 person" if made.rows == 1 else f"{made.rows} people"
         console.print(f"{people}; only this robot can open {out}.")
+        for key in superseded:
+            click.echo(
+                f"Member {key} registered with a card that another one of the same tag has replaced: they are not on the "
+                "roster, and are not recorded. Tell them. End that membership with "
+                f"`blockrobot card revoke --member {key}`; they register in a new wallet with the new card's code.",
+                err=True,
+            )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import secrets
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -39,12 +39,22 @@ _RECORDED_ROLES = ("subject", "staff")
 
 @dataclass(frozen=True, slots=True)
 class CardEntry:
-    """One card: tag UID, handle (hex), role, and code expiry."""
+    """One card: tag UID, handle (hex), role, and code expiry. `superseded`: the tag got another card since."""
 
     uid: str
     handle: str
     role: str
     not_after_ms: int
+    superseded: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SealedRoster:
+    """A roster for one robot; `superseded` members are not on it: their tag got another card."""
+
+    sealed: bytes
+    rows: int
+    superseded: tuple[bytes, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +112,8 @@ class Registrar:
             role=role,
             not_after_ms=not_after_ms,
         )
-        kept = [entry for entry in self.cards() if entry.uid != normal]
+        # A superseded card still registers, as the chain knows no card before: who does so has to be found.
+        kept = [replace(entry, superseded=True) if entry.uid == normal else entry for entry in self.cards()]
         self._save([*kept, CardEntry(normal, card.handle.hex(), role, not_after_ms)])
         return encode_card_code(card)
 
@@ -135,9 +146,9 @@ class Registrar:
     async def get_member(self, uid: str) -> bytes:
         """Raises NOT_FOUND."""
         normal = uid.strip().upper()
-        handle = next((card.handle for card in self.cards() if card.uid == normal), None)
+        handles = [card.handle for card in self.cards() if card.uid == normal and not card.superseded]
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
-            if handle is not None:
+            for handle in handles:
                 found = await proved_row(self._read(client), HANDLE, bytes.fromhex(handle))
                 if found is not None:
                     return found
@@ -176,19 +187,25 @@ class Registrar:
         content = json.dumps([asdict(card) for card in cards]).encode()
         replace_file(self._folder / _CARDS_FILE, content, temporary=self._folder / f".{_CARDS_FILE}.tmp")
 
-    async def make_roster(self, robot: bytes) -> tuple[bytes, int]:
-        """Return a robot's (key M) sealed roster, proven, and number of rows; forget former members. Raises NOT_FOUND."""
+    async def make_roster(self, robot: bytes) -> SealedRoster:
+        """Seal a proven roster for a robot (key M); forget former members. Raises NOT_FOUND."""
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             states = await self._states(client)
             robot_state = await proved_row(self._read(client), MEMBER, robot)
+            recorded = [
+                (card, state)
+                for card, state in states
+                if state is not None and state.is_active and card.role in _RECORDED_ROLES
+            ]
+            superseded = [bytes.fromhex(card.handle) for card, _ in recorded if card.superseded]
+            found: list[bytes] = []
+            for handle in superseded:
+                member = await proved_row(self._read(client), HANDLE, handle)
+                found += [] if member is None else [member]
         if robot_state is None or robot_state.role != "robot" or not robot_state.is_active:
             raise BlockRobotError("NOT_FOUND", "There is no active robot with this key.")
         self._keep(states)
-        members = [
-            (card, state)
-            for card, state in states
-            if state is not None and state.is_active and card.role in _RECORDED_ROLES
-        ]
+        members = [(card, state) for card, state in recorded if not card.superseded]
         key = secrets.token_bytes(ROSTER_KEY_BYTES)
         now = self._clock.now_ms()
         roster = Roster(
@@ -200,7 +217,8 @@ class Registrar:
             not_after_ms=now + ROSTER_LIFETIME_MAX_MS,
             rows=tuple(self._row(key, card, state) for card, state in members),
         )
-        return seal_roster(roster, self.key, robot_state.sealing), len(roster.rows)
+        sealed = seal_roster(roster, self.key, robot_state.sealing)
+        return SealedRoster(sealed, len(roster.rows), tuple(found))
 
     async def _states(self, client: NetworkClient) -> list[tuple[CardEntry, MemberRow | None]]:
         read = self._read(client)

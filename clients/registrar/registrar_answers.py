@@ -13,7 +13,7 @@ class CardIssueAnswer(Answer, frozen=True, kw_only=True):
     role: Annotated[str, doc("What the card registers")]
     code: Annotated[str, doc("The enrolment code, shown this once; empty with --out")]
     out: Annotated[str, doc("The file with the card; empty without --out")]
-    replaced: Annotated[bool, doc("Whether the tag had a card before, which is on no roster any more")]
+    replaced: Annotated[bool, doc("Whether the tag had a card before: destroy it, its holder is on no roster")]
 
 
 class CardRevokeAnswer(Answer, frozen=True, kw_only=True):
@@ -43,6 +43,7 @@ class RosterMakeAnswer(Answer, frozen=True, kw_only=True):
 
     rows: Annotated[Count, doc("How many people are on it")]
     out: Annotated[str, doc("The file")]
+    superseded: Annotated[list[Hex], doc("Members who are not on it: they registered with a card that was replaced")]
 
 
 ANSWERS: AnswersByCommand = {

@@ -293,7 +293,8 @@ async def killed_robot(network: NetworkUnderTest, folder: Path) -> AsyncIterator
             await robot.consent()
             identity = create_identity(robot.robot)
             await register_robot(robot.robot, identity, desk.issue("0BADF00D", "robot"), genesis)
-            sealed, rows = await desk.make_roster(identity.identity.public_key)
+            made = await desk.make_roster(identity.identity.public_key)
+            sealed, rows = made.sealed, made.rows
             assert rows == 1
             (robot.robot / "roster.sealed").write_bytes(sealed)
             yield robot

@@ -79,7 +79,7 @@ class Ward:
         identity, code = create_identity(self.robot), self.desk.issue("0BADF00D", "robot")
         first, again = [await register_robot(self.robot, identity, code, self.genesis) for _ in "12"]
         assert (len(first.txid), again.txid, again.member) == (32, b"", first.member), "twice is harmless"
-        sealed, _ = await self.desk.make_roster(identity.identity.public_key)
+        sealed = (await self.desk.make_roster(identity.identity.public_key)).sealed
         (self.robot / "roster.sealed").write_bytes(sealed)
 
     async def replay(self, progress: Any = nobody, *, real_time: bool = False) -> RunSummary:

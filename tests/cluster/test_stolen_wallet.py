@@ -47,7 +47,7 @@ async def begin(ward: Ward, ann: Wallet) -> VisitReport:
 
 async def renew_roster(ward: Ward) -> None:
     """Let the desk tell the robot anew whom there is to record."""
-    sealed, _ = await ward.desk.make_roster(load_identity(ward.robot).identity.public_key)
+    sealed = (await ward.desk.make_roster(load_identity(ward.robot).identity.public_key)).sealed
     (ward.robot / "roster.sealed").write_bytes(sealed)
 
 

@@ -73,7 +73,7 @@ async def _tell_story(network: NetworkUnderTest, intruder: Intruder) -> dict[str
     ward = Ward(intruder)
     ward.patient.card = decode_card_code(desk.issue(uid, "subject"))
     await ward.open()
-    assert (await desk.make_roster(ward.robot.identity.public_key))[1] == 1
+    assert (await desk.make_roster(ward.robot.identity.public_key)).rows == 1
     wanted = {"tag's UID (text)": uid.encode(), "tag's UID (bytes)": bytes.fromhex(uid)}
     clip = ward.clip()
     tokens = {}

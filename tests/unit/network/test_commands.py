@@ -219,6 +219,7 @@ def test_a_card_is_issued_from_a_file_and_its_uid_is_not_repeated(network: Path,
     assert (answer["replaced"], json.loads(again.stdout)["replaced"]) == (False, True)
     plain = run("card", "issue", "--uid-file", str(home / "uid"))
     assert "Whoever registered with that one is on no roster from now on" in plain.output
+    assert "destroy that card" in plain.output
 
 
 def test_a_robot_gets_its_keys_once(home: Path) -> None:

@@ -90,8 +90,20 @@ def test_a_reissued_tag_has_one_handle_the_new_one(desk: Registrar) -> None:
     desk.issue(UID, "subject")
     desk.issue("0BADF00D", "staff")
     again = decode_card_code(desk.issue(f"  {UID.lower()}\n", "subject"))
-    assert [(entry.uid, entry.role) for entry in desk.cards()] == [("0BADF00D", "staff"), (UID, "subject")]
-    assert desk.cards()[1].handle == again.handle.hex()
+    in_use = [entry for entry in desk.cards() if not entry.superseded]
+    assert [(entry.uid, entry.role) for entry in in_use] == [("0BADF00D", "staff"), (UID, "subject")]
+    assert in_use[1].handle == again.handle.hex()
+
+
+async def test_a_roster_names_who_registered_with_a_superseded_card(desk: Registrar, chain: dict[Any, Any]) -> None:
+    first = register(desk, chain, UID, "subject")
+    desk.issue(UID, "subject")
+    made = await desk.make_roster(ROBOT)
+    assert (made.rows, made.superseded) == (0, (chain[HANDLE.key(first)],))
+    await desk.revoke(made.superseded[0])
+    second = register(desk, chain, UID, "subject")
+    again = await desk.make_roster(ROBOT)
+    assert ([row.handle for row in opened(again.sealed).rows], again.superseded) == ([second], ())
 
 
 def test_the_list_of_cards_is_for_its_user_only_and_survives_a_restart(desk: Registrar, folder: Path) -> None:
@@ -191,14 +203,15 @@ async def test_a_roster_has_whoever_registered_and_nobody_else(desk: Registrar, 
     register(desk, chain, "DEADBEEF", "subject", status="left")
     register(desk, chain, "ABCDEF01", "officer")
     desk.issue("NOT-YET-REGISTERED", "subject")
-    sealed, count = await desk.make_roster(ROBOT)
-    assert count == 2
+    made = await desk.make_roster(ROBOT)
+    sealed = made.sealed
+    assert (made.rows, made.superseded) == (2, ())
     assert {row.handle for row in opened(sealed).rows} == {ann, nurse}
 
 
 async def test_a_roster_finds_a_tag_without_holding_it(desk: Registrar, chain: dict[Any, Any]) -> None:
     handle = register(desk, chain, UID, "subject")
-    sealed, _ = await desk.make_roster(ROBOT)
+    sealed = (await desk.make_roster(ROBOT)).sealed
     roster = opened(sealed)
     assert {row.tag: row.handle for row in roster.rows}[roster_tag(roster.key, UID)] == handle
     assert UID.encode() not in sealed
@@ -207,7 +220,7 @@ async def test_a_roster_finds_a_tag_without_holding_it(desk: Registrar, chain: d
 
 async def test_two_rosters_cannot_be_joined_by_their_tags(desk: Registrar, chain: dict[Any, Any]) -> None:
     register(desk, chain, UID, "subject")
-    first, second = [opened((await desk.make_roster(ROBOT))[0]) for _ in range(2)]
+    first, second = [opened((await desk.make_roster(ROBOT)).sealed) for _ in range(2)]
     assert first.rows[0].tag != second.rows[0].tag
 
 
