@@ -67,6 +67,7 @@ class ChosenVisit:
     entries: tuple[RecordEntry, ...]
     chosen_ids: frozenset[bytes] | None
     unreadable_ids: tuple[bytes, ...]
+    named_count: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,11 @@ class Plan:
     @property
     def record_count(self) -> int:
         return sum(len(chosen.entries) for chosen in self.visits)
+
+    @property
+    def named_count(self) -> int:
+        """With records that are erased or unreadable: the bundle has their proofs."""
+        return sum(chosen.named_count for chosen in self.visits)
 
 
 @dataclass
@@ -330,7 +336,7 @@ def _all_ids(report: VisitReport) -> list[bytes]:
 
 def _choose(report: VisitReport, wanted: ExportChoice) -> ChosenVisit | None:
     if wanted.is_everything:
-        return ChosenVisit(report.visit, report.records, None, report.unreadable_ids)
+        return ChosenVisit(report.visit, report.records, None, report.unreadable_ids, len(_all_ids(report)))
     opened = {entry.record_id: (entry.metadata.started_at_ms, entry.metadata.ended_at_ms) for entry in report.records}
     begin = report.visit.bucket_ms
     span = (begin, begin + VISIT_MAX_MS + TIME_BUCKET_MS)
@@ -346,6 +352,7 @@ def _choose(report: VisitReport, wanted: ExportChoice) -> ChosenVisit | None:
         entries=tuple(entry for entry in report.records if entry.record_id in ids),
         chosen_ids=ids,
         unreadable_ids=tuple(record_id for record_id in report.unreadable_ids if record_id in ids),
+        named_count=len(ids),
     )
 
 

@@ -16,7 +16,7 @@ def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
     """Say what the bundle discloses."""
     wanted = plan.wanted
     visits = text("count.visits", count=len(plan.visits))
-    lines = [text("export.holds", visits=visits, records=text("count.records", count=plan.record_count))]
+    lines = [text("export.holds", visits=visits, records=text("count.records", count=plan.named_count))]
     learns = [
         ("export.joined", bool(plan.visits)),
         ("export.pictures", wanted.pictures and bool(plan.record_count)),

@@ -100,6 +100,14 @@ def test_a_visit_that_she_denied_is_named_and_shows_nothing(ward: Ward, tmp_path
     assert (told["records"], told["pictures"]) == (1, 0)
 
 
+def test_it_counts_an_erased_record_before_and_after(ward: Ward, tmp_path: Path) -> None:
+    visit = ward.open_visit()
+    erased, _ = ward.record(visit), ward.record(visit)
+    asyncio.run(ward.erase(visit, [erased]))
+    said = run(tmp_path / "mine.zip", "--yes", "--now").output
+    assert said.count("2 records") == 2, said
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
