@@ -273,17 +273,20 @@ class Story:
         return said
 
     async def until_still(self, *names: str) -> dict[str, int]:
-        """Wait until nothing that was on its way becomes final at these nodes, nor is told a client, any more; return
-        their heights.
+        """Wait until nothing that was on its way becomes final at these nodes any more; return their heights.
+
+        If these are all, nor is a client told any more: where some go on, clients go on being told.
         """
-        deadline_s, heights, told = time.monotonic() + WORK_TIMEOUT_S, dict.fromkeys(names, -2), -1
-        while (now := {name: (await self.status(name))["finalized_height"] for name in names}) != heights or (
-            told != self.told_count
-        ):
-            assert time.monotonic() < deadline_s, f"blocks go on becoming final: {now}"
-            heights, told = now, self.told_count
+        deadline_s = time.monotonic() + WORK_TIMEOUT_S
+        is_all, before = set(names) == set(self.names), None
+        while (now := (await self._heights(names), self.told_count if is_all else 0)) != before:
+            assert time.monotonic() < deadline_s, f"blocks go on becoming final: {now[0]}"
+            before = now
             await asyncio.sleep(_IN_FLIGHT_S)
-        return heights
+        return now[0]
+
+    async def _heights(self, names: Sequence[str]) -> dict[str, int]:
+        return {name: (await self.status(name))["finalized_height"] for name in names}
 
     # Figures
 

@@ -15,6 +15,7 @@ import pytest
 from clients.wallet.consent.consent_choices import ConsentClient
 from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
+from clients.wallet.presentation.share_text import name_recipient
 from clients.wallet.records.erasure import ErasureClient
 from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.sharing.incoming_shares import DeletionReceipt, IncomingShares
@@ -168,8 +169,8 @@ async def _erase_and_confirm(sides: Sides, entries: list[RecordEntry]) -> None:
     shared = await sides.share(entries)
     access_id = await sides.receiving.request_access(await sides.received(shared), shared.records)
     gone = entries[0]
-    (recipient,) = [each for each in await sides.sharing.recipients([gone]) if each.grant.grant_id == shared.grant_id]
-    assert recipient.name.startswith("Dr Weber (handle ")
+    (share,) = [each for each in await sides.sharing.recipients([gone]) if each.grant.grant_id == shared.grant_id]
+    assert name_recipient(share).startswith("Dr Weber (handle ")
     erasing = ErasureClient(sides.ann)
     await erasing.wait_complete([(gone.visit, await erasing.request(gone.visit, [gone.record_id], []))])
     receipt = await sides.received(shared)
