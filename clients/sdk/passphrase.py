@@ -65,6 +65,13 @@ class SealingKey:
         checksum = tagged_hash(self.format.checksum_tag, self.header, nonce, sealed)
         return msgspec.msgpack.encode((self.header, nonce, sealed, checksum))
 
+    @property
+    def is_cheap(self) -> bool:
+        """A guess costs less than today's default."""
+        _, cost = _read_header(self.header, self.format)
+        least = PassphraseCost()
+        return cost.operations_count < least.operations_count or cost.memory_bytes < least.memory_bytes
+
     def is_from(self, passphrase: str) -> bool:
         """This costs a full derivation."""
         salt, cost = _read_header(self.header, self.format)

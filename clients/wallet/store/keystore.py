@@ -103,6 +103,7 @@ class KnownVisit(msgspec.Struct):
 class WalletContent(msgspec.Struct):
     """The decrypted wallet file.
 
+    `cost_chosen`: who made it chose what a passphrase guess costs; else a resealed file costs today's default at least.
     `former`: replaced mnemonics, oldest first, needed for decryption. `next_words`: kept before signing with it.
     `leaving`: leave transactions; `left`: one provably succeeded. `proofs`: by txid.
     """
@@ -131,6 +132,7 @@ class WalletContent(msgspec.Struct):
     guardian_sets: list[GuardianSet] = msgspec.field(default_factory=list)
     proofs: dict[bytes, bytes] = msgspec.field(default_factory=dict)
     proofs_dropped_count: int = 0
+    cost_chosen: bool = False
 
     def __repr__(self) -> str:
         return f"WalletContent({len(self.visits)} visits)"
@@ -150,6 +152,7 @@ class Keystore:
     def __init__(self, path: Path, key: SealingKey, content: WalletContent) -> None:
         self._path = path
         self._key = key
+        self._passphrase: str | None = None  # for a dearer key, due at the next save
         self._is_read_only = False
         self.content = content
 
@@ -164,7 +167,8 @@ class Keystore:
         if path.exists():
             raise refusal("WALLET_EXISTS", "wallet_exists", path=str(path))
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        store = cls(path, new_sealing_key(passphrase, _FORMAT, cost), WalletContent(words=words, former=list(former)))
+        content = WalletContent(words=words, former=list(former), cost_chosen=cost is not None)
+        store = cls(path, new_sealing_key(passphrase, _FORMAT, cost), content)
         store.save()
         return store
 
@@ -187,7 +191,10 @@ class Keystore:
             content = msgspec.msgpack.decode(plain, type=WalletContent)
         except msgspec.MsgspecError:
             raise refusal("WALLET_DAMAGED", "wallet_version", path=str(path)) from None
-        return cls(path, key, content)
+        store = cls(path, key, content)
+        if not content.cost_chosen and key.is_cheap:
+            store._passphrase = passphrase
+        return store
 
     def opens_with(self, passphrase: str) -> bool:
         """Costs as much as opening."""
@@ -202,4 +209,6 @@ class Keystore:
         if self._is_read_only:
             _log.info("The wallet is read beside another program: what was to be noted in it is dropped.")
             return
+        if self._passphrase is not None:
+            self._key, self._passphrase = new_sealing_key(self._passphrase, _FORMAT), None
         replace_file(self._path, self._key.seal(msgspec.msgpack.encode(self.content)))

@@ -12,8 +12,10 @@ import msgspec
 import pytest
 from nacl import pwhash
 
-from clients.sdk.passphrase import PassphraseCost
-from clients.wallet.store.keystore import Keystore, KnownVisit
+from clients.sdk import passphrase
+from clients.sdk.passphrase import PassphraseCost, new_sealing_key
+from clients.wallet.store import keystore
+from clients.wallet.store.keystore import Keystore, KnownVisit, WalletContent
 from consensus.errors import BlockRobotError
 
 WORDS = "abandon " * 23 + "art"
@@ -110,6 +112,34 @@ def test_every_flipped_byte_is_called_damage_and_not_a_wrong_passphrase(path: Pa
     for place in range(len(data)):
         path.write_bytes(data[:place] + bytes([data[place] ^ 0x81]) + data[place + 1 :])
         assert code_of(path) == "WALLET_DAMAGED", place
+
+
+@pytest.mark.parametrize("weaker", [{"operations_count": 1}, {"memory_bytes": pwhash.argon2id.MEMLIMIT_MIN}])
+def test_a_file_sealed_at_less_than_todays_cost_is_resealed_at_todays(
+    path: Path, monkeypatch: pytest.MonkeyPatch, weaker: dict[str, int]
+) -> None:
+    today = PassphraseCost(2, 2 * pwhash.argon2id.MEMLIMIT_MIN)
+    monkeypatch.setattr(passphrase, "PassphraseCost", lambda *given: PassphraseCost(*given) if given else today)
+    path.parent.mkdir()
+    old = new_sealing_key("tea", keystore._FORMAT, replace(today, **weaker))
+    path.write_bytes(old.seal(msgspec.msgpack.encode(WalletContent(words=WORDS))))
+    store = Keystore.open(path, "tea")
+    assert path.read_bytes().count(old.header) == 1, "reading writes nothing"
+    store.save()
+    assert passphrase._read_header(store._key.header, keystore._FORMAT)[1] == today
+    again = Keystore.open(path, "tea")
+    again.save()
+    assert again._key.header == store._key.header, "it is raised once"
+    assert again.content.words == WORDS
+    assert code_of(path, "coffee") == "WALLET_PASSPHRASE_WRONG"
+
+
+def test_a_cost_that_was_chosen_stays(path: Path) -> None:
+    """As for a demonstration: no command of it shall take a second."""
+    header = Keystore.create(path, WORDS, "tea", CHEAP)._key.header
+    store = Keystore.open(path, "tea")
+    store.save()
+    assert store._key.header == header
 
 
 def test_a_file_that_asks_for_absurd_work_is_refused_unopened(path: Path) -> None:
