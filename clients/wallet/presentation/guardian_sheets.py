@@ -17,6 +17,7 @@ from clients.wallet.presentation.translations import language_in_use, text
 from clients.wallet.recovery.slip39_shares import show_identifier
 from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import GuardianSet
+from consensus.errors import BlockRobotError
 from pages.serving import PAGES_ASSETS
 from pages.time_format import format_date
 
@@ -135,8 +136,12 @@ def read_written(path: Path) -> str:
 
 
 def extract_share_text(written: str) -> str:
+    """Raises SHARE_INVALID."""
     if not written.lstrip().lower().startswith("<!doctype html"):
         return written
     parser = _Words()
-    parser.feed(written)
+    try:
+        parser.feed(written)
+    except AssertionError:  # html.parser's way to refuse a malformed marked section
+        raise BlockRobotError("SHARE_INVALID") from None
     return " ".join(parser.words)

@@ -158,6 +158,14 @@ def test_a_sheet_is_for_its_user_alone_and_names_no_other_guardian(home: Home) -
     assert derive_keys(WORDS).identity.public_key.hex()[:8] not in last
 
 
+@pytest.mark.parametrize("marked", ["<![", "<![x[", "<![ ", "<![%"])
+def test_a_sheet_that_is_no_html_is_refused_as_a_share(home: Home, marked: str) -> None:
+    sheet = home.folder / "sheet.html"
+    sheet.write_text("<!doctype html>" + marked * 1_000)
+    refused = [home.run("check", str(sheet), "--json"), home.run("check", "--json", typed=sheet.read_text())]
+    assert [json.loads(each.stdout)["error"]["code"] for each in refused] == ["SHARE_INVALID"] * 2
+
+
 def test_sheets_that_cannot_all_be_written_are_taken_back(home: Home) -> None:
     folder = home.folder / "sheets"
     folder.mkdir()
