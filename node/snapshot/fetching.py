@@ -6,10 +6,11 @@ Accepted: manifests with a proven block, chunks with their hash.
 from __future__ import annotations
 
 import asyncio
+import secrets
 import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -19,7 +20,7 @@ import structlog
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
-from consensus.primitives.hashing import sha256
+from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 from node.p2p.wire import RequestKind, SnapshotRequest
 from node.snapshot.checking import verify_head
 from node.snapshot.snapshot_format import (
@@ -36,6 +37,10 @@ from node.snapshot.snapshot_store import MANIFEST_INDEX
 CHUNKS_AT_ONCE_COUNT = 4
 OFFER_TRIES_COUNT = 20
 OFFER_RETRY_MS = 500
+OFFER_RATE_MIN_BYTES_PER_S = 256 * 1024
+"""Less than chunks of honest sizes have that each come just before their request is given up."""
+OFFER_PATIENCE_MS = 30_000
+"""How long an offer may stay below that rate. So a snapshot takes at most this and its size at that rate."""
 VERDICTS_MAX_COUNT = 16
 SPACE_KEPT_FREE_BYTES = 64 * 1024 * 1024
 SPACE_PER_SNAPSHOT_COUNT = 4
@@ -80,12 +85,21 @@ class _Offer:
     data: bytes
     peers: list[str]
     fetched_bytes: int = 0
+    deadline: asyncio.Timeout = field(default_factory=lambda: asyncio.timeout(None))
+
+    def allow(self, size_bytes: int) -> None:
+        """Allow the next chunks the time that these bytes may take, and never more than the patience."""
+        latest_s = asyncio.get_running_loop().time() + OFFER_PATIENCE_MS / 1000
+        until_s = self.deadline.when()
+        bought_s = latest_s if until_s is None else until_s + size_bytes / OFFER_RATE_MIN_BYTES_PER_S
+        self.deadline.reschedule(min(bought_s, latest_s))
 
     def take(self, size_bytes: int) -> None:
         """Raises SNAPSHOT_DAMAGED."""
         self.fetched_bytes += size_bytes
         if size_bytes > CHUNK_SIZE_MAX_BYTES or self.fetched_bytes > self.manifest.size_bytes:
             raise BlockRobotError("SNAPSHOT_DAMAGED", "The chunks have more bytes than the manifest says.")
+        self.allow(size_bytes)
 
 
 class SnapshotFetcher:
@@ -97,6 +111,7 @@ class SnapshotFetcher:
         self._folder = folder
         self._liars: set[str] = set()
         self._failures: Counter[str] = Counter()
+        self._salt = secrets.token_bytes(HASH_SIZE_BYTES)
         self._origins: dict[Path, str] = {}
         self._verdicts: dict[bytes, tuple[Manifest, bytes] | BlockRobotError] = {}
 
@@ -118,6 +133,7 @@ class SnapshotFetcher:
         Raises PEER_UNAVAILABLE, STORAGE_FULL, SNAPSHOT_DAMAGED, OSError; the last two leave nothing.
         """
         offer = await self._choose(peers, above_height)
+        behind_it = tuple(offer.peers)
         place = self._folder / offer.content_id.hex()
         self._origins = {place: offer.origin}
         log.info(
@@ -128,7 +144,7 @@ class SnapshotFetcher:
             await self._fetch_chunks(offer, place)
             await _aside(partial((place / MANIFEST_NAME).write_bytes, offer.data))
         except BlockRobotError as error:
-            self._failures[offer.origin] += 1
+            self._failures.update(behind_it)
             if error.code == "SNAPSHOT_DAMAGED":
                 self._blame(offer.origin)
                 await _aside(partial(shutil.rmtree, place, ignore_errors=True))
@@ -146,8 +162,15 @@ class SnapshotFetcher:
 
     async def _fetch_chunks(self, offer: _Offer, place: Path) -> None:
         waiting = deque(range(len(offer.manifest.chunks)))
-        workers = [self._work(offer, place, waiting) for _ in range(CHUNKS_AT_ONCE_COUNT)]
-        for failure in await asyncio.gather(*workers, return_exceptions=True):
+        try:
+            async with offer.deadline:
+                offer.allow(0)
+                workers = [self._work(offer, place, waiting) for _ in range(CHUNKS_AT_ONCE_COUNT)]
+                failures = await asyncio.gather(*workers, return_exceptions=True)
+        except TimeoutError:
+            log.warning("snapshot_offer_slow", peers=offer.peers, fetched_bytes=offer.fetched_bytes)
+            raise BlockRobotError("PEER_UNAVAILABLE", "The snapshot comes too slowly.") from None
+        for failure in failures:
             if failure is not None:
                 raise failure
         if offer.fetched_bytes != offer.manifest.size_bytes:
@@ -170,8 +193,11 @@ class SnapshotFetcher:
             await asyncio.sleep(OFFER_RETRY_MS / 1000)
         raise BlockRobotError("PEER_UNAVAILABLE", "No peer offers a snapshot.")
 
-    def _rank(self, offer: _Offer) -> tuple[int, int, int, bytes]:
-        return -self._failures[offer.origin], len(offer.peers), offer.manifest.height, offer.content_id
+    def _rank(self, offer: _Offer) -> tuple[int, int, int, int, bytes]:
+        """What costs little if it is a lie goes before what is newest; a tie is won by luck, not by a ground hash."""
+        costliness = offer.manifest.size_bytes.bit_length() // 2
+        luck = sha256(self._salt + offer.content_id)
+        return -self._failures[offer.origin], len(offer.peers), -costliness, offer.manifest.height, luck
 
     async def _fitting(self, offers: list[_Offer]) -> list[_Offer]:
         """Raises STORAGE_FULL."""
@@ -231,7 +257,9 @@ class SnapshotFetcher:
         request = encode(SnapshotRequest(content_id=offer.content_id, index=index, above_height=0))
         expected = offer.manifest.chunks[index]
         while offer.peers:
-            peer = offer.peers[index % len(offer.peers)]
+            fewest = min(self._failures[peer] for peer in offer.peers)
+            best = [peer for peer in offer.peers if self._failures[peer] == fewest]
+            peer = best[index % len(best)]
             try:
                 data = await self._requester.request(peer, RequestKind.SNAPSHOT, request)
             except BlockRobotError as error:

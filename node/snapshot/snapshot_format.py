@@ -20,6 +20,10 @@ CHUNK_SIZE_BYTES = 1024 * 1024
 CHUNK_SIZE_MAX_BYTES = 6 * 1024 * 1024
 MANIFEST_SIZE_MAX_BYTES = 6 * 1024 * 1024
 CHUNKS_MAX_COUNT = 150_000
+CHUNK_SIZE_MEAN_MIN_BYTES = CHUNK_SIZE_BYTES // 8
+"""Any two chunks in a row are cut where they would be too large for one, by an estimate up to four times their size."""
+CHUNKS_SHORT_MAX_COUNT = 2
+"""The last chunk of the replay window, and that of the state."""
 COUNTS_END = 1 << 63
 _FORMAT_NAME_START = b"blockrobot-snapshot/"
 _CONTENT_TAG = "blockrobot/snapshot"
@@ -106,6 +110,7 @@ def read_manifest(data: bytes) -> Manifest:
         min(counts) < 0
         or max(counts) >= COUNTS_END
         or manifest.size_bytes > len(manifest.chunks) * CHUNK_SIZE_MAX_BYTES
+        or manifest.size_bytes < (len(manifest.chunks) - CHUNKS_SHORT_MAX_COUNT) * CHUNK_SIZE_MEAN_MIN_BYTES
         or not 0 < manifest.recent_chunk_count <= len(manifest.chunks) <= CHUNKS_MAX_COUNT
         or any(len(digest) != HASH_SIZE_BYTES for digest in manifest.chunks)
         or not manifest.chain_id

@@ -16,7 +16,7 @@ from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from contracts.state.trie import compute_root
-from node.snapshot import making
+from node.snapshot import making, snapshot_format
 from node.snapshot.checking import restore_into
 from node.snapshot.making import describe_manifest, header_of_block, make_snapshot, make_snapshot_folder
 from node.snapshot.restoring import WHOLE_MARK, adopt_restored, restore_ledger
@@ -181,6 +181,7 @@ async def test_the_replay_window_is_ten_minutes_and_the_block_before() -> None:
 
 async def test_a_large_state_is_cut_into_chunks(monkeypatch, restored) -> None:
     monkeypatch.setattr(making, "CHUNK_SIZE_BYTES", 500)
+    monkeypatch.setattr(snapshot_format, "CHUNK_SIZE_MEAN_MIN_BYTES", 500 // 8)
     chain = written(30)
     folder = await snapshot_of(chain)
     manifest = read_manifest(folder.manifest())
@@ -189,6 +190,16 @@ async def test_a_large_state_is_cut_into_chunks(monkeypatch, restored) -> None:
     store = restored(folder, chain)
     assert store.position == chain.stored[-1].position
     await store.close()
+
+
+@pytest.mark.parametrize("sizes", [(1,), (1, making.CHUNK_SIZE_BYTES - 1), (100_000, 1, 700_000)])
+def test_no_state_is_cut_into_more_chunks_than_a_manifest_may_name(sizes: tuple[int, ...]) -> None:
+    values = [bytes(size) for _ in range(3 * making.CHUNK_SIZE_BYTES // (sum(sizes) + 17) + 3) for size in sizes]
+    cut = list(making._cut(iter([(b"k", value) for value in values]), making._state_size))
+    size = sum(len(encode(StateChunk(rows))) for rows in cut)
+    assert len(cut) >= 3
+    manifest = Manifest(bytes(32), 1, b"", b"", b"", (), 1, 1, 0, size, (bytes(32),) * (1 + len(cut)))
+    assert read_manifest(write_manifest(manifest)) == manifest
 
 
 async def test_a_snapshot_of_an_empty_ledger_is_one_of_genesis(restored) -> None:
@@ -288,6 +299,9 @@ async def test_two_snapshots_of_the_same_content_differ_in_certificates_only() -
         assert compute_content_id(msgspec.structs.replace(manifest, **changes)) != content_id, changes
 
 
+TINY_CHUNKS = {"chunks": (sha256(b"x"),) * snapshot_format.CHUNKS_MAX_COUNT, "size_bytes": 150_000}
+
+
 async def test_a_manifest_that_contradicts_itself_or_holds_more_than_its_chunks_is_damaged() -> None:
     chain = written(3)
     folder = await snapshot_of(chain)
@@ -295,7 +309,13 @@ async def test_a_manifest_that_contradicts_itself_or_holds_more_than_its_chunks_
     with pytest.raises(BlockRobotError, match=r"^SNAPSHOT_DAMAGED:"):
         tampered(tampered(folder, size_bytes=chunks * CHUNK_SIZE_MAX_BYTES + 1), height=3)
     manifest = Manifest(bytes(32), 1, b"", b"", b"", (), 1, 1, 0, 5, (bytes(32),))
-    for changes in ({"height": -1}, {"recent_chunk_count": 2}, {"recent_chunk_count": 0}, {"chunks": (b"short",)}):
+    for changes in (
+        {"height": -1},
+        {"recent_chunk_count": 2},
+        {"recent_chunk_count": 0},
+        {"chunks": (b"short",)},
+        TINY_CHUNKS,
+    ):
         with pytest.raises(BlockRobotError, match=r"^SNAPSHOT_DAMAGED:"):
             read_manifest(write_manifest(msgspec.structs.replace(manifest, **changes)))
 
