@@ -84,6 +84,7 @@ class Synchroniser:
         self._fruitless: dict[str, float] = {}
         self._distrusted: dict[str, float] = {}
         self._asked: dict[str, int] = {}
+        self._block_s: dict[str, float] = {}  # how long each took for a block, by its last answer
         self._earliest: dict[str, int] = {}
         self._has_proof = False
         self._still: tuple[int, float] | None = None
@@ -262,7 +263,13 @@ class Synchroniser:
             and (self._heights.get(peer, 0) >= height or self._epochs.get(peer, 0) > epoch)
             and self._earliest.get(peer, 0) <= height
         ]
-        return min(able, key=lambda peer: (self._asked.get(peer, 0), -self._heights.get(peer, 0), peer), default=None)
+        fastest_s = min((self._block_s[peer] for peer in able if peer in self._block_s), default=0.0)
+
+        def expected(peer: str) -> tuple[float, int, int, str]:
+            asked = self._asked.get(peer, 0)
+            return (asked + 1) * self._block_s.get(peer, fastest_s), asked, -self._heights.get(peer, 0), peer
+
+        return min(able, key=expected, default=None)
 
     async def _fetch(self, from_height: int, count: int) -> CheckedRange | None:
         tried: set[str] = set()
@@ -287,6 +294,7 @@ class Synchroniser:
     async def _fetch_from(self, peer: str, from_height: int, count: int) -> CheckedRange | None:
         """Raises PEER_UNAVAILABLE."""
         request = encode(FinalizedRequest(from_height=from_height, count=count))
+        begun_s = self._now()
         try:
             async with asyncio.timeout(PATIENCE_MS / 1000):
                 answer = await self._requester.request(peer, RequestKind.FINALIZED, request)
@@ -297,6 +305,7 @@ class Synchroniser:
         if not blocks or batch.proof is None:
             self._note_nothing(peer, batch.earliest_height, from_height)
             return None
+        self._block_s[peer] = (self._now() - begun_s) / len(blocks)
         if blocks[0].header.epoch != self._engine.epoch.number:
             if from_height == self._writer.queued_height + 1:
                 self._set_aside(peer)

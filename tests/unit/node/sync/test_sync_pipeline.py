@@ -333,3 +333,21 @@ def test_blocks_that_the_node_finalizes_itself_meanwhile_are_not_stored_twice() 
         behind.assert_equal_to(200)
 
     story(200, tell)
+
+
+def test_a_peer_that_boasts_and_gives_one_block_just_in_time_does_not_set_the_pace() -> None:
+    async def tell(behind: Behind) -> None:
+        loop, late_s = asyncio.get_running_loop(), block_sync.PATIENCE_MS / 1000 - 0.1
+
+        async def drip(request: FinalizedRequest) -> BlockBatch:
+            await asyncio.sleep(late_s)
+            with behind.full.snapshot() as snapshot:
+                return read_range(snapshot, request.from_height, 1)
+
+        begun_s = loop.time()
+        await behind.catch_up({"b": 400, "c": 400, "liar": 400 + RANGE_COUNT}, liar=drip)
+        behind.assert_equal_to(400)
+        assert loop.time() - begun_s < 5 * late_s
+        assert sum(peer == "liar" for peer, _ in behind.asked) <= block_sync.RANGES_AHEAD_COUNT
+
+    story(400, tell)
