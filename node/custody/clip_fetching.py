@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
@@ -36,19 +37,20 @@ class ClipFetcher:
         _store: CustodyStore
         _has_room: Callable[[int], bool]
         _asked_for: set[bytes]
+        _waited_s: dict[str, float]
 
         async def install(self, fetched: ClipDownload) -> bool: ...
 
     async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
-        """Fetch up to 32 missing clips, newest first, in turns; return those installed."""
+        """Fetch up to 32 missing clips, newest first, in turns, from who answered fastest; return those installed."""
         installed = 0
         for facts in await self._choose_missing():
             if not self._has_room(CLIP_SIZE_MAX_BYTES):
                 log.warning("clips_not_fetched", code="DISK_RESERVE_REACHED")
                 break
-            for peer in peers:
+            for peer in sorted(peers, key=lambda each: self._waited_s.get(each.name, 0.0)):
                 try:
-                    fetched = await peer.fetch(facts.record_id)
+                    fetched = await self._fetch_timed(peer, facts.record_id)
                     found = fetched is not None and fetched.record_id == facts.record_id
                     if fetched is not None and found and await self.install(fetched):
                         installed += 1
@@ -58,6 +60,14 @@ class ClipFetcher:
                         raise
                     log.info("custody_fetch_refused", peer=peer.name, code=error.code)
         return installed
+
+    async def _fetch_timed(self, peer: PeerCustodian, record_id: bytes) -> ClipDownload | None:
+        now_s = asyncio.get_running_loop().time
+        begun_s = now_s()
+        try:
+            return await peer.fetch(record_id)
+        finally:
+            self._waited_s[peer.name] = now_s() - begun_s
 
     async def _choose_missing(self) -> list[RecordFacts]:
         missing = await self._store.missing(MISSING_READ_COUNT)

@@ -73,6 +73,7 @@ class Custodian(ShareService, ClipFetcher):
         self._clock_ms = clock_ms
         self._writing = asyncio.Lock()
         self._asked_for: set[bytes] = set()
+        self._waited_s: dict[str, float] = {}
         self._in_flight: set[int] = set()
 
     async def start(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import msgspec
 
 from consensus.errors import BlockRobotError
@@ -37,6 +39,16 @@ class DeafPeer:
         raise BlockRobotError("NODE_UNREACHABLE")
 
 
+class SlowPeer:
+    name = "slow"
+    asked_count = 0
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        self.asked_count += 1
+        await asyncio.sleep(0.05)
+        return None
+
+
 def held_by_peer(clip: RecordedClip, *, erased: tuple[int, ...] = ()) -> ClipDownload:
     frames = [
         FrameDownload(index, True, b"", b"") if index in erased else FrameDownload(index, False, text, key)
@@ -62,6 +74,15 @@ async def test_clips_that_nobody_has_do_not_keep_older_ones_from_being_fetched(o
         await opened.follow(recorded(record_clip()))
     peer = Peer(held_by_peer(clip))
     assert [await opened.custodian.fetch_missing([peer]) for _ in range(2)] == [0, 1]
+
+
+async def test_a_custodian_that_lets_others_wait_is_asked_last(opened: CustodianHarness) -> None:
+    """One that spins out each clip would hold up the repair for hours."""
+    clips = [record_clip() for _ in range(5)]
+    await opened.follow(*(recorded(clip) for clip in clips))
+    slow, good = SlowPeer(), Peer(*(held_by_peer(clip) for clip in clips))
+    assert await opened.custodian.fetch_missing([slow, good]) == len(clips)
+    assert slow.asked_count == 1
 
 
 async def test_a_clip_that_nobody_had_is_asked_for_again(opened: CustodianHarness) -> None:

@@ -92,7 +92,7 @@ class PeerLink:
         while True:
             request = ClipRequest(record_id=record_id, offset=len(data))
             part = decode(await self._peers.request(self.name, RequestKind.CLIP, encode(request)), ClipPart)
-            if part.total > CLIP_WIRE_MAX_BYTES or (not part.data and len(data) < part.total):
+            if part.total > CLIP_WIRE_MAX_BYTES or len(part.data) < min(CLIP_PART_BYTES, part.total - len(data)):
                 raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer's clip is not what it announced.")
             data += part.data
             if len(data) >= part.total:

@@ -294,9 +294,12 @@ async def test_nobody_but_a_custodian_gets_a_clip(rig: Rig) -> None:
         await rig.custody.serve_peer("node-3", RequestKind.CLIP, encode(ClipRequest(bytes(16), 0)))
 
 
-async def test_a_peer_that_announces_more_than_it_sends_is_not_waited_for() -> None:
+@pytest.mark.parametrize("part", [ClipPart(100, b""), ClipPart(100, b"x"), ClipPart(CLIP_PART_BYTES + 1, b"x" * 9)])
+async def test_a_peer_that_sends_less_than_it_announces_is_not_waited_for(part: ClipPart) -> None:
+    """Byte by byte, each in time, a clip would take years."""
+
     async def request(*_: Any) -> bytes:
-        return encode(ClipPart(total=100, data=b""))
+        return encode(part)
 
     link = PeerLink("node-1", SimpleNamespace(request=request))  # type: ignore[arg-type]
     with pytest.raises(BlockRobotError, match=r"^PEER_MESSAGE_INVALID:"):
