@@ -19,7 +19,7 @@ from tests.fuzz.target import Target, refusing
 from tests.unit.clients.robot.sources.recordings import FORMATS, START_MS, Topic, image, record, stamp, storage_file
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-READ_CODES = ("BAG_DAMAGED", "BAG_TOPIC_MISSING", "EMPTY_SCENE_MISSING", "TOPICS_INVALID")
+READ_CODES = ("BAG_DAMAGED", "BAG_TOPIC_MISSING", "EMPTY_SCENE_MISSING", "RECORDING_TOO_LARGE", "TOPICS_INVALID")
 EVENTS_MAX_COUNT = 20_000
 IMAGE = "sensor_msgs/msg/Image"
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
+import struct
 import sys
 import tempfile
 from bz2 import BZ2Decompressor
 from collections.abc import Callable
+from pathlib import Path
 from typing import IO, Any
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
@@ -14,6 +16,7 @@ from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag2 import reader as rosbag2
 from rosbags.rosbag2 import storage_mcap
 
+from clients.robot.sources.recordings.budget import current_budget
 from consensus.errors import BlockRobotError
 
 if sys.version_info >= (3, 14):
@@ -30,6 +33,8 @@ UNPACKED_FILE_MAX_BYTES = 32 * 1024**3
 UNPACKING_LEAVES_BYTES = 1024**3
 """So much of the disk stays free, however many files there are."""
 
+_RECORD_START = struct.Struct("<BQ")
+
 
 class ChunkTooLargeError(Exception):
     """A chunk is oversized, truncated, or has trailing data."""
@@ -39,15 +44,18 @@ def _bounded(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
     """Return a bounded decompressor of one or several concatenated streams."""
 
     def decompress(data: bytes) -> bytes:
-        found = bytearray()
+        budget, found = current_budget(), []
+        max_bytes = left = min(CHUNK_MAX_BYTES, budget.chunk_max_bytes, budget.unpacked_left)
         for _ in range(CHUNK_STREAMS_MAX_COUNT):
             decompressor = make()
-            found += decompressor.decompress(data, max_length=CHUNK_MAX_BYTES + 1 - len(found))
-            if len(found) > CHUNK_MAX_BYTES or not decompressor.eof:
-                raise ChunkTooLargeError(f"A chunk is not whole, or has more than {CHUNK_MAX_BYTES >> 20} MiB.")
+            found.append(decompressor.decompress(data, max_length=left + 1))
+            left -= len(found[-1])
+            budget.count_unpacked(len(found[-1]))
+            if left < 0 or not decompressor.eof:
+                raise ChunkTooLargeError(f"A chunk is not whole, or has more than {max_bytes >> 20} MiB.")
             data = decompressor.unused_data
             if not data:
-                return bytes(found)
+                return b"".join(found)
         raise ChunkTooLargeError(f"A chunk has more than {CHUNK_STREAMS_MAX_COUNT} streams.")
 
     return decompress
@@ -58,8 +66,30 @@ unpack_bz2, unpack_lz4, unpack_zstd = (
 )
 
 
+def _unpack_plain(data: bytes) -> bytes:
+    """Copied from the file each time that it is asked for."""
+    current_budget().count_unpacked(len(data))
+    return data
+
+
+def _counted(unpack: Callable[[bytes], bytes]) -> Callable[[bytes, int], bytes]:
+    """Count the records of a chunk of MCAP before anything is made of them."""
+
+    def decompress(data: bytes, _size: int) -> bytes:
+        chunk, budget = unpack(data), current_budget()
+        place = count = 0
+        while place + _RECORD_START.size <= len(chunk) and count <= budget.records_left:
+            place += _RECORD_START.size + _RECORD_START.unpack_from(chunk, place)[1]
+            count += 1
+        budget.count_records(count)
+        return chunk
+
+    return decompress
+
+
 class _BoundedFile:
     def __init__(self, packed: IO[bytes], _mode: str) -> None:
+        current_budget().open_once(Path(packed.name))
         self._opened = zstd.open(packed, "rb")
         self._read_bytes = 0
 
@@ -73,6 +103,7 @@ class _BoundedFile:
         """Read bytes. Raises RECORDING_TOO_LARGE at the limit."""
         found: bytes = self._opened.read(size)
         self._read_bytes += len(found)
+        current_budget().count_in_files(len(found))
         if self._read_bytes > UNPACKED_FILE_MAX_BYTES:
             detail = f"A file of it has more than {UNPACKED_FILE_MAX_BYTES >> 20} MiB once it is unpacked."
             raise BlockRobotError("RECORDING_TOO_LARGE", detail)
@@ -90,8 +121,8 @@ class _BoundedZstd:
 
 def bound_chunks() -> None:
     """Install the bounded functions in the library."""
-    rosbag1.decompressors.update({"bz2": unpack_bz2, "lz4": unpack_lz4})
+    rosbag1.decompressors.update({"none": _unpack_plain, "bz2": unpack_bz2, "lz4": unpack_lz4})
     storage_mcap.DECOMPRESSORS.update(
-        {"lz4": lambda data, _: unpack_lz4(data), "zstd": lambda data, _: unpack_zstd(data)}
+        {"": _counted(_unpack_plain), "lz4": _counted(unpack_lz4), "zstd": _counted(unpack_zstd)}
     )
     rosbag2.zstd = _BoundedZstd  # type: ignore[assignment, attr-defined]

@@ -5,13 +5,12 @@ Intact ones are read by index, in time order; truncated ones from the front, end
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
-from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_typestore
 
@@ -27,12 +26,15 @@ from clients.robot.sources.messages.message_types import (
     types_with,
 )
 from clients.robot.sources.recordings.bounded_chunks import bound_chunks
+from clients.robot.sources.recordings.bounded_readers import BoundedRos1Reader, bound_readers
+from clients.robot.sources.recordings.budget import RecordingBudget, budget_for
 from clients.robot.sources.recordings.database import bound_databases
 from clients.robot.sources.recordings.salvage import BrokenOffError, Channel, SalvagedMessage, scan_file
 from consensus.errors import BlockRobotError
 
 bound_chunks()
 bound_databases()
+bound_readers()
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_SUFFIXES = (".bag", ".bag.active")
@@ -64,7 +66,7 @@ def explain_undefined(figures: TopicFigures, who: str) -> str:
 
 class Recording:
     """An opened recording; `broken` describes damage, `definitions` adds missing types. Raises BAG_DAMAGED,
-    TOPICS_INVALID.
+    RECORDING_TOO_LARGE, TOPICS_INVALID.
     """
 
     def __init__(self, path: Path, definitions: Mapping[str, str] | None = None) -> None:
@@ -76,8 +78,10 @@ class Recording:
         self.types = MessageTypes(self._known, ros1=self._ros1)
         self._salvage: list[Path] = []
         _require_regular(path)
+        self._samples_budget = self._budget()
         try:
-            self._look_by_index()
+            with self._budget().current():
+                self._look_by_index()
         except BlockRobotError as error:
             if error.code == "RECORDING_TOO_LARGE":
                 raise
@@ -86,7 +90,10 @@ class Recording:
             self._look_through(error)
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """Yield messages in time order. Raises BAG_DAMAGED at the break."""
+        """Yield messages in time order. Raises BAG_DAMAGED at the break, RECORDING_TOO_LARGE."""
+        yield from self._budget().over(self._read(topics))
+
+    def _read(self, topics: Collection[str]) -> Generator[Message, None, None]:
         if self._salvage:
             yield from self._salvaged(set(topics))
             return
@@ -110,9 +117,9 @@ class Recording:
         return explain_undefined(self.topics[topic], "the recording does not define")
 
     def first(self, topic: str) -> Any:
-        """None if none can be decoded."""
+        """None if none can be decoded, or others were read through for too long."""
         try:
-            for message in self.messages([topic]):
+            for message in self._samples_budget.again().over(self._read([topic])):
                 try:
                     return self.types.decode(message)
                 except BlockRobotError:
@@ -138,7 +145,7 @@ class Recording:
         definitions: dict[str, MessageDefinition] = {}
         first_ns, last_ns = None, 0
         try:
-            for path, item in self._scan():
+            for path, item in self._budget().over(self._scan()):
                 if isinstance(item, Channel):
                     if len(definitions) < DEFINITIONS_MAX_COUNT:
                         definitions[item.msgtype] = item.definition
@@ -157,7 +164,13 @@ class Recording:
         for figures in self.topics.values():
             figures.rate_hz = round(figures.count / seconds, 2) if seconds > 0 else 0.0
 
-    def _scan(self) -> Iterator[tuple[Path, Channel | SalvagedMessage]]:
+    def _budget(self) -> RecordingBudget:
+        try:
+            return budget_for(self.path)
+        except OSError:
+            return RecordingBudget(0)  # reading it tells what is wrong
+
+    def _scan(self) -> Generator[tuple[Path, Channel | SalvagedMessage], None, None]:
         channels: set[tuple[Path, int, str, str]] = set()
         for path in self._salvage:
             for item in scan_file(path):
@@ -218,8 +231,8 @@ def _require_kinds(*pairs: tuple[Any, type]) -> None:
         raise BrokenOffError("A row holds what no recorder writes.")
 
 
-def _reader(path: Path) -> Ros1Reader | Ros2Reader:
-    return Ros1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
+def _reader(path: Path) -> BoundedRos1Reader | Ros2Reader:
+    return BoundedRos1Reader(path) if path.suffix == ".bag" else Ros2Reader(path)
 
 
 def _require_regular(path: Path) -> None:

@@ -19,9 +19,13 @@ from rosbags.rosbag2.storage_mcap import decompress
 from rosbags.typesys.msg import normalize_msgtype
 
 from clients.robot.sources.messages.message_types import DEFINITION_MAX_CHARS, DEFINITIONS_MAX_COUNT
+from clients.robot.sources.recordings.budget import current_budget
 from clients.robot.sources.recordings.database import open_database
+from consensus.errors import BlockRobotError
 
 RECORD_MAX_BYTES = 1 << 30
+ROS1_FIELDS_MAX_COUNT = 64
+"""Of a header; recorders write up to seven."""
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
 SQLITE_MAGIC = b"SQLite format 3\x00"
@@ -56,7 +60,8 @@ Scan = Iterator[Channel | SalvagedMessage]
 
 
 def scan_file(path: Path) -> Scan:
-    """Scan a file by its first bytes. Raises `BrokenOffError` for non-recordings."""
+    """Scan a file by its first bytes. Raises `BrokenOffError` for non-recordings, RECORDING_TOO_LARGE."""
+    current_budget().open_once(path)
     with path.open("rb") as file:
         begins = file.read(len(SQLITE_MAGIC))
         if begins.startswith(MCAP_MAGIC):
@@ -74,7 +79,7 @@ def scan_file(path: Path) -> Scan:
 def _guarded(scan: Scan) -> Scan:
     try:
         yield from scan
-    except BrokenOffError:
+    except (BrokenOffError, BlockRobotError):
         raise
     except Exception as error:
         raise BrokenOffError("A record is damaged.") from error
@@ -165,12 +170,13 @@ def _ros1_records(file: BinaryIO, *, inside: bool) -> Scan:
     while lead := file.read(4):
         if len(lead) != 4:
             raise BrokenOffError("The last record is not whole.")
-        header = _ros1_fields(_read(file, *struct.unpack("<I", lead)))
+        current_budget().count_records(1)
+        header = ros1_fields(_read(file, *struct.unpack("<I", lead)))
         (length,) = struct.unpack("<I", _read(file, 4))
         opcode = header["op"]
         data = _read(file, length, may_end=opcode == b"\x05")
         if opcode == b"\x07":
-            fields = _ros1_fields(data)
+            fields = ros1_fields(data)
             definition = _definition(MessageDefinitionFormat.MSG, fields["message_definition"].decode())
             (number,) = struct.unpack("<I", header["conn"])
             yield Channel(number, header["topic"].decode(), normalize_msgtype(fields["type"].decode()), definition)
@@ -191,16 +197,20 @@ def _ros1_records(file: BinaryIO, *, inside: bool) -> Scan:
         raise BrokenOffError("It has no end.")
 
 
-def _ros1_fields(data: bytes) -> dict[str, bytes]:
-    fields, place = {}, 0
-    while place < len(data):
+def ros1_fields(data: bytes) -> dict[str, bytes]:
+    """Raises `BrokenOffError`."""
+    fields: dict[str, bytes] = {}
+    place = 0
+    for _ in range(ROS1_FIELDS_MAX_COUNT):
+        if place == len(data):
+            return fields
         (size,) = struct.unpack_from("<I", data, place)
         name, mark, value = data[place + 4 : place + 4 + size].partition(b"=")
         if not mark or place + 4 + size > len(data):
             raise BrokenOffError("A record's header is damaged.")
         fields[name.decode()] = value
         place += 4 + size
-    return fields
+    raise BrokenOffError("A record's header has more fields than recorders write.")
 
 
 # SQLite: rows in the order in which they were written
