@@ -4,8 +4,10 @@ nameless until they are finished, where the system can do that.
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -124,17 +126,33 @@ def replace_file(path: Path, data: bytes, mode: int = _PRIVATE, *, temporary: Pa
 
 
 def open_to_append(path: Path) -> BinaryIO:
-    """Private if new, not through links. Raises OSError."""
+    """To read and append, private. Raises FILE_EXISTS for a link, another's or no plain file, OSError."""
+    return os.fdopen(_open_own(path, os.O_RDWR | os.O_APPEND), "a+b")
+
+
+def _open_own(path: Path, access: int) -> int:
+    # without O_NONBLOCK, a pipe that somebody laid there would be waited for
+    flags = access | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    foreign = BlockRobotError("FILE_EXISTS", f"{path} is a link, another user's file, or no plain file.")
     try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
-    except FileNotFoundError:
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL, _PRIVATE)
-    return os.fdopen(descriptor, "ab")
+        descriptor = os.open(path, flags, _PRIVATE)
+    except OSError as error:
+        if error.errno == errno.ENXIO or path.is_symlink():
+            raise foreign from None
+        raise
+    try:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_nlink > 1:
+            raise foreign
+        os.fchmod(descriptor, _PRIVATE)  # one of an earlier time may be open to others
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
 
 
 def write_private(path: Path, data: bytes | str) -> None:
-    """Overwrite a reproducible file, without syncing it. Raises OSError."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, _PRIVATE)
-    with os.fdopen(descriptor, "wb") as file:
-        os.fchmod(descriptor, _PRIVATE)  # one of an earlier time may be open to others
+    """Overwrite a reproducible file, without syncing it. Raises as `open_to_append`."""
+    with os.fdopen(_open_own(path, os.O_WRONLY), "wb") as file:
+        file.truncate()
         file.write(data.encode() if isinstance(data, str) else data)

@@ -14,6 +14,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from clients.sdk.new_files import open_to_append
 from clients.sdk.pictures.picture_names import PICTURE_NAME
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
@@ -63,7 +64,7 @@ def reserved_folder(out: Path) -> Iterator[None]:
     if out.exists() and any(out.iterdir()):
         _check(out)
     out.mkdir(parents=True, exist_ok=True)
-    with mark.open("a") as file:
+    with open_to_append(mark) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
-from typing import TextIO
+from typing import BinaryIO, TextIO
 from xml.sax.saxutils import quoteattr
 
 import msgspec
@@ -108,8 +108,13 @@ class EventLog:
 
     def __enter__(self) -> EventLog:
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        _end_whole(self._path)
-        self._file = TextIOWrapper(open_to_append(self._path), encoding="utf-8", line_buffering=True)
+        file = open_to_append(self._path)
+        self._file = TextIOWrapper(file, encoding="utf-8", line_buffering=True)
+        try:
+            _end_whole(file, self._path)
+        except BaseException:
+            self._file.close()
+            raise
         return self
 
     def __exit__(
@@ -138,22 +143,18 @@ class EventLog:
         self.write(time_ms, activity, f"{kind}-{sequence}", alias=alias, reason=reason, **numbers)
 
 
-def _end_whole(path: Path) -> None:
+def _end_whole(file: BinaryIO, path: Path) -> None:
     """Cut off or end a last line. Raises EVENTS_FILE_FOREIGN."""
-    if not path.is_file():
-        return
-    with path.open("r+b") as file:
-        if not _may_begin(file.read(len(_BEGINNING))):
-            raise BlockRobotError("EVENTS_FILE_FOREIGN", f"{path} holds something else than a robot's events.")
-        content_bytes = file.seek(0, os.SEEK_END)
-        file.seek(max(0, content_bytes - _LINE_MAX_BYTES))
-        tail = file.read().rpartition(b"\n")[2]
-        if not tail:
-            return
-        if _may_begin(tail):
-            file.truncate(content_bytes - len(tail))
-        else:  # what a power cut left
-            file.write(b"\n")
+    file.seek(0)
+    if not _may_begin(file.read(len(_BEGINNING))):
+        raise BlockRobotError("EVENTS_FILE_FOREIGN", f"{path} holds something else than a robot's events.")
+    content_bytes = file.seek(0, os.SEEK_END)
+    file.seek(max(0, content_bytes - _LINE_MAX_BYTES))
+    tail = file.read().rpartition(b"\n")[2]
+    if tail and _may_begin(tail):
+        file.truncate(content_bytes - len(tail))
+    elif tail:  # what a power cut left
+        file.write(b"\n")
 
 
 def _may_begin(line: bytes) -> bool:

@@ -89,7 +89,8 @@ def last_written(path: Path) -> Place | None:
     """After the last whole line; a partial line is cut off. Raises EVENTS_FILE_FOREIGN for a foreign file."""
     if not path.exists():
         return None
-    with path.open("r+b") as file:
+    with open_to_append(path) as file:
+        file.seek(0)
         content = file.read()
         whole = content[: content.rfind(b"\n") + 1]
         place = _place_of_last(path, whole)

@@ -161,11 +161,15 @@ def test_a_log_that_a_power_cut_spoilt_goes_on_in_a_new_line(tmp_path: Path) -> 
     assert path.read_bytes().startswith(before + bytes(9) + b'\n{"time_ms":')
 
 
-def test_a_log_is_for_its_owner_alone_and_not_where_a_dangling_link_leads(tmp_path: Path) -> None:
+def test_a_log_is_for_its_owner_alone_and_not_where_a_link_leads(tmp_path: Path) -> None:
     path, target = tmp_path / "events.jsonl", tmp_path / "target"
     write_run(path)
     assert path.stat().st_mode & 0o777 == 0o600
     (tmp_path / "link").symlink_to(target)
-    with pytest.raises(OSError, match="exists"):
+    with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
         write_run(tmp_path / "link")
     assert not target.exists()
+    target.write_bytes(b"")
+    with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
+        write_run(tmp_path / "link")
+    assert target.read_bytes() == b"", "not even the end of a line"

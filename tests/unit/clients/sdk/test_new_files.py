@@ -44,10 +44,10 @@ def test_what_is_there_stays_and_no_link_is_followed(tmp_path: Path) -> None:
     for name in ("link", "dangling"):
         with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
             write_new_file(tmp_path / name, b"new", replace=True)
-        with pytest.raises(OSError, match="symbolic links"):
+        with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
             write_private(tmp_path / name, b"new")
-    with pytest.raises(FileExistsError):
-        open_to_append(tmp_path / "dangling")
+        with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
+            open_to_append(tmp_path / name)
     assert (tmp_path / "mine").read_bytes() == b"mine"
     assert names(tmp_path) == ["dangling", "link", "mine"]
 
@@ -75,11 +75,37 @@ def test_what_is_replaced_is_for_its_owner_afterwards(tmp_path: Path) -> None:
         assert ((tmp_path / "out").read_bytes(), mode(tmp_path / "out")) == (b"new", 0o600)
 
 
-def test_what_is_added_to_keeps_its_mode_and_what_is_new_is_private(tmp_path: Path) -> None:
+def test_what_is_added_to_is_for_its_owner_alone(tmp_path: Path) -> None:
     for text in (b"a", b"b"):
         with open_to_append(tmp_path / "log") as file:
+            assert mode(tmp_path / "log") == 0o600
             file.write(text)
-    assert ((tmp_path / "log").read_bytes(), mode(tmp_path / "log")) == (b"ab", 0o600)
+        (tmp_path / "log").chmod(0o644)
+    with open_to_append(tmp_path / "log") as file:
+        assert mode(tmp_path / "log") == 0o600
+        file.seek(0)
+        assert file.read() == b"ab"
+
+
+def test_what_somebody_else_laid_there_is_neither_added_to_nor_written_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "theirs").write_bytes(b"theirs")
+    (tmp_path / "linked").hardlink_to(tmp_path / "theirs")
+    (tmp_path / "only").write_bytes(b"theirs")
+    os.mkfifo(tmp_path / "pipe")
+    if os.geteuid() == 0:
+        os.chown(tmp_path / "only", 65534, 65534)
+    else:  # nobody else can give a file away: then this process is somebody else
+        owner = os.geteuid()
+        monkeypatch.setattr(os, "geteuid", lambda: owner + 1)
+    (tmp_path / "only").chmod(0o666)
+    for name in ("linked", "only", "pipe"):
+        for write in (open_to_append, lambda path: write_private(path, b"new")):
+            with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
+                write(tmp_path / name)
+    assert {(tmp_path / name).read_bytes() for name in ("theirs", "only")} == {b"theirs"}
+    assert mode(tmp_path / "only") == 0o666
 
 
 def test_no_more_is_read_than_is_allowed(tmp_path: Path) -> None:
