@@ -44,7 +44,6 @@ WRITES_BESIDE = {
     "clients/robot/recording/waiting_samples.py": "into memory",
     "network/demo/report.py": "a demo's folder",
     "network/experiments/comparison.py": "an experiment's folder, held by its mark",
-    "network/experiments/out_folder.py": "an experiment's mark",
     "network/experiments/pages/process_map.py": "an experiment's folder",
     "network/experiments/pages/tables.py": "an experiment's folder",
     "network/experiments/run_all.py": "an experiment's folder",

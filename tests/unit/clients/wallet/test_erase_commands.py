@@ -168,9 +168,7 @@ def test_each_picture_that_a_robot_committed_to_and_did_not_count_is_erased_alon
 def test_who_names_an_erased_record_is_told_when_they_erased_it(people: AtTerminal, command: str) -> None:
     _, (first, _) = people.ward.record_visit(2)
     people.confirm_all(people.erasures_of(first))
-    more = {
-        "share": ["--with", people.doctor.store.content.handle.hex(), "--purpose", "care", "--for", "7d", "--yes"]
-    }
+    more = {"share": ["--with", people.doctor.store.content.handle.hex(), "--purpose", "care", "--for", "7d", "--yes"]}
     said = people.run(people.ward.wallet, command, first.hex()[:12], *more.get(command, []))
     assert (said.exit_code != 0, "CLIP_ERASED" in said.output) == (True, True), said.output
     assert f"You erased {first.hex()[:12]} (" in said.output
