@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _CHUNK_FIELDS_BYTES = 9 + 40
 """An opcode, a length, and what of a chunk is neither the name of its compression nor its data."""
+_INDEX_ENTRY_BYTES = 12
 _message_source = storage_mcap.msgsrc
 
 
@@ -38,6 +39,7 @@ class BoundedMcapReader(_OpenedOnce, storage_mcap.McapReader):
 
     def read_index(self) -> None:
         super().read_index()
+        current_budget().count_records(len(self.chunks) + len(self.channels))
         place = self.data_start
         for chunk in sorted(self.chunks, key=lambda chunk: chunk.chunk_start_offset):
             packed = _CHUNK_FIELDS_BYTES + len(chunk.compression) + chunk.compressed_size
@@ -94,6 +96,7 @@ class BoundedRos1Reader(rosbag1.Reader):
         assert self.bio is not None
         place = self.bio.tell()
         super().read_index_data(pos, indexes)
+        current_budget().count_records((self.bio.tell() - place) // _INDEX_ENTRY_BYTES)
         self._pass_over(place)
 
     def messages(

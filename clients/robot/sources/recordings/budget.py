@@ -73,6 +73,10 @@ class RecordingBudget:
             raise BlockRobotError("BAG_DAMAGED", f"{path.name} is named twice in one recording.")
         self._opened.add((found.st_dev, found.st_ino))
 
+    @property
+    def is_spent(self) -> bool:
+        return self.unpacked_left < 0 or self.records_left < 0
+
     def again(self) -> RecordingBudget:
         """This one, for one more pass with what is left."""
         self._opened.clear()

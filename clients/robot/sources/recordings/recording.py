@@ -117,7 +117,9 @@ class Recording:
         return explain_undefined(self.topics[topic], "the recording does not define")
 
     def first(self, topic: str) -> Any:
-        """None if none can be decoded, or others were read through for too long."""
+        """None if none can be decoded, or the samples of all topics took more than one pass may."""
+        if self._samples_budget.is_spent:
+            return None
         try:
             for message in self._samples_budget.again().over(self._read([topic])):
                 try:

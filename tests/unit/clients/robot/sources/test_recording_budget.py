@@ -18,6 +18,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from clients.robot.sources.recordings import budget
 from clients.robot.sources.recordings.budget import RecordingBudget, budget_for
 from clients.robot.sources.recordings.recording import Recording
+from clients.robot.sources.recordings.topic_listing import list_topics
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import FORMATS, START_MS, Topic, build, image, record, types
 
@@ -108,10 +109,14 @@ def _row(place: int, chunk: bytes, plain_bytes: int) -> bytes:
     return _mcap(8, times + index + _text("zstd") + struct.pack("<QQ", len(chunk) - 9 - 44, plain_bytes))
 
 
-def write_mcap(path: Path, plain_chunks: Sequence[bytes], *, rows: Sequence[int] = (), shift: int = 0) -> Path:
+def write_mcap(
+    path: Path, plain_chunks: Sequence[bytes], *, rows: Sequence[int] = (), shift: int = 0, silent_topics: int = 0
+) -> Path:
     """An MCAP file; `rows` says which chunk each row of its index names; none: it has no index."""
     declared = _mcap(3, struct.pack("<H", 1) + _text(IMAGE) + _text("ros2msg") + _text(DEFINITION))
     declared += _mcap(4, struct.pack("<HH", 1, 1) + _text(TOPIC) + _text("cdr") + bytes(4))
+    for number in range(2, 2 + silent_topics):
+        declared += _mcap(4, struct.pack("<HH", number, 1) + _text(f"/silent{number}") + _text("cdr") + bytes(4))
     data = b"\x89MCAP0\r\n" + _mcap(1, _text("ros2") + _text("")) + declared
     made = []
     for plain in plain_chunks:
@@ -133,6 +138,19 @@ def test_an_index_that_names_one_chunk_again_and_again_is_not_believed(tmp_path:
     path = write_mcap(tmp_path / "again.mcap", [_padded(MIB)], rows=[0] * 1000)
     assert read(path) == (2, ""), "what it holds is read from the front"
     assert meter.unpacked_bytes < 4 * MIB, "once to open it, once for a sample, once to read it"
+
+
+@pytest.mark.parametrize("by_index", [True, False], ids=["by index", "from the front"])
+def test_samples_of_all_topics_take_no_more_than_one_pass(
+    tmp_path: Path, meter: Meter, monkeypatch: pytest.MonkeyPatch, by_index: bool
+) -> None:
+    """A sample is looked for by opening the file anew, and of a silent topic all is read."""
+    monkeypatch.setattr(budget, "RECORDS_LEAST_COUNT", 5_000)
+    monkeypatch.setattr(budget, "RECORDS_PER_BYTE", 0)
+    rows = range(50) if by_index else ()
+    path = write_mcap(tmp_path / "topics.mcap", [_padded(100)] * 50, rows=rows, silent_topics=200)
+    assert len(list_topics(Recording(path))) == 201
+    assert meter.records < 3 * budget.RECORDS_LEAST_COUNT
 
 
 @pytest.mark.parametrize("shift", [1, 1 << 40])
