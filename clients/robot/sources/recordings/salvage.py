@@ -19,6 +19,7 @@ from rosbags.rosbag2.storage_mcap import decompress
 from rosbags.typesys.msg import normalize_msgtype
 
 from clients.robot.sources.messages.message_types import DEFINITION_MAX_CHARS, DEFINITIONS_MAX_COUNT
+from clients.robot.sources.recordings.bounded_chunks import ChunkTooLargeError
 from clients.robot.sources.recordings.budget import current_budget
 from clients.robot.sources.recordings.database import open_database
 from consensus.errors import BlockRobotError
@@ -81,6 +82,8 @@ def _guarded(scan: Scan) -> Scan:
         yield from scan
     except (BrokenOffError, BlockRobotError):
         raise
+    except ChunkTooLargeError as error:
+        raise BrokenOffError(str(error)) from error
     except Exception as error:
         raise BrokenOffError("A record is damaged.") from error
 
