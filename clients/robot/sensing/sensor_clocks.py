@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated, TypeVar
 
-from clients.robot.sensing.sensor_events import Event, Frame, Sighting
+from clients.robot.sensing.sensor_events import Event, Frame, Odometry, Sighting
 from clients.sdk.terminal.json_answers import Answer, Count, MsFloat, doc
 
 DELAY_MAX_MS = 2_000  # between stamp and receipt; what does not fit in is a clock that was set, or a wrong stamp
@@ -275,10 +275,12 @@ class RunClocks:
 
     def __init__(self) -> None:
         self.camera = ClockEstimator()
-        self.refused = {"frame-time": 0, "sighting-time": 0}
+        self.odometry = ClockEstimator()
+        self.refused = {"frame-time": 0, "sighting-time": 0, "odometry-time": 0}
         self.shortened_count = 0
         self.newest_ms: int | None = None
         self._held_frames: list[Frame] = []
+        self._held_odometry: list[Odometry] = []
         self._readers: dict[str, _Reader] = {}  # the one heard last stands last
 
     def admit(self, event: Event) -> list[Event]:
@@ -287,12 +289,16 @@ class RunClocks:
             self.newest_ms = event.received_at_ms
         if isinstance(event, Frame):
             return list(self._admit_frame(event))
+        if isinstance(event, Odometry):
+            return list(self._admit_odometry(event))
         return list(self._admit_sighting(event))
 
     def flush(self) -> None:
         """Refuse doubtful events, at the end of input."""
         self.refused["frame-time"] += len(self._held_frames)
         self._held_frames.clear()
+        self.refused["odometry-time"] += len(self._held_odometry)
+        self._held_odometry.clear()
         for reader in self._readers.values():
             self._refuse_held(reader)
 
@@ -305,7 +311,7 @@ class RunClocks:
         """By `camera` and `reader ORIGIN`."""
         at = self.newest_ms if self.newest_ms is not None else 0
         found = {f"reader {origin}".rstrip(): one.clock.estimate(at) for origin, one in sorted(self._readers.items())}
-        found["camera"] = self.camera.estimate(at)
+        found |= {"camera": self.camera.estimate(at), "odometry": self.odometry.estimate(at)}
         return {name: estimate for name, estimate in found.items() if estimate is not None}
 
     def _admit_frame(self, frame: Frame) -> list[Frame]:
@@ -313,6 +319,15 @@ class RunClocks:
             return [frame]
         status = self.camera.observe(frame.captured_at_ms, frame.received_at_ms)
         return self._sort(frame, status, self._held_frames, "frame-time")
+
+    def _admit_odometry(self, place: Odometry) -> list[Odometry]:
+        if place.received_at_ms is None:
+            return [place]
+        status = self.odometry.observe(place.at_ms, place.received_at_ms)
+        released = self._sort(place, status, self._held_odometry, "odometry-time")
+        to_camera = -round(self.camera.offset_at(place.received_at_ms) or 0.0)
+        shift_ms = round(self.odometry.offset_at(place.received_at_ms) or 0.0) + to_camera
+        return [replace(one, at_ms=one.at_ms + shift_ms) for one in released]
 
     def _admit_sighting(self, sighting: Sighting) -> list[Sighting]:
         lasting_ms = sighting.last_seen_ms - sighting.first_seen_ms

@@ -72,7 +72,18 @@ class Sighting:
         return (self.first_seen_ms + self.last_seen_ms) // 2
 
 
-Event = Frame | Sighting
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Where the robot takes itself to be (REP 103): metres ahead and to the left of its start, radians to the left."""
+
+    at_ms: int
+    ahead_m: float
+    left_m: float
+    yaw: float
+    received_at_ms: int | None = None
+
+
+Event = Frame | Sighting | Odometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)

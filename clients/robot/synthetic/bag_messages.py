@@ -1,4 +1,4 @@
-"""CDR encoding of frames (sensor_msgs/Image, 16UC1) and sightings (RfidDetection)."""
+"""CDR encoding of frames (sensor_msgs/Image, 16UC1), sightings (RfidDetection) and odometry (nav_msgs/Odometry)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from clients.robot.sensing.sensor_events import NS_PER_MS, Depth, Sighting
+from clients.robot.sensing.sensor_events import NS_PER_MS, Depth, Odometry, Sighting
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
+ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 SIGHTING_TYPE = "blockrobot_msgs/msg/RfidDetection"
 SIGHTING_DEFINITION = """\
 # One reading of an RFID tag. Times of first and last seen are the reader's; the header's stamp is the host's.
@@ -27,6 +28,7 @@ builtin_interfaces/Time last_seen
 uint32 read_count
 """
 MS_PER_S = 1000
+_GEOMETRY = ("Point", "Pose", "PoseWithCovariance", "Quaternion", "Twist", "TwistWithCovariance", "Vector3")
 
 
 def typestore() -> Typestore:
@@ -36,13 +38,15 @@ def typestore() -> Typestore:
 
 
 class MessageCodec:
-    """Encodes both message types."""
+    """Encodes the types of a recording."""
 
     def __init__(self) -> None:
         self.store = typestore()
         types = self.store.types
         self._image: Any = types[IMAGE_TYPE]
         self._sighting: Any = types[SIGHTING_TYPE]
+        self._odometry: Any = types[ODOMETRY_TYPE]
+        self._geometry = {name: types[f"geometry_msgs/msg/{name}"] for name in _GEOMETRY}
         self._header: Any = types["std_msgs/msg/Header"]
         self._time: Any = types["builtin_interfaces/msg/Time"]
 
@@ -67,6 +71,20 @@ class MessageCodec:
             sighting.read_count,
         )
         return self.store.serialize_cdr(message, SIGHTING_TYPE)
+
+    def encode_odometry(self, odometry: Odometry) -> memoryview:
+        """Return nav_msgs/Odometry's CDR bytes, from `odom` to `base_link`; its speeds are zero."""
+        made = self._geometry
+        turned = made["Quaternion"](0.0, 0.0, math.sin(odometry.yaw / 2), math.cos(odometry.yaw / 2))
+        pose = made["Pose"](made["Point"](odometry.ahead_m, odometry.left_m, 0.0), turned)
+        still = made["Vector3"](0.0, 0.0, 0.0)
+        message = self._odometry(
+            self._stamped(odometry.at_ms, "odom"),
+            "base_link",
+            made["PoseWithCovariance"](pose, np.zeros(36)),
+            made["TwistWithCovariance"](made["Twist"](still, still), np.zeros(36)),
+        )
+        return self.store.serialize_cdr(message, ODOMETRY_TYPE)
 
     def _stamped(self, at_ms: int, frame_id: str) -> Any:
         return self._header(self._stamp(at_ms), frame_id)

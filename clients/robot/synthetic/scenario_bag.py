@@ -16,8 +16,10 @@ from pathlib import Path
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-from clients.robot.sensing.sensor_events import NS_PER_MS, Sighting
-from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
+from clients.robot.sensing.sensor_events import NS_PER_MS, Odometry, Sighting
+from clients.robot.synthetic.bag_messages import IMAGE_TYPE, ODOMETRY_TYPE, SIGHTING_TYPE, MessageCodec
+from clients.robot.synthetic.driving.drive import Drive
+from clients.robot.synthetic.driving.drive_render import DriveRenderer
 from clients.robot.synthetic.render import RENDERER_VERSION, Renderer, readings
 from clients.robot.synthetic.scenario import Scenario
 from clients.sdk.new_files import replace_file
@@ -27,6 +29,7 @@ from consensus.errors import BlockRobotError
 
 DEPTH_TOPIC = "/camera/depth/image_raw"
 EMPTY_TOPIC = "/camera/depth/empty"
+ODOMETRY_TOPIC = "/odom"
 SIGHTING_TOPIC = "/rfid/sightings"
 BAG_VERSION = 1
 RUN_START_MS = 1_579_278_405_650  # any instant will do: players move the timeline to the present
@@ -37,6 +40,7 @@ _UNFINISHED = re.compile(r"\..+-[0-9a-f]{24}\.([1-9][0-9]{0,9})\.[0-9a-f]{8}")
 """A bag that a process is making: `.NAME-KEY.PID.CHANCE`."""
 
 Progress = Callable[[int, int], None]
+Scene = Scenario | Drive
 Rendered = list[tuple[int, bytes]]
 _TAGS_FILE = "tags.json"
 _UID_BYTES = 12  # an EPC-96
@@ -55,9 +59,13 @@ def bag_key(scenario: Scenario, uids: Mapping[str, str]) -> str:
 
 
 def make_bag(
-    scenario: Scenario, uids: Mapping[str, str], cache: Path, *, progress: Progress | None = None, workers: int = 0
+    scene: Scene, uids: Mapping[str, str], cache: Path, *, progress: Progress | None = None, workers: int = 0
 ) -> Path:
-    """Render it if not cached. `workers` 0: one per core; `progress` is per batch. Raises CONFIGURATION_INVALID."""
+    """Render it if not cached; a drive has odometry. `workers` 0: one per core; `progress` is per batch.
+
+    Raises CONFIGURATION_INVALID.
+    """
+    scenario = scenario_of(scene)
     missing = [alias for alias in scenario.tagged_aliases if not uids.get(alias)]
     if missing:
         raise BlockRobotError("CONFIGURATION_INVALID", f"No tag is given for {', '.join(missing)}.")
@@ -71,7 +79,7 @@ def make_bag(
     _remove_abandoned(cache)
     unfinished = cache / f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}"
     try:
-        _write(scenario, uids, unfinished, progress or _silent, workers)
+        _write(scene, uids, unfinished, progress or _silent, workers)
         _settle(unfinished, target)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
@@ -99,8 +107,12 @@ def _settle(unfinished: Path, target: Path) -> None:
             raise
 
 
-def _write(scenario: Scenario, uids: Mapping[str, str], path: Path, progress: Progress, workers: int) -> None:
-    codec = MessageCodec()
+def scenario_of(scene: Scene) -> Scenario:
+    return scene.scenario if isinstance(scene, Drive) else scene
+
+
+def _write(scene: Scene, uids: Mapping[str, str], path: Path, progress: Progress, workers: int) -> None:
+    scenario, codec = scenario_of(scene), MessageCodec()
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     writer.set_custom_data("blockrobot_scenario", scenario.name)
@@ -110,26 +122,42 @@ def _write(scenario: Scenario, uids: Mapping[str, str], path: Path, progress: Pr
         depth = writer.add_connection(DEPTH_TOPIC, IMAGE_TYPE, typestore=codec.store)
         empty = writer.add_connection(EMPTY_TOPIC, IMAGE_TYPE, typestore=codec.store)
         tags = writer.add_connection(SIGHTING_TOPIC, SIGHTING_TYPE, typestore=codec.store)
-        pending = _sightings(scenario, uids, codec)
-        for batch in _render_batches(scenario, workers):
+        pending = [(at_ms, tags, data) for at_ms, data in _sightings(scene, uids, codec)]
+        if isinstance(scene, Drive):
+            places = writer.add_connection(ODOMETRY_TOPIC, ODOMETRY_TYPE, typestore=codec.store)
+            pending += [(at_ms, places, bytes(codec.encode_odometry(found))) for at_ms, found in drive_odometry(scene)]
+            pending.sort(key=lambda row: row[0])
+        pending.reverse()
+        for batch in _render_batches(scene, workers):
             for at_ms, data in batch:
-                while pending and pending[0][0] <= at_ms:
-                    _put(writer, tags, *pending.pop(0))
+                while pending and pending[-1][0] <= at_ms:
+                    came_ms, connection, other = pending.pop()
+                    _put(writer, connection, came_ms, other)
                 _put(writer, empty if at_ms < RUN_START_MS else depth, at_ms, data)
             done += len(batch)
             progress(done, total)
-        for at_ms, data in pending:
-            _put(writer, tags, at_ms, data)
+        for came_ms, connection, other in reversed(pending):
+            _put(writer, connection, came_ms, other)
 
 
 def _put(writer: Writer, connection: Connection, at_ms: int, data: bytes) -> None:
     writer.write(connection, at_ms * NS_PER_MS, data)
 
 
-def scene_sightings(scenario: Scenario, uids: Mapping[str, str]) -> list[tuple[int, Sighting]]:
+def drive_odometry(drive: Drive) -> list[tuple[int, Odometry]]:
+    """Return (arrival time, place) in arrival order, on the bag's timeline."""
+    found = []
+    for sample in drive.odometry():
+        at_ms = RUN_START_MS + round(1000 * sample.at_s)
+        place = Odometry(at_ms, sample.z_m, -sample.x_m, -sample.yaw)
+        found.append((RUN_START_MS + round(1000 * sample.arrives_s), place))
+    return found
+
+
+def scene_sightings(scene: Scene, uids: Mapping[str, str]) -> list[tuple[int, Sighting]]:
     """Return (arrival time, sighting) in arrival order, on the bag's timeline."""
     made = []
-    for reading in readings(scenario):
+    for reading in scene.readings() if isinstance(scene, Drive) else readings(scene):
         at_ms = RUN_START_MS + round(reading.at_s * 1000)
         sighting = Sighting(
             first_seen_ms=at_ms,
@@ -145,12 +173,13 @@ def scene_sightings(scenario: Scenario, uids: Mapping[str, str]) -> list[tuple[i
     return made
 
 
-def _sightings(scenario: Scenario, uids: Mapping[str, str], codec: MessageCodec) -> Rendered:
-    return [(at_ms, bytes(codec.encode_sighting(found, at_ms))) for at_ms, found in scene_sightings(scenario, uids)]
+def _sightings(scene: Scene, uids: Mapping[str, str], codec: MessageCodec) -> Rendered:
+    return [(at_ms, bytes(codec.encode_sighting(found, at_ms))) for at_ms, found in scene_sightings(scene, uids)]
 
 
-def _render_batches(scenario: Scenario, workers: int) -> Iterator[Rendered]:
+def _render_batches(scene: Scene, workers: int) -> Iterator[Rendered]:
     """Encoded frames in time order, empty ones (negative indices) first."""
+    scenario = scenario_of(scene)
     first = -scenario.empty_frames
     jobs = [
         range(start, min(start + BATCH_FRAMES_COUNT, scenario.frame_count))
@@ -158,11 +187,11 @@ def _render_batches(scenario: Scenario, workers: int) -> Iterator[Rendered]:
     ]
     count = min(workers or os.cpu_count() or 1, WORKERS_MAX_COUNT, len(jobs))
     if count == 1:
-        worker = _Worker(scenario)
+        worker = _Worker(scene)
         yield from (worker.render(job) for job in jobs)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker, initargs=(scenario,)) as pool:
+    with ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker, initargs=(scene,)) as pool:
         ahead = [pool.submit(_render_job, job) for job in jobs[: count * 2]]
         following = iter(jobs[count * 2 :])
         while ahead:
@@ -173,9 +202,9 @@ def _render_batches(scenario: Scenario, workers: int) -> Iterator[Rendered]:
 
 
 class _Worker:
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
-        self._renderer = Renderer(scenario)
+    def __init__(self, scene: Scene) -> None:
+        self._scenario = scenario_of(scene)
+        self._renderer = DriveRenderer(scene) if isinstance(scene, Drive) else Renderer(scene)
         self._codec = MessageCodec()
 
     def render(self, job: range) -> Rendered:
@@ -190,8 +219,8 @@ class _Worker:
 _workers: dict[str, _Worker] = {}
 
 
-def _start_worker(scenario: Scenario) -> None:
-    _workers["own"] = _Worker(scenario)
+def _start_worker(scene: Scene) -> None:
+    _workers["own"] = _Worker(scene)
 
 
 def _render_job(job: range) -> Rendered:

@@ -6,6 +6,7 @@ import struct
 import wave
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
@@ -29,6 +30,7 @@ from clients.robot.sources.messages.image_decoding import (
     refusing_other_fields,
 )
 from clients.robot.sources.messages.message_types import Message, MessageTypes
+from clients.robot.sources.messages.odometry_decoding import ODOMETRY_TYPES, TRANSFORM_TYPES, read_odometry
 from clients.robot.sources.messages.topics import AudioTopic, LabelTopic, Topics
 from clients.robot.synthetic.bag_messages import IMAGE_TYPE
 from consensus.errors import BlockRobotError
@@ -42,7 +44,14 @@ ANTENNAS_COUNTED_MAX_COUNT = 8
 ANTENNA_NAME_MAX_CHARS = 32
 AntennaCounts = dict[str, Counter[str]]
 IMAGE_TYPES = frozenset({IMAGE_TYPE, COMPRESSED_TYPE})
-KINDS = {"depth": "frame", "tags": "sighting", "rgb": "rgb", "labels": "label", "audio": "audio"}
+KINDS = {
+    "depth": "frame",
+    "tags": "sighting",
+    "rgb": "rgb",
+    "labels": "label",
+    "audio": "audio",
+    "odometry": "odometry",
+}
 """What a topic is wanted for, and how events of it are called where they are counted."""
 
 
@@ -84,6 +93,11 @@ class MessageReader:
             for reason in reasons:
                 yield RefusedMessage(received_ms, KINDS[kind], reason)
             return
+        if kind == "odometry":
+            assert self._topics.odometry is not None
+            for place in read_odometry(self._topics.odometry, content, came_ms, stamped=self._topics.clock == "stamp"):
+                yield replace(place, at_ms=place.at_ms + shift_ms, received_at_ms=received_ms)
+            return
         if kind == "depth":
             event: SourceEvent = Frame(at_ms + shift_ms, self._sequences[kind], decode_depth(content), received_ms)
         else:
@@ -120,6 +134,12 @@ def wrong_type(topics: Topics, topic: str, type_name: str) -> str:
     """Return why a topic cannot carry a type; empty if it can."""
     if topics.wanted[topic] in ("depth", "rgb") and type_name not in IMAGE_TYPES:
         return f"Topic {topic} carries {type_name}, which is no image."
+    if topics.wanted[topic] == "odometry" and type_name not in ODOMETRY_TYPES:
+        return f"Topic {topic} carries {type_name}, which is no odometry: {' or '.join(ODOMETRY_TYPES)}."
+    odometry = topics.odometry
+    is_named = odometry is None or bool(odometry.parent and odometry.child)
+    if topics.wanted[topic] == "odometry" and type_name in TRANSFORM_TYPES and not is_named:
+        return f"Topic {topic} carries transforms of many frames: name parent and child under [odometry]."
     given = next((tags.type for tags in topics.tags if tags.topic == topic), "")
     return f"Topic {topic} carries {type_name}, not {given}." if given and given != type_name else ""
 

@@ -22,6 +22,7 @@ TAG_TOPICS_MAX_COUNT = 16
 LLRP_PORT = 5084
 LLRP_READERS_MAX_COUNT = 8
 ANTENNA_MAX = 65_535
+OFFSET_MAX_M = 5.0
 
 ClockName = Literal["stamp", "recording"]
 DETECTION_MAP = TagMap(
@@ -37,7 +38,7 @@ DETECTION_MAP = TagMap(
 )
 STRING_TYPE = "std_msgs/msg/String"
 _STRING_MAP = TagMap(epc="data")
-_SETTINGS = ("clock", "depth", "empty", "tags", "rgb", "labels", "audio", "definitions", "llrp")
+_SETTINGS = ("clock", "depth", "empty", "tags", "rgb", "labels", "audio", "odometry", "definitions", "llrp")
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,252})|[0-9A-Fa-f:.]{2,45}")
 FIELDS_SHOWN_MAX_COUNT = 24
 
@@ -71,6 +72,20 @@ class AudioTopic:
 
 
 @dataclass(frozen=True, slots=True)
+class OdometryTopic:
+    """Where the robot says that it is: nav_msgs/Odometry, or from `parent` to `child` in tf messages.
+
+    `camera_ahead_m`, `camera_left_m`: of the camera from what the odometry speaks of, mostly the middle of its wheels.
+    """
+
+    topic: str
+    parent: str = ""
+    child: str = ""
+    camera_ahead_m: float = 0.0
+    camera_left_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class LlrpReader:
     """An LLRP reader; `front` antennas face the camera's way, `back` away."""
 
@@ -98,13 +113,14 @@ class Topics:
     rgb_registered: bool = False
     labels: LabelTopic | None = None
     audio: AudioTopic | None = None
+    odometry: OdometryTopic | None = None
     clock: ClockName = "stamp"
     definitions: Mapping[str, str] = field(default_factory=dict)
     llrp: tuple[LlrpReader, ...] = ()
 
     @property
     def wanted(self) -> dict[str, str]:
-        """Map each topic to its role: `depth`, `tags`, `rgb`, `labels` or `audio`."""
+        """Map each topic to its role: `depth`, `tags`, `rgb`, `labels`, `audio` or `odometry`."""
         wanted = {tags.topic: "tags" for tags in self.tags} | {self.depth: "depth"}
         if self.rgb:
             wanted[self.rgb] = "rgb"
@@ -112,6 +128,8 @@ class Topics:
             wanted[self.labels.topic] = "labels"
         if self.audio is not None:
             wanted[self.audio.topic] = "audio"
+        if self.odometry is not None:
+            wanted[self.odometry.topic] = "odometry"
         return wanted
 
 
@@ -141,6 +159,7 @@ def parse_topics(text: str) -> Topics:
     depth, empty = table.table("depth", "topic", "focal_px"), table.table("empty", "topic")
     rgb = table.table("rgb", "topic", "registered")
     labels, audio = table.table("labels", *_names_of(LabelTopic)), table.table("audio", *_names_of(AudioTopic))
+    odometry = table.table("odometry", *_names_of(OdometryTopic))
     readers = tuple(_llrp_reader(row) for row in table.tables("llrp", *_names_of(LlrpReader)))
     topics = Topics(
         depth=(depth.text("topic", required=False) if depth else "") or DEPTH_TOPIC,
@@ -153,6 +172,7 @@ def parse_topics(text: str) -> Topics:
         rgb_registered=rgb.flag("registered") if rgb else False,
         labels=_labels(labels) if labels else None,
         audio=_audio(audio) if audio else None,
+        odometry=_odometry(odometry) if odometry else None,
         clock=cast(ClockName, clock),
         definitions=table.texts("definitions"),
         llrp=readers,
@@ -165,7 +185,7 @@ def check_topics(topics: Topics) -> Topics:
     if not topics.depth:
         raise _wrong("The topic of depth images has no name.")
     names = [topics.depth, *(tags.topic for tags in topics.tags), topics.rgb]
-    names += [part.topic for part in (topics.labels, topics.audio) if part is not None]
+    names += [part.topic for part in (topics.labels, topics.audio, topics.odometry) if part is not None]
     named = [name for name in names if name]
     twice = {name for name in named if named.count(name) > 1}
     if twice:
@@ -206,6 +226,7 @@ def with_rooted_names(topics: Topics) -> Topics:
         tags=tuple(replace(one, topic=rooted(one.topic)) for one in topics.tags),
         labels=topics.labels and replace(topics.labels, topic=rooted(topics.labels.topic)),
         audio=topics.audio and replace(topics.audio, topic=rooted(topics.audio.topic)),
+        odometry=topics.odometry and replace(topics.odometry, topic=rooted(topics.odometry.topic)),
     )
 
 
@@ -281,6 +302,16 @@ def _audio(table: _Table) -> AudioTopic:
     return made
 
 
+def _odometry(table: _Table) -> OdometryTopic:
+    return OdometryTopic(
+        topic=table.text("topic"),
+        parent=table.text("parent", required=False),
+        child=table.text("child", required=False),
+        camera_ahead_m=table.offset_m("camera_ahead_m"),
+        camera_left_m=table.offset_m("camera_left_m"),
+    )
+
+
 class _Table:
     """One table of the file. Unknown settings are refused first: a misspelt one looks as if another were missing."""
 
@@ -331,6 +362,12 @@ class _Table:
             raise _wrong(f"{self.name}{key} must be above 0.")
         return default if value is None else float(value)
 
+    def offset_m(self, key: str) -> float:
+        value = self._take(key, (int, float), "a number of metres")
+        if value is not None and not -OFFSET_MAX_M <= value <= OFFSET_MAX_M:
+            raise _wrong(f"{self.name}{key} must be between -{OFFSET_MAX_M:g} and {OFFSET_MAX_M:g} metres.")
+        return float(value or 0.0)
+
     def names(self, key: str) -> tuple[str, ...]:
         values = self._take(key, list, "a list of antennas") or []
         if not all(isinstance(value, str | int) for value in values):
@@ -360,7 +397,7 @@ class _Table:
         return [_Table(value, f"{key}[{place}]", known) for place, value in enumerate(values)]
 
 
-def _names_of(kind: type[TagMap | LabelTopic | AudioTopic | LlrpReader]) -> tuple[str, ...]:
+def _names_of(kind: type[TagMap | LabelTopic | AudioTopic | OdometryTopic | LlrpReader]) -> tuple[str, ...]:
     return tuple(one.name for one in fields(kind))
 
 

@@ -15,9 +15,15 @@ from clients.robot.sources.messages.image_decoding import (
     encoding_of,
 )
 from clients.robot.sources.messages.message_types import MessageTypes, own_types
+from clients.robot.sources.messages.odometry_decoding import (
+    ODOMETRY_TYPES,
+    TRANSFORM_TYPES,
+    TRANSFORMS_MAX_COUNT,
+    frames_of,
+)
 from clients.robot.sources.messages.topics import STRING_TYPE, Topics, own_paths, shown_fields
 from clients.robot.sources.recordings.recording import TopicFigures
-from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
+from clients.robot.synthetic.bag_messages import ODOMETRY_TYPE, SIGHTING_TYPE
 
 LISTED_MAX_COUNT = 12
 DRAFT_LINE_CHARS = 110
@@ -45,7 +51,7 @@ class TopicSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ListedTopic:
-    """One topic: possible roles (`depth`, `rgb`, `tags`, `labels`, `audio`) and image encoding."""
+    """One topic: possible roles (`depth`, `rgb`, `tags`, `labels`, `audio`, `odometry`) and image encoding."""
 
     figures: TopicFigures
     could_be: tuple[str, ...]
@@ -85,6 +91,10 @@ def _listed(recording: TopicSource, figures: TopicFigures) -> ListedTopic:
         return ListedTopic(figures, tuple(guesses), "" if first is None else encoding_of(first))
     if kind == SIGHTING_TYPE:
         return ListedTopic(figures, ("tags",), "")
+    if kind in ODOMETRY_TYPES:
+        return ListedTopic(
+            figures, ("odometry",) if kind == ODOMETRY_TYPE or _tf_frames(recording, figures) else (), ""
+        )
     guesses = []
     if any(_last(path) in TAG_FIELDS for path in _known_json_paths(recording, figures)):
         return ListedTopic(figures, ("tags",), "")
@@ -126,10 +136,31 @@ def draft_topics(recording: TopicSource, listed: list[ListedTopic]) -> str:
         lines += [*_drafted_fields(known or _own_paths(recording, item.figures.type)), ""]
     for item in [item for item in listed if item.is_unexplained]:
         lines += [f"# {line}" for line in _drafted_guess(recording, item.figures)] + [""]
+    lines += _drafted_odometry(recording, [item.figures for item in listed if "odometry" in item.could_be])
     for sense in ("rgb", "labels", "audio"):
         for item in [item for item in listed if sense in item.could_be][:1]:
             lines += [f"# [{sense}]", f'# topic = "{item.figures.name}"', ""]
     return "\n".join(lines)
+
+
+def _drafted_odometry(recording: TopicSource, found: list[TopicFigures]) -> list[str]:
+    """Odometry of its own before transforms."""
+    if not found:
+        return []
+    figures = min(found, key=lambda one: one.type != ODOMETRY_TYPE)
+    frames = _tf_frames(recording, figures)
+    named = [f'parent = "{frames[0]}"', f'child = "{frames[1]}"'] if frames else []
+    offset = "# camera_ahead_m = 0.0  # of the camera from the middle of the wheels; camera_left_m likewise"
+    return ["[odometry]", f'topic = "{figures.name}"', *named, offset, ""]
+
+
+def _tf_frames(recording: TopicSource, figures: TopicFigures) -> tuple[str, str] | None:
+    """Return the frames of the first transform from odometry, None without one."""
+    if figures.type not in TRANSFORM_TYPES:
+        return None
+    transforms = getattr(recording.first(figures.name), "transforms", ())
+    frames = [frames_of(one) for one in transforms[:TRANSFORMS_MAX_COUNT]]
+    return next((pair for pair in frames if "odom" in pair[0].lower()), None)
 
 
 def _drafted_focal(recording: TopicSource, depth: str) -> list[str]:

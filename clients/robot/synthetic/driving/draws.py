@@ -13,6 +13,7 @@ from clients.robot.synthetic.driving.drive import Drive, Mount
 from clients.robot.synthetic.driving.people import NoRoomError, draw_behind, draw_people
 from clients.robot.synthetic.driving.placing import Space
 from clients.robot.synthetic.driving.robot_motion import (
+    EASING_S,
     Manoeuvre,
     Track,
     draw_speeds,
@@ -38,6 +39,7 @@ DriveStratum = Literal[
     "glass",
     "time-of-flight",
     "bed",
+    "aids",
 ]
 DRIVE_STRATA: tuple[DriveStratum, ...] = get_args(DriveStratum)
 MANOEUVRES: tuple[Manoeuvre, ...] = get_args(Manoeuvre)
@@ -55,22 +57,32 @@ EXPOSURE_MAX_S = 0.02
 PIECES_COUNT = (3, 8)
 
 
-def draw_drive(seed: int, stratum: DriveStratum, *, judging: bool, frame_rate: int = FRAME_RATE_DEFAULT) -> Drive:
-    """Return a random drive. One for judging shares no seed, neither of its draw nor of its noise, with one for learning;
-    only it may have furniture of the kinds in `JUDGED_ONLY`.
+def draw_drive(
+    seed: int, stratum: DriveStratum, *, judging: bool, stands_s: float = 0.0, frame_rate: int = FRAME_RATE_DEFAULT
+) -> Drive:
+    """Return a random drive; the robot stands for `stands_s` before it.
+
+    One for judging shares no seed, neither of its draw nor of its noise, with one for learning; only it may have furniture
+    of the kinds in `JUDGED_ONLY`.
     """
     for attempt in range(ATTEMPTS_COUNT):
         rng = np.random.default_rng([int(judging), DRIVE_STRATA.index(stratum), attempt, 0xD21FE, seed])
         try:
-            return _draw(rng, seed, stratum, judging=judging, frame_rate=frame_rate)
+            return _draw(rng, seed, stratum, judging=judging, stands_s=stands_s, frame_rate=frame_rate)
         except NoRoomError:
             continue
     raise BlockRobotError("CONFIGURATION_INVALID", "No drive of that stratum and seed fits into a room.")
 
 
-def _draw(rng: np.random.Generator, seed: int, stratum: DriveStratum, *, judging: bool, frame_rate: int) -> Drive:
+def _draw(
+    rng: np.random.Generator, seed: int, stratum: DriveStratum, *, judging: bool, stands_s: float, frame_rate: int
+) -> Drive:
     duration_s = float(rng.choice(DURATIONS_S))
     knots = draw_speeds(rng, _manoeuvre(rng, stratum), duration_s)
+    if stands_s > 0:
+        start = (0.0, 0.0, 0.0), (stands_s, 0.0, 0.0)
+        moves = ((stands_s + EASING_S + at_s, speed, turn) for at_s, speed, turn in knots)
+        knots, duration_s = (*start, *moves), duration_s + stands_s
     way = drive_along(knots, duration_s)
     reach = max(math.hypot(x, z) for _, x, z, _ in way)
     wide = stratum == "crowd" or (reach < 4.0 and rng.random() < 0.5)

@@ -20,6 +20,7 @@ from clients.robot.synthetic.noise import CameraNoise, FlightNoise, blur
 HORIZON_M = 20.0
 FURNITURE_BIT, REFLECTED_BIT = 0x40, 0x20  # next to AID_BIT in labels while they are drawn
 NUMBER_BITS = 0x1F
+EMPTY_NUMBERS = 1_000_000
 CELL_M, PATTERN_CELLS = 0.015, 512  # of the blotches on a shiny surface, which repeat
 
 
@@ -58,11 +59,17 @@ class DriveRenderer:
         """Return a frame as uint16 millimetres."""
         return self.truth(index).depth
 
+    def empty_frame(self, number: int) -> Depth:
+        """Return a frame without people from where the robot starts; each number has noise of its own."""
+        return self._picture(0, [], number + EMPTY_NUMBERS).depth
+
     def truth(self, index: int) -> DriveTruth:
+        return self._picture(index, self._bodies(index / self.drive.scenario.frame_rate), index)
+
+    def _picture(self, index: int, bodies: list[tuple[Capsules, int]], noise: int) -> DriveTruth:
         drive, at_s = self.drive, index / self.drive.scenario.frame_rate
         at = drive.camera_pose(at_s)
         self.camera.move(at)
-        bodies = self._bodies(at_s)
         depth, marks = self._draw(self._faces, self._things, bodies)
         for panel in drive.room.panels:
             self._show_panel(panel, at, depth, marks, bodies)
@@ -73,8 +80,8 @@ class DriveRenderer:
             mirror(self.camera, depth, marks, shown, *self._patches(x, z, share))
         _, turn = drive.speeds(at_s)
         passed_px = turn * drive.exposure_s * drive.scenario.focal_px
-        depth, marks = blur(depth, marks, passed_px, drive.scenario.seed, index)
-        image, moved = self._noise.apply(depth, marks, index)
+        depth, marks = blur(depth, marks, passed_px, drive.scenario.seed, noise)
+        image, moved = self._noise.apply(depth, marks, noise)
         assert moved is not None
         return _truth_of(image, moved, at)
 

@@ -26,7 +26,7 @@ from clients.robot.synthetic.scenes import (
 ALIASES = (OWNER, OTHER, THIRD, "fourth", "fifth", "sixth", "seventh", "eighth")
 COUNTS, COUNT_SHARES = (1, 2, 3), (0.25, 0.45, 0.3)
 AIDS: tuple[Aid, ...] = ("stick", "rollator", "iv-pole", "wheelchair", "bag")
-AID_SHARE, CHILD_SHARE = 0.2, 0.08
+AID_SHARE, CHILD_SHARE, AIDS_STRATUM_SHARE = 0.2, 0.08, 0.8
 WALKS_SHARE, TURNS_SHARE = 0.6, 0.2
 OWNER_LIES_SHARE = 0.4
 TRIES_COUNT, SPOT_TRIES_COUNT = 40, 12
@@ -52,7 +52,7 @@ def draw_people(rng: np.random.Generator, space: Space, stratum: str, duration_s
     for alias in ALIASES:
         if alias not in {person.alias for person in people} and (alias == OWNER or len(people) < count):
             needed = alias == OWNER or stratum == "crowd"
-            people += _anybody(rng, space, alias, duration_s, needed=needed)
+            people += _anybody(rng, space, alias, duration_s, needed=needed, aids=stratum == "aids")
     return tuple(
         tagged(person, duration_s)
         if person.alias == OWNER or rng.random() < TAGGED_SHARE
@@ -68,17 +68,18 @@ def draw_behind(rng: np.random.Generator, space: Space, panel: Panel, duration_s
     return replace(person, facing=draw_turning(rng, duration_s))
 
 
-def _drawn(rng: np.random.Generator, alias: str, duration_s: float) -> Person:
-    aid: Aid = AIDS[int(rng.integers(len(AIDS)))] if rng.random() < AID_SHARE else ""
-    child = bool(not aid and rng.random() < CHILD_SHARE)
+def _drawn(rng: np.random.Generator, alias: str, duration_s: float, *, aids: bool = False) -> Person:
+    """`aids`: all but a few have one, or are children."""
+    aid: Aid = AIDS[int(rng.integers(len(AIDS)))] if rng.random() < (AIDS_STRATUM_SHARE if aids else AID_SHARE) else ""
+    child = bool(not aid and rng.random() < (AIDS_STRATUM_SHARE if aids else CHILD_SHARE))
     person = draw_person(rng, alias, ((0.0, 0.0, 0.0), (duration_s, 0.0, 0.0)), aid=aid, child=child)
     return person if aid else replace(person, aid="")  # the draw gives some a bag: here only the share above
 
 
 def _anybody(
-    rng: np.random.Generator, space: Space, alias: str, duration_s: float, *, needed: bool
+    rng: np.random.Generator, space: Space, alias: str, duration_s: float, *, needed: bool, aids: bool
 ) -> tuple[Person, ...]:
-    person = _drawn(rng, alias, duration_s)
+    person = _drawn(rng, alias, duration_s, aids=aids)
     walks = bool(rng.random() < WALKS_SHARE)
     for number in range(TRIES_COUNT):
         if walks and number < TRIES_COUNT // 2:

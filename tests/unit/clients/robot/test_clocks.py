@@ -225,7 +225,7 @@ def test_each_origin_of_readings_has_a_clock_of_its_own(off_ms: int) -> None:
             (moved,) = sightings(clocks.admit(replace(sighting(stamp, at), origin=origin)))
             assert (moved.first_seen_ms, moved.origin) == (at, origin)
     clocks.flush()
-    assert clocks.refused == {"frame-time": 0, "sighting-time": 0}
+    assert clocks.refused == {"frame-time": 0, "sighting-time": 0, "odometry-time": 0}
     assert {name: found.offset_ms for name, found in clocks.estimates().items()} == {
         "reader /rfid": -off_ms,
         "reader 10.0.0.7:5084": 0,
@@ -276,7 +276,7 @@ def test_readings_that_waited_for_a_set_clock_to_be_confirmed_are_not_lost() -> 
         at = START_MS + number * 500
         out += sightings(clocks.admit(sighting(at - (DAY_MS if number >= 20 else 0), at)))
     assert [one.first_seen_ms for one in out] == [START_MS + number * 500 for number in range(40)]
-    assert clocks.refused == {"frame-time": 0, "sighting-time": 0}
+    assert clocks.refused == {"frame-time": 0, "sighting-time": 0, "odometry-time": 0}
 
 
 def test_single_wrong_stamps_are_refused_and_counted() -> None:
@@ -286,7 +286,7 @@ def test_single_wrong_stamps_are_refused_and_counted() -> None:
         assert len(clocks.admit(sighting(at + off, at))) == (0 if off else 1)
         assert len(clocks.admit(frame(number, at - off, at))) == (0 if off else 1)
     clocks.flush()
-    assert clocks.refused == {"frame-time": 3, "sighting-time": 3}
+    assert clocks.refused == {"frame-time": 3, "sighting-time": 3, "odometry-time": 0}
 
 
 def test_messages_that_pile_up_while_the_host_is_busy_are_late_and_not_wrong() -> None:
