@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
+from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.records.metadata import MOMENT_MAX_MS
 
 RENDITION_VERSION = 1
@@ -15,15 +16,17 @@ ENCODING_WAV = "wav"
 PICTURES = (ENCODING_PNG16, ENCODING_PNG_RGBA, ENCODING_JPEG)
 BOXLESS = (ENCODING_LABEL, ENCODING_WAV)
 PICTURE_SIDE_MAX_PIXELS = 8192
+NO_BACKGROUND = bytes(HASH_SIZE_BYTES)
+"""In place of an empty frame's hash: the owner is shown on nothing, or it is no depth picture."""
 
 
 class Rendition(Wire, frozen=True):
     """One frame as its owner may see it; times are the robot's wall clock.
 
     `pixels`: 16-bit PNG (millimetres) of the box at (x, y), 0 outside the owner; empty means withheld. `width` x
-    `height`: whole frame; `background_id`: empty frame's PNG SHA-256.
+    `height`: whole frame; `background_id`: empty frame's PNG SHA-256, or `NO_BACKGROUND` where the robot drove.
 
-    Other senses have 32 zero bytes there: `png-rgba` (box), `jpeg` (whole), `label` (JSON), `wav`; the last two are 1 x
+    Other senses have `NO_BACKGROUND` there: `png-rgba` (box), `jpeg` (whole), `label` (JSON), `wav`; the last two are 1 x
     1 without box.
     """
 

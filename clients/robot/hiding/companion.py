@@ -6,6 +6,7 @@ may be two people.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
@@ -103,10 +104,10 @@ def shipped_model() -> Trees:
     return trees_of(msgspec.convert(read_json_text(text), Table))
 
 
-def trees_of(table: Table) -> Trees:
+def trees_of(table: Table, cues: Sequence[str] = CUES) -> Trees:
     """Raises ValueError for other cues."""
-    if table.cues != list(CUES):
-        raise ValueError("The companion model was made for other cues.")
+    if table.cues != list(cues):
+        raise ValueError("The model was made for other cues.")
     return Trees(
         feature=np.array(table.feature, dtype=np.int64),
         threshold=np.array(table.threshold, dtype=np.float64),

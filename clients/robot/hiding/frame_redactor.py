@@ -7,26 +7,31 @@ Silhouettes are cut out on arrival and whole frames never held; ambiguity means 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from clients.robot.hiding.background import Background, fits
-from clients.robot.hiding.companion_watch import CompanionWatch
-from clients.robot.hiding.cutouts import EncodedCutout, extract_encoded_cutout
+from clients.robot.hiding.background import Background
+from clients.robot.hiding.cutouts import EncodedCutout
+from clients.robot.hiding.hider import FoundPeople, Hider
 from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.matcher import Matcher
-from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Segmented, segment
+from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
+from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
+from clients.robot.hiding.moving.plan_bodies import camera_points
+from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
+from clients.robot.hiding.standing_hider import StandingHider
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.pairing.tag_pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
 from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
-from clients.robot.sensing.sensor_events import Frame, Sighting, check_depth
+from clients.robot.sensing.sensor_events import Depth, Frame, Odometry, Sighting, check_depth
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16
 
 BUFFER_DEFAULT_MS = 10_000
 FORGET_EVERY_MS = 5_000
+READINGS_WAITING_MAX_COUNT = 4_096
+UNKNOWN_MAX_MS = 1_000  # after a reading: so long the odometry may take to tell whether the robot stood
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +54,7 @@ class KeptFrame:
     alone: bool = False  # whether nobody else is in the picture, as far as the camera measures depth
     evidence: MatchEvidence | None = None  # only where distances disagree with the camera's all the same
     form: SampleForm | None = None  # None: a depth frame of the camera
+    blank: bool = False  # whether it shows the owner on nothing, not in the room
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +82,9 @@ class _Seen:
     stray: bool = False  # more than noise is nearer than the empty scene and belongs to no silhouette
     disordered: bool = False
     moved: bool = False
+    driving: bool = False
+    blank: bool = False
+    may_show: dict[int, Callable[[], bool]] = field(default_factory=dict)
 
     @property
     def tracks(self) -> tuple[int, ...]:
@@ -85,12 +94,16 @@ class _Seen:
 class FrameRedactor:
     """Pairs, segments, tracks, matches and cuts. Not thread-safe. Calls return settled outputs: each frame's `Decision`
     once, then `KeptFrame` or `WithheldFrame` per owner.
+
+    With a `driving` camera it also hides where the empty scene does not fit, as long as odometry says where the robot is.
+    Tags are bound while the robot stands; while it drives, only people whom it knew before are kept.
     """
 
     def __init__(
         self,
         background: Background,
         *,
+        driving: DrivingCamera | None = None,
         focal_px: float = FOCAL_DEFAULT_PX,
         window_ms: int = WINDOW_DEFAULT_MS,
         lateness_ms: int = LATENESS_DEFAULT_MS,
@@ -99,17 +112,37 @@ class FrameRedactor:
         self.pairing = Pairing(window_ms, lateness_ms)
         self.matcher = Matcher()
         self._background = background
-        self._focal_px = focal_px
+        self._driving = driving
         self._buffer_ms = max(buffer_ms, window_ms + lateness_ms + 1)
         self._tracker = Tracker()
-        self._companions = CompanionWatch()
+        self._motion = OwnMotion() if driving is not None else None
+        self._readings: deque[tuple[str, Sighting, bool]] = deque(maxlen=READINGS_WAITING_MAX_COUNT)
+        self.mount: Ground | None = None
+        self.use_focal_px(focal_px)
         self._seen: dict[int, _Seen] = {}
         self._pending: dict[str, deque[_Seen]] = {}
         self._newest_ms: int | None = None
+        self._place: RobotPlace | None = None
         self._forgot_ms = 0
 
     def use_focal_px(self, focal_px: float) -> None:
-        self._focal_px = focal_px
+        self._hiders: list[Hider] = [StandingHider(self._background, focal_px)]
+        if self._driving is not None:
+            self.mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
+        if self._driving is not None and self.mount is not None:
+            moving = MovingHider(
+                self._background.shape,
+                focal_px,
+                self.mount,
+                buffer_ms=self._buffer_ms,
+                flying_pixels=self._driving.flying_pixels,
+            )
+            self._hiders.append(moving)
+
+    def push_odometry(self, odometry: Odometry) -> None:
+        """Dropped if the robot is not one that drives. In any order."""
+        if self._motion is not None and self._driving is not None:
+            self._motion.add(RobotPlace.of_camera(odometry, self._driving.ahead_m, self._driving.left_m))
 
     @property
     def form(self) -> SampleForm:
@@ -125,7 +158,10 @@ class FrameRedactor:
     def push_sighting(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
         """Add a sighting of tag `alias`, weighed at the next frame; `known`: on the roster."""
         outputs = self.cover(alias, sighting, known=known)
-        self.matcher.add_sighting(alias, sighting, known=known)
+        if self._motion is None:
+            self.matcher.add_sighting(alias, sighting, known=known)
+        else:
+            self._readings.append((alias, sighting, known))
         return outputs
 
     def cover(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
@@ -150,34 +186,76 @@ class FrameRedactor:
         decided = [] if before else decided
         if self._newest_ms is not None and frame.captured_at_ms <= self._newest_ms:
             seen.disordered = True
-        elif not fits(self._background, depth):
-            self._newest_ms = frame.captured_at_ms
-            seen.moved = True
-            self.matcher.advance(frame.captured_at_ms)
         else:
             self._newest_ms = frame.captured_at_ms
-            segmented = segment(depth, self._background, self._focal_px)
-            seen.stray = _stray_px(segmented) >= EMPTY_MAX_PX
-            silhouettes = self._companions.step(segmented.silhouettes, frame.captured_at_ms)
-            tracks = self._tracker.step(silhouettes, frame.captured_at_ms)
-            for silhouette, track in zip(silhouettes, tracks, strict=True):
-                if track is None:
-                    seen.merged = True
-                    continue
-                self.matcher.add_track(track)
-                if silhouette.withhold_reason:
-                    seen.withhold_reasons[track.number] = silhouette.withhold_reason
-                else:
-                    seen.cutouts[track.number] = extract_encoded_cutout(depth, self._background, segmented, silhouette)
-            merged = [one for one, track in zip(silhouettes, tracks, strict=True) if track is None]
-            evidence_found = [one.company for one in merged if one.company is not None]
-            seen.company = min(evidence_found, key=lambda company: company.excess, default=None)
-            unfollowed = [*(one.range_m for one in merged), *self._tracker.hidden_ranges]
-            if unfollowed:
-                self.matcher.note_unfollowed(frame.captured_at_ms, unfollowed)
+            self._find_people(seen, depth)
+            self._weigh_readings()
             self.matcher.advance(frame.captured_at_ms)
         self._seen[frame.sequence] = seen
         return [*before, *self._queue_decided(decided)]
+
+    def _find_people(self, seen: _Seen, depth: Depth) -> None:
+        at_ms = seen.captured_at_ms
+        place = self._find_place(at_ms)
+        seen.driving = self._motion is not None and not self._motion.stands(at_ms)
+        for hider in self._hiders:
+            found = hider.find_people(depth, place, at_ms)
+            if found is not None:
+                seen.blank = hider.is_blank
+                self._follow(seen, found)
+                return
+        seen.moved = True
+
+    def _find_place(self, at_ms: int) -> RobotPlace | None:
+        """Nobody is followed across a jump of the odometry."""
+        if self._motion is None:
+            return None
+        place = self._motion.place_at(at_ms)
+        if place is not None:
+            if self._place is not None and not self._motion.is_continuous(self._place.at_ms, at_ms):
+                self._lose_everybody()
+            self._place = place
+        return place
+
+    def _follow(self, seen: _Seen, found: FoundPeople) -> None:
+        at_ms = seen.captured_at_ms
+        seen.stray = found.stray
+        tracks = self._tracker.step(found.silhouettes, at_ms)
+        for silhouette, track in zip(found.silhouettes, tracks, strict=True):
+            if track is None:
+                seen.merged = True
+                continue
+            self.matcher.add_track(track)
+            if silhouette.label in found.may_show:
+                seen.may_show[track.number] = found.may_show[silhouette.label]
+            if silhouette.withhold_reason:
+                seen.withhold_reasons[track.number] = silhouette.withhold_reason
+            else:
+                seen.cutouts[track.number] = found.cut(silhouette)
+        merged = [one for one, track in zip(found.silhouettes, tracks, strict=True) if track is None]
+        evidence_found = [one.company for one in merged if one.company is not None]
+        seen.company = min(evidence_found, key=lambda company: company.excess, default=None)
+        unfollowed = [*(one.range_m for one in merged), *self._tracker.hidden_ranges]
+        if unfollowed:
+            self.matcher.note_unfollowed(at_ms, unfollowed)
+
+    def _weigh_readings(self) -> None:
+        """Distances tell people apart while the robot stands: its own motion would bind fast, and wrongly."""
+        if self._motion is None:
+            return
+        newest_ms = self._motion.newest_ms or 0
+        for _ in range(len(self._readings)):
+            alias, sighting, known = self._readings.popleft()
+            stood = self._motion.stands(sighting.middle_ms)
+            if stood:
+                self.matcher.add_sighting(alias, sighting, known=known)
+            elif stood is None and newest_ms < sighting.middle_ms + UNKNOWN_MAX_MS:
+                self._readings.append((alias, sighting, known))
+
+    def _lose_everybody(self) -> None:
+        self._tracker = self._tracker.successor()
+        for hider in self._hiders:
+            hider.restart()
 
     def advance(self, now_ms: int) -> list[Output]:
         """For a stopped camera."""
@@ -191,8 +269,9 @@ class FrameRedactor:
     def _end_timeline(self, decided: list[Decision]) -> list[Output]:
         """Settle everything before a camera clock reset; no track continues across."""
         outputs = [*self._queue_decided(decided), *self._decide_pending(final=True)]
-        self.matcher, self._tracker, self._companions = Matcher(), Tracker(), CompanionWatch()
-        self._newest_ms, self._forgot_ms = None, 0
+        self.matcher, self._newest_ms, self._forgot_ms = Matcher(), None, 0
+        self._readings.clear()
+        self._lose_everybody()
         return outputs
 
     def _queue_decided(self, decided: list[Decision]) -> list[Output]:
@@ -223,13 +302,15 @@ class FrameRedactor:
     def _verdict(self, alias: str, seen: _Seen, *, due: bool) -> KeptFrame | WithheldFrame | None:
         """Return None while readings may still change it."""
         number = self.matcher.bound_track(alias, seen.tracks)
-        if number is not None and number in seen.cutouts:
-            alone = len(seen.tracks) == 1 and not seen.merged and not seen.stray
-            evidence_found = self.matcher.explain(alias, (number,))
-            off = evidence_found if evidence_found is not None and evidence_found.is_off else None
-            return KeptFrame(seen.sequence, seen.captured_at_ms, alias, seen.cutouts[number], alone, off)
         reason: WithholdReason | None = None
-        if seen.disordered:
+        if number is not None and number in seen.cutouts:
+            may_show = seen.may_show.get(number)
+            if may_show is not None and not due:
+                return None
+            if may_show is None or may_show():
+                return self._keep(alias, seen, number)
+            reason = WithholdReason.UNVERIFIED
+        elif seen.disordered:
             reason = WithholdReason.DISORDERED
         elif seen.moved:
             reason = WithholdReason.MOVED
@@ -238,7 +319,7 @@ class FrameRedactor:
         elif not seen.tracks:
             reason = WithholdReason.MERGED if seen.merged else WithholdReason.NO_SILHOUETTE
         elif due:
-            reason = self._why_unbound(alias, seen)
+            reason = WithholdReason.MOVED if seen.driving else self._why_unbound(alias, seen)
         if reason is None:
             return None
         evidence: MatchEvidence | MergedEvidence | None = None
@@ -248,18 +329,15 @@ class FrameRedactor:
             evidence = seen.company
         return WithheldFrame(seen.sequence, seen.captured_at_ms, alias, reason, evidence)
 
+    def _keep(self, alias: str, seen: _Seen, number: int) -> KeptFrame:
+        alone = len(seen.tracks) == 1 and not seen.merged and not seen.stray
+        evidence_found = self.matcher.explain(alias, (number,))
+        off = evidence_found if evidence_found is not None and evidence_found.is_off else None
+        return KeptFrame(seen.sequence, seen.captured_at_ms, alias, seen.cutouts[number], alone, off, blank=seen.blank)
+
     def _why_unbound(self, alias: str, seen: _Seen) -> WithholdReason:
         if seen.merged:
             return WithholdReason.MERGED
         if self.matcher.is_elsewhere(alias, seen.captured_at_ms):
             return WithholdReason.NO_SILHOUETTE
         return WithholdReason.AMBIGUOUS if self.matcher.has_distance(alias) else WithholdReason.NO_DISTANCE
-
-
-def _stray_px(segmented: Segmented) -> int:
-    """Half-resolution foreground outside silhouettes."""
-    if segmented.labels is None:
-        return 0
-    counts = np.bincount(segmented.labels.ravel() + 1, minlength=2)  # labels begin with -1
-    found = [silhouette.label for silhouette in segmented.silhouettes]
-    return int(counts.sum() - counts[[1, *(label + 1 for label in found)]].sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -38,7 +38,8 @@ _TOUCH = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * TOUCH_HALF_PX + 1, 2 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Silhouette:
-    """One person-sized blob, by `label` in the label image; camera-frame metres.
+    """One person-sized blob, by `label` in the label image. `x_m`, `z_m`: its place in plan, before the camera or in the
+    odometry's frame; `ahead_m`: how far along the camera's axis.
 
     `withhold_reason`: why it is not cut (`merged`, `contact`, `occluded`), or empty. `companion_odds`: log-odds of several
     people; `company`: evidence.
@@ -53,6 +54,7 @@ class Silhouette:
     withhold_reason: str
     companion_odds: float = 0.0
     company: MergedEvidence | None = None
+    ahead_m: float = field(kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,6 +195,7 @@ def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouet
         box=(left, top, width, height),
         x_m=x_m,
         z_m=z_m,
+        ahead_m=z_m,
         range_m=float(np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)),
         median_mm=median,
         withhold_reason=withhold_reason,

@@ -120,6 +120,12 @@ class Tracker:
         self._count = 0
         self._together: list[_Together] = []
 
+    def successor(self) -> Tracker:
+        """Return a tracker that follows nobody yet and gives no number again."""
+        new = Tracker()
+        new._count = self._count
+        return new
+
     @property
     def hidden_ranges(self) -> list[float]:
         """Ranges (m) where somebody may be hidden."""
@@ -162,7 +168,7 @@ class Tracker:
             stray = STRAY_M_PER_S * max(0, at_ms - track.seen_ms - UNSEEN_CERTAIN_MS) / 1000
             for row, seen in enumerate(silhouettes):
                 distance = float(np.hypot(seen.x_m - x, seen.z_m - z))
-                gate = GATE_M + GATE_PER_M * seen.z_m
+                gate = GATE_M + GATE_PER_M * seen.ahead_m
                 possible[row, column] = distance < gate + stray
                 if distance < gate:
                     cost[row, column] = distance
@@ -258,4 +264,4 @@ class Tracker:
 
 def _could_be_in(track: Track, seen: Silhouette, at_ms: int) -> bool:
     x, z = track.predicted(at_ms)
-    return float(np.hypot(seen.x_m - x, seen.z_m - z)) <= SWALLOWED_M + GATE_PER_M * seen.z_m
+    return float(np.hypot(seen.x_m - x, seen.z_m - z)) <= SWALLOWED_M + GATE_PER_M * seen.ahead_m

@@ -31,6 +31,10 @@ class WithholdReason(StrEnum):
     NO_DISTANCE = "no-distance"
     DISORDERED = "disordered"
     MOVED = "moved"  # the robot, so that the empty scene is another one
+    UNVERIFIED = "unverified"  # while driving: it is not sure enough that it is one person and nothing else
+    CUT_OFF = "cut-off"  # by the picture's side
+    OUT_OF_RANGE = "out-of-range"
+    NO_GROUND = "no-ground"  # the floor is not where the camera's mount says
     NOT_ALONE = "not-alone"  # for what cannot be cut down to one person
     NOT_MATCHED = "not-matched"  # the same, when nobody in the picture is known to be them
     NO_ROOM = "no-room"  # there was no memory for it until it was known whose it is

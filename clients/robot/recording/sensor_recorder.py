@@ -27,14 +27,12 @@ from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from clients.robot.recording.visit_keyring import VisitKeyring
 from clients.robot.sensing.sensor_clocks import RunClocks
 from consensus.members.roster import RosterRow
-from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.records.metadata import NOTICE_SENSOR
-from consensus.records.renditions import BOXLESS, RENDITION_VERSION, Rendition
+from consensus.records.renditions import BOXLESS, NO_BACKGROUND, RENDITION_VERSION, Rendition
 
 CONSENT_COMING = "consent-coming"
 """Counted for a reading whose bearer's consent is on the chain, but has not begun."""
 
-NO_BACKGROUND = bytes(HASH_SIZE_BYTES)
 NO_PICTURE = SampleForm()
 _NOTHING = EncodedCutout(0, 0, 0, 0, b"")
 
@@ -205,7 +203,7 @@ def _rendition(frame: KeptFrame, form: SampleForm, background_id: bytes) -> Rend
         y=frame.cutout.y,
         box_width=frame.cutout.width if has_box else 0,
         box_height=frame.cutout.height if has_box else 0,
-        background_id=background_id,
+        background_id=NO_BACKGROUND if frame.blank else background_id,
         encoding=form.encoding,
         pixels=frame.cutout.pixels_png,
     )

@@ -35,7 +35,7 @@ from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.recording.sensor_recorder import RunContext, SensorRecorder
 from clients.robot.recording.spool import Delivered, Spool, SpooledClip
 from clients.robot.recording.waiting_samples import WaitingSamples
-from clients.robot.sensing.sensor_events import Event, Frame, SensorSample, Sighting
+from clients.robot.sensing.sensor_events import Event, Frame, Odometry, SensorSample, Sighting
 from consensus.errors import BlockRobotError
 from consensus.members.roster import RosterRow
 
@@ -142,7 +142,7 @@ class Pipeline:
         return min(now, arrived.received_at_ms or now) if self._live else now
 
     async def _process_arrival(self, arrived: Event | SensorSample) -> None:
-        if not isinstance(arrived, Frame | Sighting):
+        if not isinstance(arrived, Frame | Sighting | Odometry):
             await self._samples.process(arrived)
             return
         if isinstance(arrived, Frame):
@@ -166,6 +166,9 @@ class Pipeline:
 
     async def _process_event(self, event: Event) -> None:
         ready: list[ReadyClip] = []
+        if isinstance(event, Odometry):
+            self._redactor.push_odometry(event)
+            return
         if isinstance(event, Frame):
             try:
                 outputs = await asyncio.to_thread(self._redactor.push_frame, event)

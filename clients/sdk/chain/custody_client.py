@@ -12,6 +12,7 @@ from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload
+from consensus.records.renditions import NO_BACKGROUND
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 from consensus.state.records import EMPTY_FRAME
 
@@ -133,7 +134,12 @@ class CustodyClient:
     async def find_background(
         self, digest: bytes, key: PrivateKey, missing: dict[bytes, BlockRobotError]
     ) -> bytes | None:
-        """Return None with the reason in `missing` (skipped later); EMPTY_FRAME_WITHDRAWN there is proven."""
+        """Return None with the reason in `missing` (skipped later); EMPTY_FRAME_WITHDRAWN there is proven.
+
+        ROOM_NOT_RECORDED: the robot drove, and shows the owner on nothing.
+        """
+        if digest == NO_BACKGROUND:
+            missing[digest] = BlockRobotError("ROOM_NOT_RECORDED")
         if digest in missing:
             return None
         try:

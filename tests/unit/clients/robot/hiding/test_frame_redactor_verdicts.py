@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from clients.robot.hiding import frame_redactor as redactor_module
+from clients.robot.hiding import standing_hider as hider_module
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
@@ -45,9 +45,9 @@ class Stage:
     """Plays scenes and readings to a redactor whose segmentation says what the scene says."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **options: int) -> None:
-        monkeypatch.setattr(redactor_module, "segment", lambda *_: self._segmented)
+        monkeypatch.setattr(hider_module, "segment", lambda *_: self._segmented)
         monkeypatch.setattr(
-            redactor_module,
+            hider_module,
             "extract_encoded_cutout",
             lambda _d, _b, _s, silhouette: EncodedCutout(silhouette.label, 0, 1, 1, b""),
         )
@@ -68,6 +68,7 @@ class Stage:
                 round(p.z_m * 1000),
                 p.withhold_reason,
                 companion_odds=20.0 if p.withhold_reason == "merged" else -20.0,
+                ahead_m=p.z_m,
             )
             for i, p in enumerate(places)
         )

@@ -1,0 +1,45 @@
+"""What a way of hiding does: it finds the people of a frame, cuts one out, and decides whether that may be shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from clients.robot.hiding.cutouts import EncodedCutout
+from clients.robot.hiding.own_motion import RobotPlace
+from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.sensing.sensor_events import Depth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundPeople:
+    """The people of one frame, placed in the odometry's frame.
+
+    `stray`: more than noise belongs to none of them. `may_show`: by a silhouette's label, what is asked once later frames
+    have been seen too; who is missing there may be shown at once.
+    """
+
+    silhouettes: tuple[Silhouette, ...]
+    stray: bool
+    cut: Callable[[Silhouette], EncodedCutout]
+    may_show: dict[int, Callable[[], bool]] = field(default_factory=dict)
+
+
+class Hider(Protocol):
+    """One camera's frames, in time order."""
+
+    @property
+    def is_blank(self) -> bool:
+        """Whether pictures show the owner on nothing, not in the room."""
+
+    def find_people(self, depth: Depth, place: RobotPlace | None, at_ms: int) -> FoundPeople | None:
+        """None if this way does not fit the frame. `place`: of the robot, None if it is not known."""
+
+    def restart(self) -> None:
+        """Frames that follow have nothing to do with those before."""
+
+
+def in_odometry(silhouette: Silhouette, place: RobotPlace) -> Silhouette:
+    x_m, z_m = place.to_odometry(silhouette.x_m, silhouette.z_m)
+    return replace(silhouette, x_m=x_m, z_m=z_m)

@@ -1,0 +1,57 @@
+"""Cuts one body out of the whole frame, onto nothing: only what lies in its own cells of the plan."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from clients.robot.hiding.cutouts import Cutout
+from clients.robot.hiding.moving.body_cues import Body
+from clients.robot.hiding.moving.plan_bodies import (
+    AHEAD_M,
+    ASIDE_M,
+    CELL_M,
+    HIGHEST_M,
+    STEP_PX,
+    LevelView,
+    depth_noise_m,
+)
+from clients.robot.sensing.sensor_events import Depth
+
+MARGIN_PX = 4
+FEET_M = 0.03
+PIECE_MIN_PX = 24  # at full resolution, joined to what was found at a quarter of it
+
+
+def cut_body(depth: Depth, view: LevelView, body: Body, focal_px: float) -> Cutout:
+    left, top, width, height = (STEP_PX * part for part in body.box)
+    x0, y0 = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
+    x1, y1 = min(depth.shape[1], left + width + MARGIN_PX), min(depth.shape[0], top + height + MARGIN_PX)
+    pixels = depth[y0:y1, x0:x1]
+    ahead = pixels.astype(np.float32) / np.float32(1000)
+    across = ((np.arange(x0, x1) - (depth.shape[1] - 1) / 2) / focal_px).astype(np.float32)[None, :]
+    down = ((np.arange(y0, y1) - (depth.shape[0] - 1) / 2) / focal_px).astype(np.float32)[:, None]
+    axes = view.ground.level_axes().astype(np.float32)
+    x, up, z = (ahead * (across * axis[0] + (down * axis[1] + axis[2])) for axis in axes)
+    up += np.float32(view.ground.height_m)
+    known = (ahead > 0) & (up > FEET_M) & (up < HIGHEST_M) & (z > 0) & (z < AHEAD_M) & (np.abs(x) < ASIDE_M)
+    at = np.flatnonzero(known)
+    column = ((x.flat[at] + np.float32(ASIDE_M)) / np.float32(CELL_M)).astype(np.int64)
+    row = (z.flat[at] / np.float32(CELL_M)).astype(np.int64)
+    at = at[view.cells[row, column] == body.label]
+    for wall in view.walls:
+        at = at[~wall.covers(x.flat[at], z.flat[at], depth_noise_m(ahead.flat[at]))]
+    mask = np.zeros(pixels.shape, dtype=np.uint8)
+    mask.flat[at] = 1
+    return Cutout(x0, y0, np.where(_joined(mask, body, x0, y0), pixels, np.uint16(0)))
+
+
+def _joined(mask: cv2.typing.MatLike, body: Body, x0: int, y0: int) -> cv2.typing.MatLike:
+    """Keep pieces in which the body was found."""
+    count, pieces, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
+    rows, columns = np.nonzero(body.inside)
+    rows, columns = STEP_PX * (rows + body.box[1]) - y0, STEP_PX * (columns + body.box[0]) - x0
+    found = np.bincount(pieces[rows, columns], minlength=count)
+    keep = (found > 0) & (stats[:, cv2.CC_STAT_AREA] >= PIECE_MIN_PX)
+    keep[0] = False
+    return np.asarray(keep[pieces])

@@ -1,0 +1,186 @@
+"""Hides without an empty scene: verified single persons on a blank picture, from a camera that moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from importlib import resources
+
+import cv2
+import msgspec
+import numpy as np
+
+from clients.robot.hiding.companion import Table, Trees, trees_of
+from clients.robot.hiding.cutouts import encode_cutout
+from clients.robot.hiding.hider import FoundPeople
+from clients.robot.hiding.moving.blank_cutouts import cut_body
+from clients.robot.hiding.moving.body_cues import BODY_CUES, Body, measure_bodies
+from clients.robot.hiding.moving.flying_pixels import drop_flying_pixels
+from clients.robot.hiding.moving.ground_plane import Ground
+from clients.robot.hiding.moving.plan_bodies import CELL_M, STEP_PX, LevelView, PlanView
+from clients.robot.hiding.moving.release_rule import FRAME_MIN_ODDS, TRACK_MIN_ODDS, ReleaseRule, Sighted
+from clients.robot.hiding.own_motion import RobotPlace
+from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.sensing.sensor_events import Depth
+from consensus.bounded_text import read_json_text
+
+MODEL_FILES = {"person": "person-model.json", "pair": "pair-model.json", "thing": "thing-model.json"}
+THING_MIN_ODDS = 3.0
+RANGE_M = (1.0, 5.0)
+FREE_M = 0.3  # in plan, around a body that is shown
+NEARER_PX = 8
+CRUMBS_MIN_PX = 3  # of quarter resolution
+BEHIND_MM = 350
+EDGE_PX = 1
+GROUND_LOST_MAX_COUNT = 10
+
+_FREE_CELLS = 2 * round(FREE_M / CELL_M) + 1
+_FREE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_FREE_CELLS, _FREE_CELLS))
+_NEARER = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * NEARER_PX // STEP_PX + 1, 2 * NEARER_PX // STEP_PX + 1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrivingCamera:
+    """The camera of a robot that drives. `mount`: how it is fixed; None: it is measured in the empty scene.
+
+    `flying_pixels`: it measures by time of flight. `ahead_m`, `left_m`: from what the robot's odometry speaks of.
+    """
+
+    mount: Ground | None = None
+    flying_pixels: bool = False
+    ahead_m: float = 0.0
+    left_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Models:
+    """Log-odds; `person`: of one person and nothing else; `pair`: of two against one; `thing`: of nobody."""
+
+    person: Trees
+    pair: Trees
+    thing: Trees
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenBody:
+    """`obstacle`: why it is not shown in this frame, or empty. `followed`: its number in the release rule. `x_m`, `z_m`: in
+    the odometry's frame.
+    """
+
+    body: Body
+    followed: int
+    sighted: Sighted
+    thing_odds: float
+    obstacle: str
+
+    @property
+    def silhouette(self) -> Silhouette:
+        body, merged = self.body, min(self.sighted.person, self.sighted.alone) <= TRACK_MIN_ODDS
+        return Silhouette(
+            label=body.label,
+            box=body.box,
+            x_m=self.sighted.x_m,
+            z_m=self.sighted.z_m,
+            range_m=body.range_m,
+            median_mm=body.median_mm,
+            withhold_reason="merged" if merged else self.obstacle,
+            ahead_m=body.z_m,
+        )
+
+
+@lru_cache(maxsize=1)
+def shipped_models() -> Models:
+    def load(name: str) -> Trees:
+        text = (resources.files("clients.robot.hiding.moving") / MODEL_FILES[name]).read_text(encoding="utf-8")
+        return trees_of(msgspec.convert(read_json_text(text), Table), BODY_CUES)
+
+    return Models(load("person"), load("pair"), load("thing"))
+
+
+class MovingHider:
+    """Fits wherever the robot's place is known. `buffer_ms`: so long before and after, frames speak for and against a
+    picture.
+    """
+
+    is_blank = True
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        focal_px: float,
+        mount: Ground,
+        *,
+        buffer_ms: int,
+        flying_pixels: bool = False,
+        models: Models | None = None,
+    ) -> None:
+        self._plan = PlanView(shape, focal_px, mount)
+        self._focal_px = focal_px
+        self._buffer_ms = buffer_ms
+        self._flying_pixels = flying_pixels
+        self._models = models or shipped_models()
+        self._rule = ReleaseRule()
+
+    def find_people(self, depth: Depth, place: RobotPlace | None, at_ms: int) -> FoundPeople | None:
+        if place is None:
+            return None
+        cleaned = drop_flying_pixels(depth) if self._flying_pixels else depth
+        view, seen = self.look(cleaned, place, at_ms)
+        people = [one for one in seen if one.thing_odds < THING_MIN_ODDS]
+        bodies = {one.body.label: one.body for one in people}
+        return FoundPeople(
+            tuple(one.silhouette for one in people),
+            len(people) < len(seen),
+            lambda silhouette: encode_cutout(cut_body(cleaned, view, bodies[silhouette.label], self._focal_px)),
+            {one.body.label: partial(self._rule.allows, one.followed, at_ms, self._buffer_ms) for one in people},
+        )
+
+    def look(self, depth: Depth, place: RobotPlace, at_ms: int) -> tuple[LevelView, list[SeenBody]]:
+        """Return every body that could be a person by its size; `depth` without flying pixels."""
+        view = self._plan.look(depth)
+        lost = self._plan.frames_without_ground_count > GROUND_LOST_MAX_COUNT
+        bodies = measure_bodies(view, self._plan.focal_px)
+        sighted = [self._sight(body, place) for body in bodies]
+        seen = []
+        for body, one, number in zip(bodies, sighted, self._rule.step(sighted, at_ms), strict=True):
+            obstacle = "no-ground" if lost else _obstacle(view, body, one.person)
+            seen.append(SeenBody(body, number, one, self._models.thing.log_odds(body.cues), obstacle))
+        return view, seen
+
+    def restart(self) -> None:
+        self._rule = ReleaseRule()
+
+    def _sight(self, body: Body, place: RobotPlace) -> Sighted:
+        person, alone = self._models.person.log_odds(body.cues), -self._models.pair.log_odds(body.cues)
+        return Sighted(*place.to_odometry(body.x_m, body.z_m), body.z_m, person, alone)
+
+
+def _obstacle(view: LevelView, body: Body, person_odds: float) -> str:
+    if person_odds <= FRAME_MIN_ODDS:
+        return "unverified"
+    if not RANGE_M[0] <= body.range_m <= RANGE_M[1] or body.nearest_m < RANGE_M[0] - 0.3:
+        return "out-of-range"
+    left, _, width, _ = body.box
+    if left <= EDGE_PX or left + width >= view.depth.shape[1] - EDGE_PX:
+        return "cut-off"
+    return _beside(view, body)
+
+
+def _beside(view: LevelView, body: Body) -> str:
+    own = view.cells == body.label
+    left, top, width, height = cv2.boundingRect(own.view(np.uint8))
+    reach = _FREE_CELLS // 2
+    rows = slice(max(0, top - reach), top + height + reach)
+    columns = slice(max(0, left - reach), left + width + reach)
+    near = np.asarray(cv2.dilate(own[rows, columns].view(np.uint8), _FREE)) > 0
+    if np.count_nonzero(near & (view.occupied[rows, columns] > 0) & ~own[rows, columns]) >= CRUMBS_MIN_PX:
+        return "contact"
+    x, y, width, height = body.box
+    reach = NEARER_PX // STEP_PX
+    rows, columns = slice(max(0, y - reach), y + height + reach), slice(max(0, x - reach), x + width + reach)
+    labels = view.labels[rows, columns]
+    mine = labels == body.label
+    around = np.asarray(cv2.dilate(mine.view(np.uint8), _NEARER)) > 0
+    others = around & (labels > 0) & ~mine
+    nearer = others & (view.depth[rows, columns] < body.median_mm + BEHIND_MM)
+    return "occluded" if np.count_nonzero(nearer) >= CRUMBS_MIN_PX else ""

@@ -1,0 +1,160 @@
+"""When a body may be shown: what was seen of it before and after counts, not one frame."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+POOL_MS = 700.0
+POOL_MIN_ODDS, FRAME_MIN_ODDS, NEAR_MIN_ODDS, TRACK_MIN_ODDS = 1.0, -1.0, 0.0, -2.0
+NEAR_MS = 1_000
+FRAMES_MIN_COUNT, FOLLOWED_MIN_MS = 4, 600
+ODDS_LIMIT = 8.0
+SAME_M, SAME_PER_M = 0.45, 0.04
+LOST_AFTER_MS = 1_000
+SPLIT_M = 0.7
+UNSEEN_MS, BESIDE_M, STRAYS_MPS, WALKS_MAX_MPS, SOMEBODY_MIN_ODDS = 2_000, 0.7, 0.3, 1.5, -3.0
+SPEED_MS = 600
+KEPT_MS, FORGET_EVERY_MS = 60_000, 5_000
+_FAR = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Sighted:
+    """A body in the odometry's frame (metres), how far ahead it is, and natural log-odds: that it is one person and
+    nothing else, and that it is one rather than two.
+    """
+
+    x_m: float
+    z_m: float
+    ahead_m: float
+    person: float
+    alone: float
+
+
+@dataclass(slots=True, eq=False)
+class _Followed:
+    x_m: float
+    z_m: float
+    times: list[int] = field(default_factory=list)
+    places: list[tuple[float, float]] = field(default_factory=list)
+    person: list[float] = field(default_factory=list)
+    alone: list[float] = field(default_factory=list)
+
+
+class ReleaseRule:
+    """Follows bodies by nearest place and judges them by all frames within a buffer, before and after.
+
+    A body that appears beside another takes over what was seen of that one: they may have been one silhouette.
+    """
+
+    def __init__(self) -> None:
+        self._followed: dict[int, _Followed] = {}
+        self._count = 0
+        self._forgot_ms = 0
+
+    def step(self, bodies: Sequence[Sighted], at_ms: int) -> list[int]:
+        """Return the number under which each body is followed. In time order."""
+        self._forget(at_ms)
+        live = {n: one for n, one in self._followed.items() if at_ms - one.times[-1] <= LOST_AFTER_MS}
+        chosen = _nearest(bodies, live)
+        numbers = []
+        for place, body in enumerate(bodies):
+            number = chosen.get(place)
+            if number is None:
+                self._count += 1
+                number = self._count
+                self._followed[number] = self._begin(body, live)
+            numbers.append(number)
+        for number, body in zip(numbers, bodies, strict=True):
+            one = self._followed[number]
+            one.x_m, one.z_m = body.x_m, body.z_m
+            one.times.append(at_ms)
+            one.places.append((body.x_m, body.z_m))
+            one.person.append(max(-ODDS_LIMIT, min(ODDS_LIMIT, body.person)))
+            one.alone.append(max(-ODDS_LIMIT, min(ODDS_LIMIT, body.alone)))
+        return numbers
+
+    def allows(self, number: int, at_ms: int, buffer_ms: int) -> bool:
+        one = self._followed.get(number)
+        if one is None:
+            return False
+        first, end = bisect_left(one.times, at_ms - buffer_ms), bisect_right(one.times, at_ms + buffer_ms)
+        times = np.array(one.times[first:end], dtype=np.float64)
+        if len(times) < FRAMES_MIN_COUNT or times[-1] - times[0] < FOLLOWED_MIN_MS:
+            return False
+        away = np.abs(times - at_ms)
+        weights = np.exp(-away / POOL_MS)
+        person, alone = np.array(one.person[first:end]), np.array(one.alone[first:end])
+        now = int(away.argmin())
+        return bool(
+            away[now] == 0
+            and person[now] > FRAME_MIN_ODDS
+            and np.minimum(person, alone).min() > TRACK_MIN_ODDS
+            and person[away <= NEAR_MS].min() > NEAR_MIN_ODDS
+            and all(float(weights @ odds) > POOL_MIN_ODDS * float(weights.sum()) for odds in (person, alone))
+            and not self._may_hide_another(number, one.places[first + now], at_ms)
+        )
+
+    def _may_hide_another(self, number: int, place: tuple[float, float], at_ms: int) -> bool:
+        """Tell whether anybody who is not seen at that time was, or will be, seen close by."""
+        for other, one in self._followed.items():
+            if other == number:
+                continue
+            after = bisect_left(one.times, at_ms)
+            if after < len(one.times) and one.times[after] == at_ms:
+                continue
+            for near in (after - 1, after):
+                if not 0 <= near < len(one.times) or abs(one.times[near] - at_ms) > UNSEEN_MS:
+                    continue
+                likely = max(one.person[max(0, near - 2) : near + 3]) > SOMEBODY_MIN_ODDS
+                if likely and _could_be_near(one, near, place, at_ms):
+                    return True
+        return False
+
+    def _forget(self, at_ms: int) -> None:
+        if at_ms - self._forgot_ms < FORGET_EVERY_MS:
+            return
+        self._forgot_ms = at_ms
+        for number, one in list(self._followed.items()):
+            gone = bisect_left(one.times, at_ms - KEPT_MS)
+            del one.times[:gone], one.places[:gone], one.person[:gone], one.alone[:gone]
+            if not one.times:
+                del self._followed[number]
+
+    def _begin(self, body: Sighted, live: dict[int, _Followed]) -> _Followed:
+        near = [one for one in live.values() if np.hypot(one.x_m - body.x_m, one.z_m - body.z_m) <= SPLIT_M]
+        new = _Followed(body.x_m, body.z_m)
+        if near:
+            worst = min(near, key=lambda one: min(*one.person, *one.alone))
+            new.times, new.places = list(worst.times), list(worst.places)
+            new.person, new.alone = list(worst.person), list(worst.alone)
+        return new
+
+
+def _could_be_near(one: _Followed, seen: int, place: tuple[float, float], at_ms: int) -> bool:
+    """Tell whether a body, as it moved when it was seen, could be close to a place at another time."""
+    span_ms = -SPEED_MS if one.times[seen] < at_ms else SPEED_MS
+    other = min(bisect_left(one.times, one.times[seen] + span_ms), len(one.times) - 1)
+    (x_m, z_m), (x0_m, z0_m) = one.places[seen], one.places[other]
+    away_s = (at_ms - one.times[seen]) / 1000
+    share = (at_ms - one.times[seen]) / (one.times[seen] - one.times[other]) if other != seen else 0.0
+    moved = np.array([x_m - x0_m, z_m - z0_m]) * share
+    length = float(np.hypot(*moved))
+    moved *= min(1.0, WALKS_MAX_MPS * abs(away_s) / max(length, 1e-9))
+    rest = float(np.hypot(x_m + moved[0] - place[0], z_m + moved[1] - place[1]))
+    return min(rest, float(np.hypot(x_m - place[0], z_m - place[1]))) <= BESIDE_M + STRAYS_MPS * abs(away_s)
+
+
+def _nearest(bodies: Sequence[Sighted], live: dict[int, _Followed]) -> dict[int, int]:
+    if not bodies or not live:
+        return {}
+    numbers = list(live)
+    away = np.array([[np.hypot(live[n].x_m - b.x_m, live[n].z_m - b.z_m) for n in numbers] for b in bodies])
+    gate = np.array([SAME_M + SAME_PER_M * body.ahead_m for body in bodies])[:, None]
+    rows, columns = linear_sum_assignment(np.where(away <= gate, away, _FAR))
+    return {int(r): numbers[c] for r, c in zip(rows, columns, strict=True) if away[r, c] <= gate[r, 0]}

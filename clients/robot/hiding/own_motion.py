@@ -1,0 +1,112 @@
+"""Where the robot was, by its own odometry, at the time of a frame; and whether that can be believed."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, insort
+from dataclasses import dataclass
+
+from clients.robot.sensing.sensor_events import Odometry
+
+KEPT_MS = 60_000
+SAMPLES_MAX_COUNT = 20_000
+GAP_MAX_MS = 250  # between two samples, for a place between them to be known
+AHEAD_MAX_MS = 200  # of the newest sample: so far its speed is taken to last
+SPEED_MAX_MPS, TURN_MAX_RADPS = 2.5, math.radians(180)
+STANDS_MPS, STANDS_RADPS = 0.02, math.radians(1.0)
+STANDS_WITHIN_MS = 300
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class RobotPlace:
+    """The robot in its odometry's frame: metres to the right and ahead of its start, radians to the right."""
+
+    at_ms: int
+    x_m: float = 0.0
+    z_m: float = 0.0
+    yaw: float = 0.0
+
+    @classmethod
+    def of_camera(cls, odometry: Odometry, ahead_m: float, left_m: float) -> RobotPlace:
+        """Return where a camera is that is so far ahead and to the left of what the odometry speaks of."""
+        cos, sin = math.cos(odometry.yaw), math.sin(odometry.yaw)
+        return cls(
+            odometry.at_ms,
+            -(odometry.left_m + ahead_m * sin + left_m * cos),
+            odometry.ahead_m + ahead_m * cos - left_m * sin,
+            -odometry.yaw,
+        )
+
+    def to_odometry(self, x_m: float, z_m: float) -> tuple[float, float]:
+        """Return a place before the robot (right, ahead) in the odometry's frame."""
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return self.x_m + x_m * cos + z_m * sin, self.z_m - x_m * sin + z_m * cos
+
+
+class OwnMotion:
+    """The robot's places over the last minute. A jump is a step that is faster than it can drive or turn."""
+
+    def __init__(self) -> None:
+        self._places: list[RobotPlace] = []
+        self._broken_ms: list[int] = []
+
+    def add(self, place: RobotPlace) -> None:
+        """Samples may come in any order; a second one for the same time is dropped."""
+        if not all(map(math.isfinite, (place.x_m, place.z_m, place.yaw))):
+            return
+        at = bisect_left(self._places, place.at_ms, key=lambda kept: kept.at_ms)
+        if at < len(self._places) and self._places[at].at_ms == place.at_ms:
+            return
+        insort(self._places, place)
+        for before, after in zip(self._places[max(0, at - 1) : at + 1], self._places[at : at + 2], strict=False):
+            if _is_jump(before, after):
+                insort(self._broken_ms, after.at_ms)
+        if len(self._places) > SAMPLES_MAX_COUNT or self._places[0].at_ms < place.at_ms - 2 * KEPT_MS:
+            first_ms = self._places[-1].at_ms - KEPT_MS
+            keep = max(bisect_left(self._places, first_ms, key=lambda kept: kept.at_ms), len(self._places) // 2)
+            del self._places[:keep]
+            del self._broken_ms[: bisect_left(self._broken_ms, self._places[0].at_ms)]
+
+    @property
+    def newest_ms(self) -> int | None:
+        return self._places[-1].at_ms if self._places else None
+
+    def place_at(self, at_ms: int) -> RobotPlace | None:
+        """None where no samples lie close before and after; a moment past the newest the last speed is taken to last."""
+        after = bisect_left(self._places, at_ms, key=lambda kept: kept.at_ms)
+        if after < len(self._places) and self._places[after].at_ms == at_ms:
+            return self._places[after]
+        if after == len(self._places) >= 2 and at_ms - self._places[-1].at_ms <= AHEAD_MAX_MS:
+            after -= 1
+        if not 0 < after < len(self._places):
+            return None
+        one, two = self._places[after - 1], self._places[after]
+        if two.at_ms - one.at_ms > GAP_MAX_MS or _is_jump(one, two):
+            return None
+        share = (at_ms - one.at_ms) / (two.at_ms - one.at_ms)
+        x_m, z_m = one.x_m + share * (two.x_m - one.x_m), one.z_m + share * (two.z_m - one.z_m)
+        return RobotPlace(at_ms, x_m, z_m, one.yaw + share * _turned(one, two))
+
+    def is_continuous(self, first_ms: int, last_ms: int) -> bool:
+        """Tell whether no jump lies between."""
+        return bisect_left(self._broken_ms, first_ms + 1) == bisect_left(self._broken_ms, last_ms + 1)
+
+    def stands(self, at_ms: int) -> bool | None:
+        """Tell whether the robot stood for a while before and after; None where that is not known."""
+        first, last = self.place_at(at_ms - STANDS_WITHIN_MS), self.place_at(at_ms + STANDS_WITHIN_MS)
+        if first is None or last is None or not self.is_continuous(first.at_ms, last.at_ms):
+            return None
+        seconds = 2 * STANDS_WITHIN_MS / 1000
+        moved = math.hypot(last.x_m - first.x_m, last.z_m - first.z_m) / seconds
+        return moved <= STANDS_MPS and abs(_turned(first, last)) / seconds <= STANDS_RADPS
+
+
+def _turned(before: RobotPlace, after: RobotPlace) -> float:
+    """Radians, the shorter way round: many a robot wraps its angle."""
+    return math.remainder(after.yaw - before.yaw, 2 * math.pi)
+
+
+def _is_jump(before: RobotPlace, after: RobotPlace) -> bool:
+    seconds = max(after.at_ms - before.at_ms, 20) / 1000
+    moved = math.hypot(after.x_m - before.x_m, after.z_m - before.z_m)
+    return moved > SPEED_MAX_MPS * seconds or abs(_turned(before, after)) > TURN_MAX_RADPS * seconds

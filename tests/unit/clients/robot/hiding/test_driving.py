@@ -1,0 +1,181 @@
+"""A robot that drives: who is bound while it stands stays known, nobody is bound on the way, and doubt ends that."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from clients.robot.hiding.background import learn_background
+from clients.robot.hiding.cutouts import EncodedCutout
+from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
+from clients.robot.hiding.hider import FoundPeople, in_odometry
+from clients.robot.hiding.moving.ground_plane import Ground
+from clients.robot.hiding.moving.moving_hider import DrivingCamera
+from clients.robot.hiding.own_motion import RobotPlace
+from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Odometry, Sighting
+
+SHAPE = (60, 80)
+FRAME_MS, ODOMETRY_MS, READING_MS = 100, 50, 500
+DRIVES_MS, ENDS_MS = 10_000, 18_000
+SPEED_MPS = 0.4
+EMPTY = np.full(SHAPE, 3_000, np.uint16)
+
+
+class ScriptedHider:
+    """Finds people at places of the world, as the camera would from where the robot truly is."""
+
+    def __init__(self, ward: Ward, *, is_blank: bool) -> None:
+        self._ward = ward
+        self.is_blank = is_blank
+
+    def find_people(self, depth: Depth, place: RobotPlace | None, at_ms: int) -> FoundPeople | None:
+        fits = at_ms < DRIVES_MS
+        if (self.is_blank and place is None) or (not self.is_blank and not fits):
+            return None
+        found = []
+        people = [] if at_ms in self._ward.hidden_ms else self._ward.people(at_ms)
+        for label, (x_m, z_m) in enumerate(people, start=1):
+            ahead_m = z_m - true_z(at_ms)
+            one = Silhouette(
+                label, (0, 0, 1, 1), x_m, ahead_m, math.hypot(x_m, ahead_m), round(ahead_m * 1000), "", ahead_m=ahead_m
+            )
+            found.append(one if place is None else in_odometry(one, place))
+        may_show = {one.label: self._ward.may_show for one in found} if self.is_blank else {}
+        return FoundPeople(tuple(found), False, lambda one: EncodedCutout(one.label, 0, 1, 1, b""), may_show)
+
+    def restart(self) -> None: ...
+
+
+def true_z(at_ms: int) -> float:
+    return SPEED_MPS * max(0, at_ms - DRIVES_MS) / 1000
+
+
+class Ward:
+    """One tagged person (the first) and others; odometry may be spoilt. A picture's box begins at its person's number."""
+
+    def __init__(self) -> None:
+        self.people: Callable[[int], list[tuple[float, float]]] = lambda _: [(0.2, 3.5)]
+        self.odometry: Callable[[int], Odometry | None] = lambda at_ms: Odometry(at_ms, true_z(at_ms), 0.0, 0.0)
+        self.heard_from_ms = 0
+        self.hidden_ms = range(0)
+        self.allowed = True
+        self.outputs: list[Output] = []
+
+    def may_show(self) -> bool:
+        return self.allowed
+
+    def play(self) -> Ward:
+        redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=DrivingCamera(Ground.of_mount(1.2, 0.0)))
+        redactor._hiders = [ScriptedHider(self, is_blank=False), ScriptedHider(self, is_blank=True)]
+        for at_ms in range(0, ENDS_MS, ODOMETRY_MS):
+            place = self.odometry(at_ms)
+            if place is not None:
+                redactor.push_odometry(place)
+            if at_ms % READING_MS == 0 and at_ms >= self.heard_from_ms:
+                x_m, z_m = self.people(at_ms)[0]
+                distance_m = math.hypot(x_m, z_m - true_z(at_ms))
+                heard = Sighting(at_ms, at_ms, "", 1, Facing.FRONT, -50.0, distance_m, 0.2)
+                self.outputs += redactor.push_sighting("owner", heard)
+            if at_ms % FRAME_MS == 0:
+                self.outputs += redactor.push_frame(Frame(at_ms, at_ms // FRAME_MS, EMPTY))
+        self.outputs += redactor.flush()
+        return self
+
+    def kept(self, *, blank: bool) -> list[KeptFrame]:
+        return [one for one in self.outputs if isinstance(one, KeptFrame) and one.blank == blank]
+
+    def withheld(self, from_ms: int = 0) -> Counter[str]:
+        found = [one for one in self.outputs if isinstance(one, WithheldFrame) and one.captured_at_ms >= from_ms]
+        return Counter(str(one.reason) for one in found)
+
+
+DRIVING_COUNT = (ENDS_MS - DRIVES_MS) // FRAME_MS
+
+
+def test_who_was_known_when_the_robot_stood_is_kept_on_the_way_without_the_room() -> None:
+    ward = Ward().play()
+    assert len(ward.kept(blank=True)) >= 0.9 * DRIVING_COUNT
+    assert all(kept.captured_at_ms >= DRIVES_MS for kept in ward.kept(blank=True))
+    assert all(kept.captured_at_ms < DRIVES_MS for kept in ward.kept(blank=False))
+
+
+def test_nobody_is_bound_by_readings_that_came_while_the_robot_drove() -> None:
+    ward = Ward()
+    ward.heard_from_ms = DRIVES_MS + 1_000
+    ward.play()
+    assert not ward.kept(blank=True)
+    assert set(ward.withheld(DRIVES_MS + 1_000)) == {"moved"}
+
+
+def test_what_the_hider_does_not_allow_in_the_end_is_withheld() -> None:
+    ward = Ward()
+    ward.allowed = False
+    ward.play()
+    assert not ward.kept(blank=True)
+    assert ward.withheld(DRIVES_MS)["unverified"] >= 0.9 * DRIVING_COUNT
+
+
+def test_without_odometry_nothing_is_kept_on_the_way() -> None:
+    ward = Ward()
+    ward.odometry = lambda _: None
+    ward.play()
+    assert not ward.kept(blank=True)
+    assert ward.withheld(DRIVES_MS)["moved"] >= 0.9 * DRIVING_COUNT
+
+
+def test_a_gap_in_the_odometry_withholds_what_falls_into_it() -> None:
+    gap = range(DRIVES_MS + 2_000, DRIVES_MS + 2_600)
+    ward = Ward()
+    ward.odometry = lambda at_ms: None if at_ms in gap else Odometry(at_ms, true_z(at_ms), 0.0, 0.0)
+    ward.play()
+    dark = [kept for kept in ward.kept(blank=True) if gap.start + 300 <= kept.captured_at_ms < gap.stop]
+    assert not dark
+    assert ward.withheld(DRIVES_MS)["moved"] >= 3
+    assert ward.kept(blank=True)[-1].captured_at_ms > gap.stop + 1_000
+
+
+@pytest.mark.parametrize("jump", [(1.0, 0.0), (0.0, 1.2)])
+def test_after_a_jump_of_the_odometry_nobody_is_known_any_more(jump: tuple[float, float]) -> None:
+    jumps_ms = DRIVES_MS + 3_000
+    left_m, yaw = jump
+
+    def spoilt(at_ms: int) -> Odometry:
+        over = at_ms >= jumps_ms
+        return Odometry(at_ms, true_z(at_ms), left_m * over, yaw * over)
+
+    ward = Ward()
+    ward.odometry = spoilt
+    ward.play()
+    assert ward.kept(blank=True)
+    assert max(kept.captured_at_ms for kept in ward.kept(blank=True)) < jumps_ms + FRAME_MS
+
+
+def test_two_who_could_have_been_exchanged_on_the_way_are_both_withheld_from_then_on() -> None:
+    meets_ms = DRIVES_MS + 3_000
+
+    def people(at_ms: int) -> list[tuple[float, float]]:
+        if at_ms >= meets_ms:
+            return [(0.7, 3.5), (0.9, 3.6)]
+        came = max(0, at_ms - DRIVES_MS) / (meets_ms - DRIVES_MS)
+        return [(0.2, 3.5), (1.2, 5.0 - 1.4 * came)]
+
+    ward = Ward()
+    ward.people = people
+    ward.hidden_ms = range(meets_ms, meets_ms + 600)
+    ward.play()
+    late = [kept for kept in ward.kept(blank=True) if kept.captured_at_ms >= meets_ms + 600]
+    assert ward.kept(blank=True)
+    assert not late
+
+
+def test_readings_that_wait_for_odometry_are_held_in_bounded_memory() -> None:
+    redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=DrivingCamera(Ground.of_mount(1.2, 0.0)))
+    for number in range(10_000):
+        heard = Sighting(number, number, "", 1, Facing.FRONT, -50.0, 2.0, 0.2)
+        redactor.push_sighting("owner", heard)
+    assert len(redactor._readings) <= 4_096
