@@ -48,6 +48,7 @@ WRITES_BESIDE = {
     "network/experiments/pages/tables.py": "an experiment's folder",
     "network/experiments/run_all.py": "an experiment's folder",
     "network/lab/hiding/companion_training.py": "a developer's model file",
+    "network/lab/hiding/moving/body_training.py": "a developer's model files",
     "network/lab/pedestrians/evaluate.py": "a developer's cache of a film",
     "network/cli/tool_commands.py": "our own reference pages, written again",
 }

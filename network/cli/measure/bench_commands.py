@@ -219,14 +219,21 @@ def flood_command(kind: str, identity: Any, seconds: float, lists: bool, as_json
     "--companion-scenes", default=0, type=click.IntRange(0, 10_000), help="Also judge companions, scenes of each kind."
 )
 @click.option("--processes", default=0, type=click.IntRange(0, 256), help="Processes (0: one for each core).")
+@click.option("--moving", is_flag=True, help="Judge a robot that drives: --scenes, --seed and --processes count.")
 @command_output
-def hiding(as_json: bool, **options: int) -> None:
+def hiding(as_json: bool, moving: bool, **options: int) -> None:
     """Judge hiding: what hand-made and learned attackers recover of the people whom a robot hides.
 
     Exits 1 if a goal is missed. Needs the extra `attack` (scikit-learn). A line of progress goes to standard error.
 
     Example: blockrobot bench hiding --scenes 200 --json
     """
+    if moving:
+        from network.lab.hiding.moving.evaluate_drives import run_drive_benchmark  # noqa: PLC0415 - only when needed
+
+        chosen = {name: options[name] for name in ("scenes", "seed", "processes")}
+        _finish(run_drive_benchmark(**chosen, progress=_Teller()), as_json=as_json)
+        return
     from network.lab.hiding.evaluate import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
 
     _finish(run_hiding_benchmark(HidingOptions(**options), _Teller()), as_json=as_json)

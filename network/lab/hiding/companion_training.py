@@ -90,22 +90,26 @@ def collect(first: int, scenes: int, workers: int) -> tuple[npt.NDArray[np.int64
 
 
 def train(labels: npt.NDArray[np.bool_], cues: Floats) -> Table:
+    return boost(labels, cues, CUES)
+
+
+def boost(
+    labels: npt.NDArray[np.bool_], cues: Floats, names: Sequence[str], weights: Floats | None = None, **options: float
+) -> Table:
+    """Boosted trees that tell log-odds of a label; `options` change the learner's."""
     from sklearn.ensemble import GradientBoostingClassifier  # noqa: PLC0415 - the optional extra, only when used
 
+    chosen = {"n_estimators": TREES_COUNT, "min_samples_leaf": LEAF_MIN_COUNT, "subsample": 0.7, "max_features": 0.4}
     model = GradientBoostingClassifier(
-        n_estimators=TREES_COUNT,
-        max_depth=TREE_DEPTH,
-        learning_rate=LEARNING_RATE,
-        min_samples_leaf=LEAF_MIN_COUNT,
-        subsample=0.7,
-        max_features=0.4,
-        random_state=1,
-    ).fit(cues.astype(np.float32), labels)
+        max_depth=TREE_DEPTH, learning_rate=LEARNING_RATE, random_state=1, **{**chosen, **options}
+    ).fit(cues.astype(np.float32), labels, sample_weight=weights)
     trees = [estimator.tree_ for estimator in model.estimators_[:, 0]]
     width = max(tree.node_count for tree in trees)
-    prior = float(np.mean(labels))
+    prior = float(np.average(labels, weights=weights))
     first = round(float(np.log(prior / (1 - prior))), DIGITS)
-    table = Table(cues=list(CUES), depth=TREE_DEPTH, first=first, feature=[], threshold=[], left=[], right=[], value=[])
+    table = Table(
+        cues=list(names), depth=TREE_DEPTH, first=first, feature=[], threshold=[], left=[], right=[], value=[]
+    )
     for tree in trees:
         leaf = tree.children_left < 0
         own = np.arange(tree.node_count)

@@ -1,0 +1,154 @@
+"""Figures over many drives, with bounds by scene: frames of one scene are not independent."""
+
+from __future__ import annotations
+
+import statistics
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from msgspec import Struct
+from msgspec.structs import asdict
+from scipy.stats import beta
+
+from network.bench.conditions import percentile
+from network.lab.hiding.moving.run_drive import DrivePlayed, PersonFrame, Shown
+from network.lab.hiding.scoring import mean_of, share_of
+
+GOAL_FOREIGN_SHARE = 0.001
+GOAL_KEPT, GOAL_KEPT_END_TO_END = 0.55, 0.35
+GOAL_FRAME_MS, GOAL_FRAME_P95_MS = 10.0, 15.0
+AID_MIN_SHARE = 0.8
+AIDS_HELD = ("stick", "wheelchair", "child", "iv-pole", "rollator")
+UPPER_SHARE = 0.95
+
+
+class ShownFigures(Struct, kw_only=True):
+    """What the pictures of some drives showed. `*_upper95`: of the share of scenes that do so."""
+
+    pictures: int
+    leaking_scenes: int
+    leaking_scenes_upper95: float
+    foreign_share_max: float
+    foreign_px_max: int
+    pictures_of_things: int
+    pictures_of_others: int
+    wrong_scenes_upper95: float
+    owner_pixels_kept: float | None
+
+
+class DriveFigures(Struct, kw_only=True):
+    """`everybody`: each person in turn as the owner, by the moving hider; `end_to_end`: owners, with tags and matcher.
+
+    `kept`: of frames in range, apart and wholly in the picture while the robot drives. `kept_end_to_end`: of owners' frames
+    in range and apart while it drives, `kept_standing` while it stands before.
+    """
+
+    scenes: int
+    everybody: ShownFigures
+    end_to_end: ShownFigures
+    kept: float | None
+    kept_end_to_end: float | None
+    kept_standing: float | None
+    kept_by_aid: dict[str, float | None]
+    frames_by_aid: dict[str, int]
+    withheld: dict[str, int]
+
+
+class MovingFigures(DriveFigures, kw_only=True):
+    """All drives, each stratum by itself, and the moving hider's time for a frame in one thread."""
+
+    frame_ms: float | None
+    frame_p95_ms: float | None
+    companion_scenes: int
+    strata: dict[str, DriveFigures]
+    goals: dict[str, bool] = {}
+
+
+def summarise_drives(played: Sequence[DrivePlayed]) -> MovingFigures:
+    times = [value for one in played for value in one.frame_ms]
+    strata = sorted({one.stratum for one in played})
+    figures = MovingFigures(
+        **asdict(_figures_of(played)),
+        frame_ms=round(statistics.median(times), 2) if times else None,
+        frame_p95_ms=round(percentile(times, 0.95), 2) if times else None,
+        companion_scenes=sum(one.stratum == "companions" for one in played),
+        strata={name: _figures_of([one for one in played if one.stratum == name]) for name in strata},
+    )
+    figures.goals = _goals(figures)
+    return figures
+
+
+def upper_bound(count: int, total: int) -> float:
+    """One-sided 95 % Clopper-Pearson bound of a share."""
+    return 1.0 if count >= total else float(beta.ppf(UPPER_SHARE, count + 1, total - count))
+
+
+def _figures_of(played: Sequence[DrivePlayed]) -> DriveFigures:
+    def kept(where: Callable[[DrivePlayed], Shown], which: Callable[[PersonFrame], bool]) -> float | None:
+        frames = [(where(one).kept, frame) for one in played for frame in one.people if frame.counts and which(frame)]
+        return share_of(sum((frame.number, frame.sequence) in found for found, frame in frames), len(frames))
+
+    def kept_with(aid: str) -> float | None:
+        return kept(lambda one: one.everybody, lambda frame: frame.whole and frame.driving and frame.aid == aid)
+
+    aids = sorted({frame.aid for one in played for frame in one.people if frame.aid})
+    whole = [frame for one in played for frame in one.people if frame.counts and frame.whole and frame.driving]
+    return DriveFigures(
+        scenes=len(played),
+        everybody=_shown([one.everybody for one in played]),
+        end_to_end=_shown([one.end_to_end for one in played]),
+        kept=kept(lambda one: one.everybody, lambda frame: frame.whole and frame.driving),
+        kept_end_to_end=kept(lambda one: one.end_to_end, lambda frame: frame.tagged and frame.driving),
+        kept_standing=kept(lambda one: one.end_to_end, lambda frame: frame.tagged and not frame.driving),
+        kept_by_aid={aid or "none": kept_with(aid) for aid in ("", *aids)},
+        frames_by_aid=dict(sorted(Counter(frame.aid or "none" for frame in whole).items())),
+        withheld=_reasons(played),
+    )
+
+
+def _reasons(played: Sequence[DrivePlayed]) -> dict[str, int]:
+    counted = Counter(
+        one.withheld.get((frame.number, frame.sequence), "not-covered")
+        for one in played
+        for frame in one.people
+        if frame.counts and frame.tagged and frame.driving
+        if (frame.number, frame.sequence) not in one.end_to_end.kept
+    )
+    return dict(sorted(counted.items()))
+
+
+def _shown(found: Sequence[Shown]) -> ShownFigures:
+    leaking = sum(one.foreign_share > GOAL_FOREIGN_SHARE for one in found)
+    wrong = sum(one.wrong > 0 for one in found)
+    return ShownFigures(
+        pictures=sum(len(one.kept) + one.things for one in found),
+        leaking_scenes=leaking,
+        leaking_scenes_upper95=round(upper_bound(leaking, len(found)), 4),
+        foreign_share_max=round(max((one.foreign_share for one in found), default=0.0), 5),
+        foreign_px_max=max((one.foreign_px for one in found), default=0),
+        pictures_of_things=sum(one.things for one in found),
+        pictures_of_others=sum(one.wrong for one in found),
+        wrong_scenes_upper95=round(upper_bound(wrong, len(found)), 4),
+        owner_pixels_kept=mean_of([share for one in found for share in one.owner_shares]),
+    )
+
+
+def _goals(figures: MovingFigures) -> dict[str, bool]:
+    def at_least(value: float | None, limit: float) -> bool:
+        return value is not None and value >= limit
+
+    def at_most(value: float | None, limit: float) -> bool:
+        return value is not None and value <= limit
+
+    none = figures.kept_by_aid.get("none") or 0.0
+    held = {aid: figures.kept_by_aid[aid] for aid in AIDS_HELD if figures.kept_by_aid.get(aid) is not None}
+    return {
+        "no scene shows anybody else": figures.everybody.leaking_scenes + figures.end_to_end.leaking_scenes == 0,
+        "no picture of a thing": figures.everybody.pictures_of_things + figures.end_to_end.pictures_of_things == 0,
+        "no picture of another": figures.end_to_end.pictures_of_others == 0,
+        f"kept >= {GOAL_KEPT}": at_least(figures.kept, GOAL_KEPT),
+        f"kept_end_to_end >= {GOAL_KEPT_END_TO_END}": at_least(figures.kept_end_to_end, GOAL_KEPT_END_TO_END),
+        **{f"{aid} >= {AID_MIN_SHARE} of none": at_least(share, AID_MIN_SHARE * none) for aid, share in held.items()},
+        f"frame_ms <= {GOAL_FRAME_MS:g}": at_most(figures.frame_ms, GOAL_FRAME_MS),
+        f"frame_p95_ms <= {GOAL_FRAME_P95_MS:g}": at_most(figures.frame_p95_ms, GOAL_FRAME_P95_MS),
+    }

@@ -1,0 +1,49 @@
+"""Judges what a driving robot shows and keeps, on drives that nothing was learned from. Deterministic by seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import as_completed
+
+import cv2
+
+from clients.robot.synthetic.driving.draws import DRIVE_STRATA, DriveStratum, draw_drive
+from network.bench.conditions import Result, count_cores, measure_conditions
+from network.bench.processes import worker_pool
+from network.lab.hiding.moving.drive_figures import MovingFigures, summarise_drives
+from network.lab.hiding.moving.run_drive import DrivePlayed, run_drive
+
+STANDS_S = 12.0
+SCENES_A_SEED_MAX_COUNT = 100_000
+Progress = Callable[[str], None]
+
+
+def run_drive_benchmark(
+    scenes: int, seed: int, processes: int = 0, progress: Progress = lambda _: None
+) -> Result[MovingFigures]:
+    """Half of the scenes have companions. `ok`: every goal holds."""
+    conditions = measure_conditions(nodes=0, seed=seed)
+    processes = processes or count_cores()
+    played: list[DrivePlayed] = []
+    with worker_pool(processes, _one_thread) as pool:
+        jobs = [pool.submit(_judge, seed * SCENES_A_SEED_MAX_COUNT + n, _stratum(n)) for n in range(scenes)]
+        for done, future in enumerate(as_completed(jobs), start=1):
+            played.append(future.result())
+            progress(f"judged {done} of {scenes}")
+    played.sort(key=lambda one: one.seed)
+    figures = summarise_drives(played)
+    conditions |= {"scenes": scenes, "processes": processes, "frame": "640x480", "stands_s": STANDS_S}
+    return Result(name="hiding-moving", ok=all(figures.goals.values()), figures=figures, conditions=conditions)
+
+
+def _stratum(number: int) -> DriveStratum:
+    others = [name for name in DRIVE_STRATA if name != "companions"]
+    return "companions" if number % 2 else others[number // 2 % len(others)]
+
+
+def _judge(seed: int, stratum: DriveStratum) -> DrivePlayed:
+    return run_drive(draw_drive(seed, stratum, judging=True, stands_s=STANDS_S), seed)
+
+
+def _one_thread() -> None:
+    cv2.setNumThreads(1)

@@ -1,0 +1,240 @@
+"""Plays a drive through the robot's redactor, and through its moving hider alone with everybody in turn as the owner."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from clients.robot.hiding.background import learn_background
+from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
+from clients.robot.hiding.moving.ground_plane import Ground
+from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
+from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
+from clients.robot.sensing.sensor_events import Depth, Frame, Odometry, Sighting
+from clients.robot.synthetic.camera import Labels
+from clients.robot.synthetic.driving.drive import Drive
+from clients.robot.synthetic.driving.drive_render import DriveRenderer, DriveTruth
+from clients.sdk.pictures.rendition_picture import decode_depth_png
+from network.lab.hiding.run_scene import VISIBLE_MIN_PX, placed
+
+EMPTY_FRAMES_COUNT = 8
+RANGE_M, APART_M = (1.0, 5.0), 1.0
+CHILD_MAX_M = 1.35
+DRIVING_MPS, DRIVING_RADPS = 0.02, 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class PersonFrame:
+    """A person in a frame: metres away, metres to the next person, whether wholly between the picture's sides."""
+
+    number: int
+    sequence: int
+    away_m: float
+    apart_m: float
+    whole: bool
+    driving: bool
+    tagged: bool
+    aid: str
+
+    @property
+    def counts(self) -> bool:
+        """In range, and apart from others."""
+        return RANGE_M[0] <= self.away_m <= RANGE_M[1] and self.apart_m > APART_M
+
+
+@dataclass(slots=True)
+class Shown:
+    """What pictures showed. `kept`: (person, frame); `things`: pictures of nobody; `wrong`: of another than their owner.
+
+    `foreign_share`: the largest share of anybody else's visible pixels in one picture.
+    """
+
+    kept: set[tuple[int, int]] = field(default_factory=set)
+    things: int = 0
+    wrong: int = 0
+    foreign_share: float = 0.0
+    foreign_px: int = 0
+    owner_shares: list[float] = field(default_factory=list)
+
+    def add(self, shown: Labels, truth: DriveTruth, owner: int | None, sequence: int) -> None:
+        """`shown`: whom the pixels of a picture show; `owner`: whose it is to be, None: of whom it shows most."""
+        counts, visible = (np.bincount(part.ravel(), minlength=2) for part in (shown, whom(truth)[truth.depth > 0]))
+        most = int(counts[1:].argmax()) + 1
+        number = most if owner is None else owner
+        if 2 * int(counts[most]) <= shown.size:
+            self.things += 1
+            return
+        self.wrong += most != number
+        self.kept.add((number, sequence))
+        self.owner_shares.append(float(counts[most] / visible[most]))
+        others = [other for other in np.flatnonzero(counts) if other not in (0, number)]
+        self.foreign_px = max([self.foreign_px, *(int(counts[other]) for other in others)])
+        self.foreign_share = max([self.foreign_share, *(float(counts[other] / visible[other]) for other in others)])
+
+
+@dataclass(slots=True)
+class DrivePlayed:
+    """`end_to_end`: by the redactor, of owners; `everybody`: by the moving hider, with each person as the owner."""
+
+    stratum: str
+    seed: int
+    people: list[PersonFrame] = field(default_factory=list)
+    end_to_end: Shown = field(default_factory=Shown)
+    everybody: Shown = field(default_factory=Shown)
+    withheld: dict[tuple[int, int], str] = field(default_factory=dict)
+    frame_ms: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidate:
+    sequence: int
+    shown: Labels
+    may_show: Callable[[], bool]
+
+
+def run_drive(drive: Drive, seed: int) -> DrivePlayed:
+    """Everybody's pictures are judged over the whole drive, owners' in all frames; times are the moving hider's."""
+    renderer, played = DriveRenderer(drive), DrivePlayed(drive.stratum, seed)
+    redactor, hider, motion = _redactor_of(drive), hider_of(drive), OwnMotion()
+    waiting = sorted([*_sightings(drive), *_odometry(drive)], key=lambda event: event[0])[::-1]
+    truths: dict[int, DriveTruth] = {}
+    outputs: list[Output] = []
+    candidates: list[_Candidate] = []
+
+    def push_until(at_ms: float) -> None:
+        while waiting and waiting[-1][0] <= at_ms:
+            event = waiting.pop()[1]
+            if isinstance(event, Odometry):
+                redactor.push_odometry(event)
+                motion.add(RobotPlace.of_camera(event, 0.0, 0.0))
+            else:
+                outputs.extend(redactor.push_sighting(*event))
+
+    for index in range(drive.scenario.frame_count):
+        truth, at_ms = renderer.truth(index), at_ms_of(drive, index)
+        truths[index] = truth
+        played.people += _people_in(drive, index, truth)
+        push_until(at_ms)
+        outputs += redactor.push_frame(Frame(at_ms, index, truth.depth))
+        candidates += _look(hider, motion.place_at(at_ms), truth, index, at_ms, played.frame_ms)
+    push_until(math.inf)
+    outputs += redactor.flush()
+    for candidate in candidates:
+        if candidate.may_show():
+            played.everybody.add(candidate.shown, truths[candidate.sequence], None, candidate.sequence)
+    for output in outputs:
+        if isinstance(output, KeptFrame):
+            truth = truths[output.sequence]
+            shown = whom(truth)[placed(output, truth.depth.shape) > 0]
+            played.end_to_end.add(shown, truth, drive.owners[output.alias], output.sequence)
+        elif isinstance(output, WithheldFrame):
+            played.withheld[drive.owners[output.alias], output.sequence] = str(output.reason)
+    return played
+
+
+def whom(truth: DriveTruth) -> Labels:
+    """Return whom each pixel shows, also by a mirror."""
+    return np.where(truth.labels > 0, truth.labels, truth.reflections)
+
+
+def hider_of(drive: Drive) -> MovingHider:
+    scenario = drive.scenario
+    return MovingHider(
+        (scenario.height, scenario.width),
+        scenario.focal_px,
+        _mount_of(drive),
+        buffer_ms=BUFFER_DEFAULT_MS,
+        flying_pixels=drive.time_of_flight,
+    )
+
+
+def at_ms_of(drive: Drive, index: int) -> int:
+    return round(index * 1000 / drive.scenario.frame_rate)
+
+
+def _look(
+    hider: MovingHider, place: RobotPlace | None, truth: DriveTruth, index: int, at_ms: int, frame_ms: list[float]
+) -> list[_Candidate]:
+    began = time.thread_time()
+    found = hider.find_people(truth.depth, place, at_ms)
+    if found is None:
+        return []
+    cutouts = [(one.label, found.cut(one)) for one in found.silhouettes if not one.withhold_reason]
+    frame_ms.append(1000 * (time.thread_time() - began))
+    made = []
+    for label, out in cutouts:
+        pixels: Depth = decode_depth_png(out.pixels_png)
+        box = whom(truth)[out.y : out.y + out.height, out.x : out.x + out.width]
+        made.append(_Candidate(index, box[pixels > 0], found.may_show[label]))
+    return made
+
+
+def _redactor_of(drive: Drive) -> FrameRedactor:
+    """The robot knows the scene from where it starts."""
+    renderer = DriveRenderer(drive)
+    return FrameRedactor(
+        learn_background([renderer.empty_frame(number) for number in range(1, EMPTY_FRAMES_COUNT + 1)]),
+        driving=DrivingCamera(_mount_of(drive), flying_pixels=drive.time_of_flight),
+        focal_px=drive.scenario.focal_px,
+    )
+
+
+def _mount_of(drive: Drive) -> Ground:
+    return Ground.of_mount(drive.mount.believed_height_m, drive.mount.believed_pitch)
+
+
+def _people_in(drive: Drive, index: int, truth: DriveTruth) -> list[PersonFrame]:
+    at_s = index / drive.scenario.frame_rate
+    speed, turn = drive.speeds(at_s)
+    driving = abs(speed) > DRIVING_MPS or abs(turn) > DRIVING_RADPS
+    people = list(enumerate(drive.scenario.people, start=1))
+    places = {number: person.place(at_s) for number, person in people}
+    visible = np.bincount(truth.labels.ravel(), minlength=len(people) + 1)
+    found = []
+    for number, person in people:
+        place = places[number]
+        if place is None or visible[number] < VISIBLE_MIN_PX:
+            continue
+        others = [other for name, other in places.items() if name != number and other is not None]
+        columns = np.flatnonzero((truth.labels == number).any(axis=0))
+        made = PersonFrame(
+            number=number,
+            sequence=index,
+            away_m=math.hypot(place[0] - truth.pose.x, place[1] - truth.pose.z),
+            apart_m=min((math.dist(place, other) for other in others), default=math.inf),
+            whole=bool(columns[0] > 1 and columns[-1] < truth.labels.shape[1] - 2),
+            driving=driving,
+            tagged=person.tagged,
+            aid=person.aid or ("child" if person.height_m < CHILD_MAX_M else ""),
+        )
+        found.append(made)
+    return found
+
+
+def _odometry(drive: Drive) -> list[tuple[float, Odometry | tuple[str, Sighting]]]:
+    return [
+        (1000 * sample.arrives_s, Odometry(round(1000 * sample.at_s), sample.z_m, -sample.x_m, -sample.yaw))
+        for sample in drive.odometry()
+    ]
+
+
+def _sightings(drive: Drive) -> list[tuple[float, Odometry | tuple[str, Sighting]]]:
+    found: list[tuple[float, Odometry | tuple[str, Sighting]]] = []
+    for reading in drive.readings():
+        at_ms = round(reading.at_s * 1000)
+        heard = Sighting(
+            at_ms,
+            at_ms,
+            "",
+            reading.antenna,
+            reading.facing,
+            reading.rssi_dbm,
+            reading.distance_m,
+            reading.sigma_m,
+        )
+        found.append((1000 * reading.arrives_s, (reading.alias, heard)))
+    return found

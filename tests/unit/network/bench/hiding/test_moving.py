@@ -1,0 +1,77 @@
+"""The judge of a robot that drives: what it counts, its bounds, and one drive through everything."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clients.robot.synthetic.camera import CameraPose
+from clients.robot.synthetic.driving.draws import draw_drive
+from clients.robot.synthetic.driving.drive_render import DriveTruth
+from network.lab.hiding.moving.drive_figures import summarise_drives, upper_bound
+from network.lab.hiding.moving.run_drive import DrivePlayed, PersonFrame, Shown, run_drive
+
+
+def truth_of(labels: list[list[int]], reflections: list[list[int]] | None = None) -> DriveTruth:
+    seen = np.array(labels, dtype=np.uint8)
+    none = np.zeros_like(seen)
+    mirrored = none if reflections is None else np.array(reflections, dtype=np.uint8)
+    depth = np.full(seen.shape, 2_000, dtype=np.uint16)
+    return DriveTruth(depth, seen, none, none, mirrored, CameraPose(0, 0, 1.2, 0))
+
+
+def test_every_pixel_of_anybody_else_counts_as_a_share_of_what_was_to_be_seen_of_them() -> None:
+    shown = Shown()
+    shown.add(np.array([1, 1, 1, 2], dtype=np.uint8), truth_of([[1, 1, 1, 1], [2, 2, 0, 0]]), 1, 7)
+    assert shown.kept == {(1, 7)}
+    assert (shown.foreign_px, shown.foreign_share) == (1, 0.5)
+    assert shown.owner_shares == [0.75]
+
+
+def test_a_picture_of_another_is_wrong_and_one_of_nobody_is_a_thing() -> None:
+    shown = Shown()
+    truth = truth_of([[1, 1, 2, 2]])
+    shown.add(np.array([2, 2, 0], dtype=np.uint8), truth, 1, 0)
+    shown.add(np.array([0, 0, 1], dtype=np.uint8), truth, 1, 1)
+    assert (shown.wrong, shown.things) == (1, 1)
+
+
+def test_who_is_shown_by_a_mirror_is_shown() -> None:
+    truth = truth_of([[0, 0, 1, 1]], [[2, 2, 0, 0]])
+    shown = Shown()
+    played = DrivePlayed("glass", 1)
+    shown.add(np.array([2, 2], dtype=np.uint8), truth, 1, 0)
+    assert shown.wrong == 1
+    assert played.everybody.wrong == 0
+
+
+@pytest.mark.parametrize(("count", "total", "bound"), [(0, 300, 0.0099), (0, 40, 0.0722), (1, 40, 0.1132), (3, 3, 1.0)])
+def test_bounds_are_by_scene(count: int, total: int, bound: float) -> None:
+    assert upper_bound(count, total) == pytest.approx(bound, abs=2e-4)
+
+
+def test_shares_are_of_frames_that_count_and_goals_follow_from_them() -> None:
+    played = DrivePlayed("straight", 1, frame_ms=[5.0, 6.0, 30.0])
+    for sequence in range(10):
+        played.people.append(PersonFrame(1, sequence, 3.0, 2.0, True, sequence >= 2, True, ""))
+        played.people.append(PersonFrame(2, sequence, 7.0, 2.0, True, True, True, ""))  # out of range
+    played.everybody.kept = {(1, sequence) for sequence in range(4, 10)}
+    played.end_to_end.kept = {(1, sequence) for sequence in range(6, 10)}
+    played.withheld = {(1, sequence): "moved" for sequence in range(6)}
+    figures = summarise_drives([played])
+    assert (figures.kept, figures.kept_end_to_end, figures.kept_standing) == (0.75, 0.5, 0.0)
+    assert figures.withheld == {"moved": 4}
+    assert (figures.frame_ms, figures.frame_p95_ms) == (6.0, 30.0)
+    assert figures.goals["no scene shows anybody else"]
+    assert not figures.goals["frame_p95_ms <= 15"]
+    played.everybody.foreign_share = 0.002
+    assert not summarise_drives([played]).goals["no scene shows anybody else"]
+
+
+def test_a_drive_goes_through_redactor_and_hider() -> None:
+    played = run_drive(draw_drive(3, "past", judging=False, stands_s=0.0), 3)
+    assert len({frame.sequence for frame in played.people}) > 20
+    assert played.everybody.kept
+    assert played.everybody.foreign_share <= 0.001
+    assert played.end_to_end.wrong == 0
+    assert len(played.frame_ms) > 30
