@@ -1,6 +1,7 @@
 """A page for one person on this machine: wallet page, cluster console.
 
-127.0.0.1 and a random port only; requires exact Host (DNS rebinding), Origin, and a one-time secret from a 0600 file.
+Loopback only, at an origin that nothing had before: a service worker outlives the server that registered it. Requires
+exact Host (DNS rebinding), Origin, and a one-time secret from a 0600 file.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ import json
 import logging
 import os
 import secrets
+import socket
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Any
 
@@ -131,10 +134,10 @@ class LocalPage:
 
     async def start(self) -> Opened:
         """Listen, and write the first link. Raises OSError."""
-        listener = open_listener(LOOPBACK, 0)
+        listener, host = _listen_at_fresh_origin(draw_loopback_address())
         max_count = share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART)
         await self._stack.enter_async_context(serve(self.app, listener, max_count, STOP_MS))
-        self._origin = f"http://{LOOPBACK}:{listener.getsockname()[1]}"
+        self._origin = f"http://{host}:{listener.getsockname()[1]}"
         return Opened(url=self.url, redirect_file=await self.new_link())
 
     async def stop(self) -> None:
@@ -235,6 +238,23 @@ LOCAL_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
 _CAMERA_HEADER = {
     "Permissions-Policy": SECURITY_HEADERS["Permissions-Policy"].replace("camera=()", "camera=(self)"),
 }
+
+
+def draw_loopback_address() -> str:
+    """Return one of the 2^24 addresses of 127.0.0.0/8, but none of the blocks 127.0.0 and 127.255.255."""
+    return str(IPv4Address("127.0.1.0") + secrets.randbelow((1 << 24) - 512))
+
+
+def _listen_at_fresh_origin(address: str) -> tuple[socket.socket, str]:
+    """Return a listener and its host name. Raises OSError.
+
+    Linux has all of 127.0.0.0/8, macOS 127.0.0.1 alone; every name below localhost is resolved by the browser itself.
+    Both make secure contexts (W3C Secure Contexts, 3.1), so the camera works.
+    """
+    try:
+        return open_listener(address, 0), address
+    except OSError:
+        return open_listener(LOOPBACK, 0), f"{secrets.token_hex(16)}.localhost"
 
 
 def _require_unicode(request: web.Request) -> None:

@@ -14,9 +14,7 @@ SESSION_HEADER = "X-BlockRobot-Session"
 
 def read_link(redirect_file: Path) -> tuple[str, str]:
     """Return the page's origin and the one-time token from the file that a browser is given."""
-    found = re.search(
-        r'href="(http://127\.0\.0\.1:[0-9]+)/#([A-Za-z0-9_-]+)"', redirect_file.read_text(encoding="utf-8")
-    )
+    found = re.search(r'href="(http://[0-9a-z.]+:[0-9]+)/#([A-Za-z0-9_-]+)"', redirect_file.read_text(encoding="utf-8"))
     assert found is not None
     return found[1], found[2]
 

@@ -108,6 +108,7 @@ async def test_no_other_page_of_the_browser_is_answered_whatever_it_shows(consol
         "null",
         "https://evil.example",
         f"http://localhost:{port}",
+        f"http://127.0.0.1:{port}",
         f"https://127.0.0.1:{port}",
         "http://127.0.0.1",
     )
@@ -121,7 +122,8 @@ async def test_no_other_name_of_this_machine_is_answered(console: _Console) -> N
     """A name that was rebound to 127.0.0.1 is another host, whatever it resolves to."""
     shown = {SESSION_HEADER: console.session, "Origin": console.page.url.rstrip("/")}
     port = console.page.url.split(":")[2].strip("/")
-    for host in (f"localhost:{port}", "127.0.0.1", f"evil.example:{port}", f"[::1]:{port}", f"127.0.0.1.:{port}"):
+    names = (f"{name}:{port}" for name in ("localhost", "127.0.0.1", "evil.example", "[::1]", "127.0.0.1."))
+    for host in ("127.0.0.1", *names):
         answers = await _try(console, {**shown, "Host": host})
         assert set(answers.values()) == {(403, "PAGE_ORIGIN_REFUSED")}
     assert console.is_untouched()

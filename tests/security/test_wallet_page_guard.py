@@ -111,6 +111,7 @@ async def test_a_page_that_rebinds_its_name_to_this_machine_gets_nothing(house: 
             f"localhost:{port}",
             f"127.0.0.1.evil.example:{port}",
             "127.0.0.1",
+            f"127.0.0.1:{port}",
         ):
             headers = page.headers | {"Host": host}
             for path in ("/", "/api/overview", "/api/records"):
@@ -119,7 +120,9 @@ async def test_a_page_that_rebinds_its_name_to_this_machine_gets_nothing(house: 
 
 async def test_another_page_in_the_same_browser_gets_nothing(house: GuardHarness) -> None:
     async with WalletPage(await house.served.new_link()) as page:
-        for origin in ("https://evil.example", "null", house.url.replace("127.0.0.1", "localhost"), f"{house.url}1"):
+        port = house.url.rsplit(":", 1)[1]
+        near = [f"http://{name}:{port}" for name in ("localhost", "127.0.0.1")]
+        for origin in ("https://evil.example", "null", *near, f"{house.url}1"):
             headers = page.headers | {"Origin": origin}
             for method, path in (("GET", "/api/overview"), ("POST", "/api/end"), ("OPTIONS", "/api/overview")):
                 status, code, given = await _answer(method, house.url + path, headers)

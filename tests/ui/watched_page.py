@@ -13,7 +13,7 @@ WIDE = (1280, 900)
 NARROW = (390, 844)
 ZOOMED = (320, 640)
 """1280 pixels at 400 % (WCAG 2.2, 1.4.10)."""
-OWN_HOSTS = {"127.0.0.1", "localhost"}
+OWN_HOST = re.compile(r"127\.[0-9.]+|([0-9a-f]+\.)?localhost")
 OWN_SCHEMES = {"about", "blob", "data", "file"}
 TIMEOUT_MS = 15_000
 SERVER_ENDED = "ERR_(CONNECTION|EMPTY_RESPONSE|SOCKET|INCOMPLETE|CONTENT_LENGTH)"
@@ -66,7 +66,7 @@ class Watch:
     def on_request(self, request: Request) -> None:
         """Take notice of a request that leaves this machine."""
         where = urlsplit(request.url)
-        if where.scheme not in OWN_SCHEMES and where.hostname not in OWN_HOSTS:
+        if where.scheme not in OWN_SCHEMES and not OWN_HOST.fullmatch(where.hostname or ""):
             self.faults.append(f"request to {request.url}")
 
     def _on_console(self, message: ConsoleMessage) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import io
+import ipaddress
 import json
 import logging
 import re
@@ -12,12 +13,14 @@ import stat
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import aiohttp
 import pytest
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
+from pages import local_page
 from pages.local_page import (
     FORMER_LINKS_MAX_COUNT,
     LINK_LIFETIME_MS,
@@ -26,6 +29,7 @@ from pages.local_page import (
     SESSIONS_MAX_COUNT,
     LocalPage,
     LocalRoute,
+    draw_loopback_address,
     read_object,
     write_redirect,
 )
@@ -234,9 +238,43 @@ async def test_another_name_for_this_machine_is_refused(page: LocalPage, browser
     """DNS rebinding: a name of the attacker's that resolves to 127.0.0.1 reaches the port, but not under our Host."""
     headers = await open_page(browser, page)
     port = page.url.rsplit(":", 1)[1].rstrip("/")
-    for host in (f"attacker.example:{port}", "127.0.0.1", f"localhost:{port}", ""):
+    for host in (f"attacker.example:{port}", "127.0.0.1", f"127.0.0.1:{port}", f"localhost:{port}", ""):
         async with browser.get(f"{page.url}api/hello", headers={**headers, "Host": host}) as said:
             assert said.status in {400, 403}
+
+
+async def test_no_two_runs_share_an_origin_or_have_one_that_others_may_have_had(
+    page: LocalPage, tmp_path: Path
+) -> None:
+    """A service worker outlives the port that it was registered on: at 127.0.0.1 it would answer for the page."""
+    async with LocalPage(Assets(), (), redirect_folder=tmp_path, title="x") as other:
+        addresses = [ipaddress.ip_address(urlsplit(each.url).hostname or "") for each in (page, other)]
+    assert addresses[0] != addresses[1]
+    drawn = {ipaddress.ip_address(draw_loopback_address()) for _ in range(1_000)} | set(addresses)
+    assert len(drawn) > 900
+    assert all(each.is_loopback for each in drawn)
+    assert not [each for each in drawn if each in ipaddress.ip_network("127.0.0.0/24")]
+
+
+async def test_where_127_0_0_1_is_all_there_is_each_run_has_a_name_of_its_own(
+    tmp_path: Path, browser: aiohttp.ClientSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(local_page, "draw_loopback_address", lambda: "192.0.2.1")  # nobody can listen there
+    hosts = []
+    for _ in range(2):
+        async with LocalPage(
+            Assets(), [LocalRoute("GET", "/api/hello", hello)], redirect_folder=tmp_path, title="x"
+        ) as page:
+            where = urlsplit(page.url)
+            hosts.append(where.hostname or "")
+            reached = f"http://127.0.0.1:{where.port}/api/hello"
+            codes = []
+            for host in (where.netloc, f"127.0.0.1:{where.port}", f"localhost:{where.port}", f"x.{where.netloc}"):
+                async with browser.get(reached, headers={"Host": host}) as said:
+                    codes.append((await said.json())["code"])
+            assert codes == ["PAGE_SESSION_REQUIRED", *["PAGE_ORIGIN_REFUSED"] * 3]
+    assert hosts[0] != hosts[1]
+    assert all(re.fullmatch(r"[0-9a-f]{32}\.localhost", host) for host in hosts)
 
 
 async def test_another_page_is_refused(page: LocalPage, browser: aiohttp.ClientSession) -> None:
@@ -256,6 +294,8 @@ async def test_nothing_of_it_is_kept_by_a_browser(page: LocalPage, browser: aioh
         async with browser.get(f"{page.url}{path}") as said:
             assert said.headers["Cache-Control"] == "no-store"
             assert "default-src 'none'" in said.headers["Content-Security-Policy"]
+            assert "worker-src 'none'" in said.headers["Content-Security-Policy"]
+            assert "Service-Worker-Allowed" not in said.headers
             assert "Set-Cookie" not in said.headers
 
 
@@ -314,7 +354,8 @@ async def test_a_body_that_is_no_object_is_refused(
 )
 async def test_half_a_character_is_refused_with_a_code(page: LocalPage, head: bytes, body: bytes) -> None:
     host = page.url.removeprefix("http://").strip("/").encode()
-    reader, writer = await asyncio.open_connection("127.0.0.1", int(host.split(b":")[1]))
+    where = urlsplit(page.url)
+    reader, writer = await asyncio.open_connection(where.hostname, where.port)
     lines = b"Host: %b\r\nOrigin: http://%b\r\nConnection: close\r\nContent-Length: %d\r\n\r\n" % (
         host,
         host,
@@ -332,7 +373,7 @@ async def test_a_client_that_resets_its_connection_writes_no_line(
 ) -> None:
     host = page.url.removeprefix("http://").strip("/")
     head = f"POST /session HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n"
-    await send_and_reset(int(host.split(":")[1]), head.encode())
+    await send_and_reset(urlsplit(page.url).port, head.encode(), urlsplit(page.url).hostname or "")
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.INFO] == []
 
 
