@@ -1,4 +1,4 @@
-"""Serves one network's console until a signal stops it."""
+"""Serves one network's console, or another local page, until a signal stops it."""
 
 from __future__ import annotations
 
@@ -22,24 +22,29 @@ TITLE = "BlockRobot: cluster console"
 async def serve_console(
     cluster: Cluster, *, redirect_folder: Path, opened: Callable[[Opened], None], is_interactive: bool = False
 ) -> None:
-    """Until SIGINT or SIGTERM. `opened` receives the address and each new one-time link. With `is_interactive`, Enter makes
-    a new link.
-    """
-    loop, stop, again = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
+    """As `show_until_stopped`."""
     console = LiveConsole(cluster)
     page = LocalPage(Assets(CONSOLE_ASSETS), console_routes(console), redirect_folder=redirect_folder, title=TITLE)
-    watching = loop.create_task(console.run(), name="console")
+    watching = asyncio.create_task(console.run(), name="console")
     try:
-        opened(await page.start())
-        with _enter_key(again.set) if is_interactive else contextlib.nullcontext():
-            await _until_stopped(page, opened, stop, again)
+        await show_until_stopped(page, opened, is_interactive=is_interactive)
     finally:
         await console.close()
         watching.cancel()
         await asyncio.gather(watching, return_exceptions=True)
         await page.stop()
+
+
+async def show_until_stopped(page: LocalPage, opened: Callable[[Opened], None], *, is_interactive: bool) -> None:
+    """Until SIGINT or SIGTERM; the caller stops the page. `opened` receives the address and each new one-time link. With
+    `is_interactive`, Enter makes a new link.
+    """
+    loop, stop, again = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    opened(await page.start())
+    with _enter_key(again.set) if is_interactive else contextlib.nullcontext():
+        await _until_stopped(page, opened, stop, again)
 
 
 async def _until_stopped(

@@ -2,7 +2,6 @@
 
 const SESSION_HEADER = "X-BlockRobot-Session";
 let session = "";
-let sessionHeaders = (secret) => ({ [SESSION_HEADER]: secret });
 
 /**
  * A refusal: `code`, `detail` (what happened) and `nextStep` (what the reader can do). `status` 0: nobody answered.
@@ -28,12 +27,6 @@ export async function openSession(path = "./session") {
   const answer = await fetchJson(path, { method: "POST", body: { token: takeFragment() } });
   session = answer.session;
   return answer;
-}
-
-/** Use another way of showing a session (a node's API takes a bearer token). */
-export function useSession(secret, headers) {
-  session = secret;
-  sessionHeaders = headers ?? sessionHeaders;
 }
 
 /** Tell whether a session was opened in this page. */
@@ -83,7 +76,7 @@ async function ask(path, { method = "GET", body, headers = {}, signal } = {}) {
       credentials: "omit",
       redirect: "error",
       referrerPolicy: "no-referrer",
-      headers: { ...(session ? sessionHeaders(session) : {}), ...(body === undefined ? {} : { "Content-Type": "application/json" }), ...headers },
+      headers: { ...(session ? { [SESSION_HEADER]: session } : {}), ...(body === undefined ? {} : { "Content-Type": "application/json" }), ...headers },
       body: body === undefined ? undefined : JSON.stringify(body),
     });
   } catch (error) {

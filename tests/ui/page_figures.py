@@ -16,11 +16,10 @@ from typing import Any
 
 from playwright.async_api import Browser, Page, async_playwright, expect
 
-from network.cli.cluster.explore_commands import open_explorer
-from network.cli.contract.contract_signers import get_signers
 from tests.cluster.network_under_test import running
 from tests.ui.chromium import open_chromium
 from tests.ui.console_under_test import ConsoleUnderTest
+from tests.ui.explorer_page import enter
 from tests.ui.full_day import measure_full_day, serve_full_day, weigh_all_views
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS
@@ -39,9 +38,7 @@ async def _wallet(network: RecordedNetwork, page: Page, folder: Path) -> dict[st
 
 
 async def _explorer(network: RecordedNetwork, page: Page) -> dict[str, float]:
-    entrance = await open_explorer(get_signers(network.network.folder, None, None, None), "node-1")
-    await page.goto(entrance.target)
-    await expect(page.locator("#state")).to_contain_text("session until", timeout=SETTLED_MS)
+    await enter(page, network.network)
     return await weigh(page)
 
 

@@ -21,7 +21,7 @@ from tests.ui.accessible import find_accessibility_faults
 from tests.ui.explorer_page import enter, go
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.screenshots import shoot_all_ways
-from tests.ui.watched_page import NARROW, WIDE, ZOOMED, Pages, Watch
+from tests.ui.watched_page import NARROW, SERVER_ENDED, WIDE, ZOOMED, Pages, Watch
 
 PUBLIC_NODE = "node-2"
 SHOWN_COUNT = 8  # transactions, so that the page has something to draw
@@ -67,29 +67,50 @@ async def test_the_command_opens_the_explorer_once_by_a_file_that_only_its_owner
         "PATH": "/usr/bin:/bin",
     }
     process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE, env=home)
-    told = json.loads((await process.communicate())[0])
-    assert (told["node"], told["as"]) == ("node-1", "ann")
-    file = Path(told["redirect_file"])
-    modes, text = await asyncio.to_thread(
-        lambda: ([oct(one.stat().st_mode) for one in (file, file.parent)], file.read_text())
-    )
-    assert [mode[-3:] for mode in modes] == ["600", "700"]
-    asked: list[Request] = []
-    page = await pages.open()
-    page.on("request", lambda request: asked.insert(0, request))
-    await page.goto(file.as_uri())
-    await expect(page.locator("#state")).to_contain_text(re.compile(r"session until [0-9:]{8} UTC"))
-    assert "in=" not in page.url
-    found = re.search(r"#in=[0-9a-f]{66}\.([0-9a-f]{64})\.([0-9a-f]{130})", text)
-    assert found is not None
-    sent = [f"{request.url.partition('#')[0]} {request.headers}" for request in asked]
-    assert not [one for one in sent if found[1] in one or found[2] in one or "cookie" in one]
-    assert await page.evaluate("[document.cookie, localStorage.length, sessionStorage.length]") == ["", 0, 0]
-    watch.expect("status of 40[01]")
-    again = await pages.open()
-    await again.goto(file.as_uri())
-    await expect(again.locator("h1")).to_have_text("Look at the chain")
-    await expect(again.locator("main .notice")).to_contain_text("works once")
+    try:
+        assert process.stdout is not None
+        told = json.loads(await process.stdout.readuntil(b"}\n"))
+        assert (told["node"], told["as"]) == ("node-1", "ann")
+        file = Path(told["redirect_file"])
+        modes, text = await asyncio.to_thread(
+            lambda: ([oct(one.stat().st_mode) for one in (file, file.parent)], file.read_text())
+        )
+        assert [mode[-3:] for mode in modes] == ["600", "700"]
+        found = re.search(r'href="(http://[0-9.]+:[0-9]+/)#([\w-]{43})"', text)
+        assert found is not None
+        origin, token = found.groups()
+        asked: list[Request] = []
+        page = await pages.open()
+        page.on("request", lambda request: asked.insert(0, request))
+        await page.goto(file.as_uri(), wait_until="commit")
+        await expect(page.locator("#state")).to_have_text("your session")
+        assert token not in page.url
+        assert asked[0].url.startswith(origin)
+        assert not [one for one in asked if not one.url.startswith((origin, "file:"))], "only the command is asked"
+        sent = [f"{request.url.partition('#')[0]} {request.headers}" for request in asked]
+        assert not [one for one in sent if token in one or "cookie" in one or "authorization" in one]
+        assert await page.evaluate("[document.cookie, localStorage.length, sessionStorage.length]") == ["", 0, 0]
+        assert not await asyncio.to_thread(file.exists)
+        watch.expect(f"status of 40[01]|{SERVER_ENDED}")
+        again = await pages.open()
+        await again.goto(f"{origin}#{token}")
+        await expect(again.locator("h1")).to_have_text("Look at the chain")
+        await expect(again.locator("main .notice")).to_contain_text("has been used")
+    finally:
+        process.terminate()
+        assert await process.wait() == 0
+
+
+async def test_the_nodes_own_address_opens_no_session_whatever_is_handed_to_it(
+    page: Page, watch: Watch, recorded_network: RecordedNetwork
+) -> None:
+    """Whoever had the address while the node was down may have left a service worker there."""
+    watch.expect("status of 401")
+    posted: list[Request] = []
+    page.on("request", lambda request: posted.append(request) if request.method == "POST" else None)
+    await page.goto(recorded_network.api_url("node-1") + f"/explorer/#in={'02' * 33}.{'00' * 32}.{'00' * 65}")
+    await expect(page.locator("h1")).to_have_text("Look at the chain")
+    assert posted == []
 
 
 async def test_without_a_session_the_page_says_how_to_get_in_and_shows_nothing(
@@ -100,16 +121,6 @@ async def test_without_a_session_the_page_says_how_to_get_in_and_shows_nothing(
     await expect(page.locator("main")).to_contain_text("blockrobot explore")
     assert not await page.locator("#tools").is_visible()
     assert await find_accessibility_faults(page) == []
-
-
-async def test_an_address_that_was_passed_on_opens_once_there_is_a_session_in_the_browser(
-    page: Page, watch: Watch, recorded_network: RecordedNetwork
-) -> None:
-    watch.expect("status of 401")
-    await page.goto(recorded_network.api_url("node-1") + "/explorer/#/block/1")
-    await expect(page.locator("h1")).to_have_text("Look at the chain")
-    await enter(await page.context.new_page(), recorded_network.network)
-    await expect(page.locator("h1")).to_have_text("Block 1")
 
 
 async def test_blocks_appear_live_and_can_be_held_still(page: Page, recorded_network: RecordedNetwork) -> None:
@@ -194,7 +205,7 @@ async def test_what_the_page_remembers_is_bounded_by_bytes(page: Page, recorded_
     await page.unroute_all(behavior="wait")
 
 
-async def test_one_loop_follows_the_chain_however_many_neighbours_open_a_session(
+async def test_one_loop_follows_the_chain_however_often_it_is_begun(
     page: Page, recorded_network: RecordedNetwork
 ) -> None:
     await enter(page, recorded_network.network)
@@ -229,7 +240,7 @@ async def test_a_node_that_stands_still_is_told_though_its_connections_are_open(
     goes_on.set()
     await page.unroute_all(behavior="wait")
     await page.evaluate("() => { AbortSignal.timeout = AbortSignal.patient; }")
-    await expect(page.locator("#state")).to_contain_text("session until")
+    await expect(page.locator("#state")).to_have_text("your session")
 
 
 async def test_another_network_at_the_same_address_is_not_taken_for_the_same_chain(
@@ -402,24 +413,20 @@ async def test_values_of_the_chain_are_read_as_they_were_written(page: Page, rec
     assert [ordered(value) for value in read] == [plain(value) for value in VALUES]
 
 
-async def test_a_session_that_ends_is_told_and_another_lets_the_page_go_on(
+async def test_a_session_that_ends_is_told_and_a_new_link_opens_the_explorer_again(
     pages: Pages, watch: Watch, recorded_network: RecordedNetwork
 ) -> None:
     watch.expect("status of 401")
     page = await pages.open()
-    await enter(page, recorded_network.network)
-    await page.evaluate(
-        "() => import('./shared/fetching.js').then((m) => m.fetchJson('../v1/sessions', {method: 'DELETE'}))"
-    )
+    served = await enter(page, recorded_network.network)
+    served.end_sessions()
     await refuse_something(recorded_network)
     await expect(page.locator("#ended")).to_be_visible(timeout=20_000)
-    await expect(page.locator("#ended")).to_contain_text("blockrobot explore")
+    await expect(page.locator("#ended")).to_contain_text("blockrobot explore --node node-1")
     await expect(page.locator("#blocks tbody tr").first).to_be_visible()
-    second = await page.context.new_page()
-    await enter(second, recorded_network.network)
+    await page.goto((await served.new_link()).as_uri(), wait_until="commit")
+    await expect(page.locator("#state")).to_have_text("your session")
     await expect(page.locator("#ended")).to_be_hidden()
-    place = await refuse_something(recorded_network)
-    await expect(page.locator(f"#blocks a[href='#/block/{place['height']}']")).to_be_visible()
 
 
 @pytest.mark.smoke

@@ -100,31 +100,42 @@ async def test_a_view_that_could_not_be_shown_shows_itself_soon_after_its_node_i
     await expect(page.locator("#state")).to_have_text("public explorer")
 
 
-async def test_a_session_that_a_restart_ended_is_told_at_the_top_with_the_next_step(
+async def test_a_members_page_goes_on_by_itself_in_a_new_session_when_its_node_is_back(
     page: Page, watch: Watch, network: NetworkUnderTest
 ) -> None:
-    watch.expect(f"{SERVER_ENDED}|status of 401")
-    await enter(page, network)
+    watch.expect(f"{SERVER_ENDED}|status of 503")
+    served = await enter(page, network)
     await kill(network, PRIVATE_NODE)
     try:
         await go(page, "members")
         await expect(page.locator("h1")).to_have_text("The node does not answer")
+        await expect(page.locator("main")).to_contain_text("node-1: it is stopped, or cannot be reached")
+        await expect(page.locator("main")).not_to_contain_text("if that has ended")
     finally:
         await bring_back(network, PRIVATE_NODE)
+    await expect(page.locator("h1")).to_have_text("Members and organisations")
+    await expect(page.locator("#state")).to_have_text("your session")
+    await expect(page.locator("#ended")).to_be_hidden()
+    await served.stop()
+    await go(page, "custody")
+    await expect(page.locator("h1")).to_have_text("The node does not answer")
+    await expect(page.locator("main")).to_contain_text("if that has ended in its terminal, run it again")
+    assert await find_accessibility_faults(page) == []
+
+
+async def test_a_session_that_ended_is_told_at_the_top_with_the_next_step(
+    page: Page, watch: Watch, network: NetworkUnderTest
+) -> None:
+    watch.expect("status of 401")
+    served = await enter(page, network)
+    served.end_sessions()
+    await go(page, "members")
     ended = page.locator("#ended")
-    await expect(ended).to_contain_text("node-1 was away, or was started again: a start ends all")
+    await expect(ended).to_contain_text("its session has ended")
     await expect(ended).to_contain_text("blockrobot explore --node node-1")
     await expect(ended).to_be_in_viewport()
     await expect(page.locator("h1")).to_have_text("This page needs a session")
     assert await find_accessibility_faults(page) == []
-    await kill(network, PRIVATE_NODE)
-    try:
-        await go(page, "custody")
-        await expect(page.locator("h1")).to_have_text("This page needs a session")
-        await expect(page.locator("main")).not_to_contain_text("asks again")
-        await go(page, "members")
-    finally:
-        await bring_back(network, PRIVATE_NODE)
-    await enter(await page.context.new_page(), network)
-    await expect(page.locator("h1")).to_have_text("Members and organisations")
-    await expect(ended).to_be_hidden()
+    await go(page, "custody")
+    await expect(page.locator("h1")).to_have_text("This page needs a session")
+    await expect(page.locator("main")).not_to_contain_text("asks again")

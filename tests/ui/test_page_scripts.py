@@ -106,8 +106,8 @@ async def test_only_a_page_that_is_looked_at_asks_a_node_at_once_that_is_away_ne
         else:
             await route.fulfill(status=429, json={"code": "RATE_LIMITED", "detail": "Too many requests."})
 
-    await page.route(f"{ORIGIN}/v1/**", refuse)
     await open_scripts(page, EXPLORER_ASSETS)
+    await page.route(f"{ORIGIN}/page/api/v1/**", refuse)
     await page.clock.install(time=0)
     await page.clock.pause_at(1_000)
     await page.evaluate(_FOLLOW)
@@ -115,7 +115,7 @@ async def test_only_a_page_that_is_looked_at_asks_a_node_at_once_that_is_away_ne
     before = len(asked)
     await page.evaluate(_HIDE, is_hidden)
     if asks_at_once:
-        async with page.expect_request(f"{ORIGIN}/v1/**"):
+        async with page.expect_request(f"{ORIGIN}/page/api/v1/**"):
             await page.evaluate("() => window.feed.tryNow()")
     else:
         await page.evaluate("() => window.feed.tryNow()")
@@ -129,8 +129,8 @@ async def test_the_nodes_clock_goes_on_in_the_page_while_the_machine_sleeps_and_
     async def answer(route: Route) -> None:
         await route.fulfill(json={"now_ms": 5_000, "head": 0})
 
-    await page.route(f"{ORIGIN}/v1/**", answer)
     await open_scripts(page, EXPLORER_ASSETS)
+    await page.route(f"{ORIGIN}/page/api/v1/**", answer)
     passed_ms = await page.evaluate(
         """async () => {
           const { feed } = await import('./feed.js');

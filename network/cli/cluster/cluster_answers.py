@@ -54,7 +54,7 @@ class ConsoleAnswer(Answer, frozen=True, kw_only=True):
 
 
 class ExploreAnswer(Answer, frozen=True, kw_only=True):
-    """A session in a node's explorer."""
+    """The page of a node's explorer: printed once it is there; the command then runs until it is stopped."""
 
     node: Annotated[str, doc("Whose explorer it is")]
     as_: Annotated[str, doc("The name of the session's owner")] = field(name="as")

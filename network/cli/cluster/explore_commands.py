@@ -1,49 +1,47 @@
-"""`blockrobot explore`: a node's explorer in the browser.
+"""`blockrobot explore`: a node's explorer in the browser, from a page of this machine.
 
-The page gets a signed challenge answer, valid once within a minute, through an owner-only file and the address fragment:
-unseen by servers, proxies and process lists.
+The command signs in and asks the node; the browser gets a session with the command alone, at an origin that nothing had
+before. Whoever had the node's own address while it was down may have left a service worker there.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
 import msgspec
+from aiohttp import web
 
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient, open_pinned_client
-from clients.sdk.node_answers import read_answer, read_hex
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console, home_folder, print_answer, status_line
 from clients.sdk.trust_pin import PIN_FILE
-from consensus.api_documents import ChallengeAnswer, ChallengeRequest
-from consensus.chain.session_message import sign_session
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_answers import ExploreAnswer
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.contract.contract_signers import get_signers
 from network.cli.governance.governance_signer import Signer
-from pages.local_page import write_redirect
+from network.console.serving import show_until_stopped
+from node.explorer.page import own_files
+from pages.local_page import LINK_LIFETIME_MS, LocalPage, LocalRoute, Opened, read_object
 from pages.opening import open_in_browser
 
 LINKS_FOLDER = "links"
-LINK_LIFETIME_S = 60
 TITLE = "the BlockRobot explorer"
 _REFUSED = frozenset({"SESSION_REFUSED", "NOT_PERMITTED"})
 
 
 @dataclass(frozen=True, slots=True)
 class ExplorerAccess:
-    """A node's explorer, its viewer and the one-time address."""
+    """A node, and the member that it answers."""
 
     node: NodeAddress
     signer: Signer
-    target: str
 
 
 @click.command()
@@ -74,23 +72,59 @@ def explore(
     Example: blockrobot explore --node node-2
     """
     signers = get_signers(folder, officer, key_file, wallet_profile)
+    asyncio.run(_explore(signers, node_name, no_browser=no_browser, as_json=as_json))
+
+
+async def _explore(signers: list[Signer], node_name: str | None, *, no_browser: bool, as_json: bool) -> None:
     with status_line("Asking a node for a session ...", as_json=as_json):
-        entrance = asyncio.run(open_explorer(signers, node_name))
-    file = keep_link(home_folder() / LINKS_FOLDER, entrance.target)
-    opened = not no_browser and not as_json and open_in_browser(file)
-    if as_json:
-        answer = ExploreAnswer(
-            node=entrance.node.name, as_=entrance.signer.name, redirect_file=str(file), valid_s=LINK_LIFETIME_S
+        access = await open_explorer(signers, node_name)
+
+    def opened(page: Opened) -> None:
+        is_shown = not no_browser and not as_json and open_in_browser(page.redirect_file)
+        if as_json:
+            answer = ExploreAnswer(
+                node=access.node.name,
+                as_=access.signer.name,
+                redirect_file=str(page.redirect_file),
+                valid_s=LINK_LIFETIME_MS // 1000,
+            )
+            print_answer(answer)
+            return
+        name, who = escape(access.node.name), escape(access.signer.name)
+        console.print(f"The explorer of {name}, as {who}: what you see is what this one node says.")
+        console.print("It is open in your browser." if is_shown else "Open this file in your browser:")
+        if not is_shown:
+            console.print(page.redirect_file.resolve().as_uri(), markup=False)
+        console.print("It opens once, within two minutes. Enter: another link. Ctrl-C: end the explorer.")
+
+    async with explorer_page(access, home_folder() / LINKS_FOLDER) as page:
+        await show_until_stopped(page, opened, is_interactive=not as_json)
+
+
+@asynccontextmanager
+async def explorer_page(access: ExplorerAccess, redirect_folder: Path) -> AsyncIterator[LocalPage]:
+    """Yield the unstarted page, which reads in the member's name and takes no transaction; stop it in the end."""
+    async with NetworkClient(access.signer.genesis) as client:
+
+        async def pass_on(request: web.Request) -> web.Response:
+            path = request.rel_url.raw_path.removeprefix("/api")
+            body = msgspec.json.encode(await read_object(request)) if request.method == "POST" else None
+            content = await client.ask_node(
+                access.node, request.method, path, key=access.signer.key, body=body, query=request.query
+            )
+            return web.Response(body=content, content_type="application/json")
+
+        routes = [
+            LocalRoute("GET", "/api/v1/{path:.+}", pass_on),
+            LocalRoute("POST", "/api/v1/queries", pass_on),
+        ]
+        page = LocalPage(
+            own_files(), routes, redirect_folder=redirect_folder, title=TITLE, command="blockrobot explore"
         )
-        print_answer(answer)
-        return
-    name, who = escape(entrance.node.name), escape(entrance.signer.name)
-    console.print(f"The explorer of {name}, as {who}: what you see is what this one node says.")
-    if opened:
-        console.print("It opens in your browser. If it does not, open this file there within a minute; it works once:")
-    else:
-        console.print("Open this file in a browser within a minute; it works once:")
-    console.print(file.resolve().as_uri(), markup=False)
+        try:
+            yield page
+        finally:
+            await page.stop()
 
 
 async def open_explorer(signers: list[Signer], node_name: str | None) -> ExplorerAccess:
@@ -134,20 +168,4 @@ async def _nodes_of(client: NetworkClient, signer: Signer, node_name: str | None
 
 async def _enter(client: NetworkClient, signer: Signer, node: NodeAddress) -> ExplorerAccess:
     await client.ask_node(node, "GET", "/v1/explorer/status", key=signer.key)
-    key = signer.key.public_key
-    body = msgspec.json.encode(ChallengeRequest(key.hex()))
-    content = await client.ask_node(node, "POST", "/v1/session-challenges", lane=key, body=body)
-    challenge = read_hex(read_answer(content, ChallengeAnswer).challenge)
-    signature = sign_session(signer.key, signer.genesis.chain_id, node.name, challenge)
-    answer = f"{key.hex()}.{challenge.hex()}.{signature.hex()}"
-    return ExplorerAccess(node, signer, f"{node.url}/explorer/#in={answer}")
-
-
-def keep_link(folder: Path, target: str) -> Path:
-    """Owner-only; expired files are removed."""
-    if folder.is_dir():
-        for old in folder.glob("open-*.html"):
-            with contextlib.suppress(FileNotFoundError):  # another command tidies up too
-                if time.time() - old.stat().st_mtime > LINK_LIFETIME_S:
-                    old.unlink()
-    return write_redirect(folder, target, TITLE)
+    return ExplorerAccess(node, signer)

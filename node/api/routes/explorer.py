@@ -240,7 +240,7 @@ _PAGE_ROUTES = (
         "GET",
         "/explorer/",
         "getExplorer",
-        "The explorer's page. It holds no data: what it shows it asks of the other routes, in the caller's session.",
+        "The explorer's page. It holds no data and takes no session: it shows what the other routes tell anybody.",
         ANYONE,
         _get_index,
         Answer(_HTML, None, "The page."),

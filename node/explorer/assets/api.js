@@ -1,57 +1,29 @@
-// What the explorer asks of the node that served it, in one's own session if there is one. The token lives in memory alone.
+// What the explorer asks, of the node that served it or, in one's own session, of `blockrobot explore`.
 
-import { Problem, fetchJson, takeFragment, useSession } from "./shared/fetching.js";
+import { Problem, fetchJson, openSession } from "./shared/fetching.js";
 import { decode, encodeList } from "./msgpack.js";
 
-const V1 = "../v1";
-const SIGNED = /^in=([0-9a-f]{66})\.([0-9a-f]{64})\.([0-9a-f]{130})$/;
+/** Whether `blockrobot explore` serves this page, at an address that nothing had before. A node's own address has no session:
+ * who took it while the node was down may have left a service worker that answers there. */
+export const isOwn = !new URL(".", import.meta.url).pathname.endsWith("/explorer/");
+const V1 = isOwn ? "./api/v1" : "../v1";
 const REMEMBERED_MAX_BYTES = 8 << 20;
 const BYTES_A_CHAR = 2;
 const remembered = new Map();
 let rememberedBytes = 0;
 
 /** How the page got in: `kind` is member, public or none. */
-export const entry = { kind: "none", endsMs: 0, reason: null };
+export const entry = { kind: "none", reason: null };
 
-/** Pages of this node in the same browser: a session that is opened in one lets those go on whose own has ended. */
-const neighbours = new BroadcastChannel("blockrobot-explorer");
-
-/** Use a session's token from here on. It is kept in memory alone. */
-function use(token, endsMs) {
-  useSession(token, (secret) => ({ Authorization: `Bearer ${secret}` }));
-  Object.assign(entry, { kind: "member", endsMs });
-}
-
-/** Call `goOn` whenever a neighbour has opened a session and this page's own is over. */
-export function followNeighbours(isOver, goOn) {
-  neighbours.addEventListener("message", ({ data }) => {
-    if (!isOver()) return;
-    use(data.token, data.endsMs);
-    goOn();
-  });
-}
-
-/** Take the signed answer out of the address, if there is one, and open a session with it. Returns the status or null. */
+/** Open a session with the command that serves the page, if one does. Returns the status or null. */
 export async function enter() {
-  const signed = SIGNED.exec(location.hash.slice(1));
-  if (location.hash.startsWith("#in=")) takeFragment();
-  if (signed) {
-    const [, key, challenge, signature] = signed;
-    try {
-      const answer = await fetchJson(`${V1}/sessions`, { method: "POST", body: { public_key: key, challenge, signature } });
-      use(answer.token, answer.expires_at_ms);
-      neighbours.postMessage({ token: answer.token, endsMs: answer.expires_at_ms });
-    } catch (problem) {
-      entry.reason = problem;
-    }
-  }
   try {
+    if (isOwn) await openSession();
     const status = await api.status();
-    if (entry.kind === "none") entry.kind = "public";
+    entry.kind = isOwn ? "member" : "public";
     return status;
   } catch (problem) {
-    entry.reason ??= problem;
-    entry.kind = "none";
+    entry.reason = problem;
     return null;
   }
 }

@@ -1,9 +1,9 @@
-// The explorer: gets in, follows the chain, shows the page that the address names. Never keeps a token but in memory.
+// The explorer: gets in, follows the chain, shows the page that the address names.
 
 import { announce, focusOn, h, replace } from "./shared/dom.js";
-import { formatClock, formatDuration, zoneName, zoneOffset } from "./shared/format.js";
-import { api, entry, enter, followNeighbours } from "./api.js";
-import { RETRY_MAX_MS, feed } from "./feed.js";
+import { formatDuration, zoneName } from "./shared/format.js";
+import { entry, enter, isOwn } from "./api.js";
+import { RETRY_MAX_MS, feed, isAway } from "./feed.js";
 import { go, problemView } from "./pieces.js";
 import { blockPage } from "./page-block.js";
 import { contractPage, contractsPage } from "./page-contracts.js";
@@ -31,7 +31,6 @@ const PAGES = {
   search: { render: searchPage },
 };
 
-const LAST_MINUTE_MS = 60_000;
 const AGAIN_MS = 1_000;
 const main = document.getElementById("main");
 const nav = document.getElementById("nav");
@@ -89,13 +88,9 @@ async function show(kind = "moved") {
   if (kind === "moved") main.querySelector(".here")?.scrollIntoView({ block: "center" });
 }
 
-function isAway(problem) {
-  return problem?.status === 0;
-}
-
 function failedPage(problem) {
   if (problem.status === 401 || (isAway(problem) && feed.isOver)) return endedPage(); // nothing asks again by itself
-  if (isAway(problem)) return awayPage(feed.status?.node ?? "the node", RETRY_MAX_MS);
+  if (isAway(problem)) return awayPage(feed.status?.node ?? "the node", RETRY_MAX_MS, isOwn && problem.status === 0);
   if (problem.status === undefined) console.error(problem);
   return [h("h1", { tabindex: "-1" }, "This cannot be shown"), problemView(problem)];
 }
@@ -121,9 +116,8 @@ function buildNav() {
 /** Say how the page stands with the node: following, cut off, or out of session. */
 function showState() {
   const { problem, status } = feed;
-  let words = entry.kind === "member" ? `session until ${formatClock(entry.endsMs)} ${zoneOffset(entry.endsMs)}` : "public explorer";
+  let words = entry.kind === "member" ? "your session" : "public explorer";
   let tone = "good";
-  if (entry.kind === "member" && status && entry.endsMs - status.now_ms < LAST_MINUTE_MS) [words, tone] = ["the session ends within a minute", "warn"];
   if (feed.isOver) [words, tone] = ["session ended", "bad"];
   else if (problem?.code === "RATE_LIMITED") [words, tone] = [`the node is busy, asking again in ${formatDuration(feed.retryMs)}`, "warn"];
   else if (problem) [words, tone] = [`not connected, asking every ${RETRY_MAX_MS / 1000} s`, "warn"];
@@ -138,14 +132,8 @@ function showState() {
 /** Say why the session is over, and what to do. */
 function showEnd(isOver) {
   const end = document.getElementById("ended");
-  if (isOver && end.hidden) document.getElementById("ended-why").textContent = whyEnded();
+  if (isOver && end.hidden) document.getElementById("ended-why").textContent = feed.problem.message;
   end.hidden = !isOver;
-}
-
-function whyEnded() {
-  if (entry.endsMs <= feed.nodeNowMs) return "Your session has ended: its ten minutes are over.";
-  if (feed.wasAway) return `${feed.status.node} was away, or was started again: a start ends all sessions, and so yours.`;
-  return "Your session was ended before its time: the node was started again, or your key may not look any more.";
 }
 
 document.querySelector(".skip-link").addEventListener("click", (event) => {
@@ -173,10 +161,6 @@ async function begin(status) {
   showState();
   addEventListener("hashchange", () => show());
   await show("first");
-  followNeighbours(() => feed.isOver, () => {
-    feed.run();
-    show("again");
-  });
   addEventListener("online", () => feed.tryNow());
   document.addEventListener("visibilitychange", () => feed.tryNow());
   feed.run();
@@ -186,7 +170,6 @@ const status = await enter();
 if (status === null) {
   replace(main, welcomePage({ reason: entry.reason }));
   main.removeAttribute("aria-busy");
-  followNeighbours(() => feed.status === null, async () => begin(await api.status()));
 } else {
   await begin(status);
 }

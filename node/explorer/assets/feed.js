@@ -19,14 +19,17 @@ function clocksFromNow() {
   return () => Math.max(performance.now() - steadyMs, Date.now() - wallMs);
 }
 
+/** Tell whether nobody answers, or `blockrobot explore` says so of the node. */
+export function isAway(problem) {
+  return problem?.status === 0 || problem?.code === "NODE_UNREACHABLE";
+}
+
 class Feed extends EventTarget {
   headers = [];
   status = null;
   problem = null;
   /** How long the pause before the next try is, ms; 0 while all is well. */
   retryMs = 0;
-  /** Whether the node gave no answer at all right before its last word. */
-  wasAway = false;
   #isRunning = false;
   #readClocks = clocksFromNow();
   #wake = () => {};
@@ -48,7 +51,7 @@ class Feed extends EventTarget {
 
   /** Tell whether the node does not answer at all. */
   get isAway() {
-    return this.problem?.status === 0;
+    return isAway(this.problem);
   }
 
   /** Tell whether the session is over: nothing comes in until there is another. */
@@ -143,7 +146,6 @@ class Feed extends EventTarget {
   }
 
   #tell(problem, retryMs) {
-    this.wasAway = this.isAway;
     this.problem = problem;
     this.retryMs = retryMs;
     this.dispatchEvent(new Event("change"));

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -14,16 +12,16 @@ from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 from click.testing import CliRunner
 
+from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
 from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
 from network.cli.cluster import explore_commands
-from network.cli.cluster.explore_commands import LINK_LIFETIME_S, explore, keep_link
+from network.cli.cluster.explore_commands import ExplorerAccess, explore, explorer_page
 from network.cli.governance.governance_signer import Signer
 from node.api import create_api
 from tests.unit.node.api.small_network import ADMIN, OWNER, STRANGER, SUBJECT, SmallLedger, SmallNode, make_genesis
-
-TARGET = "http://127.0.0.1:1/explorer/#in=answer"
+from tests.wallet_page_client import SESSION_HEADER, WalletPage
 
 
 @pytest.fixture
@@ -40,17 +38,39 @@ def signer(key: Any, client: NetworkClient) -> Signer:
     return Signer(Path(), client.genesis, "somebody", key)
 
 
-async def test_the_link_opens_a_session_once_and_holds_no_token(served: Any) -> None:
-    client, http = served
+async def test_the_page_asks_the_node_in_the_members_name_and_no_token_leaves_the_command(
+    served: Any, tmp_path: Path
+) -> None:
+    client, _ = served
     for key in (ADMIN, SUBJECT):
-        entrance = await explore_commands._enter_any(client, signer(key, client), None)
-        address, _, answer = entrance.target.partition("#in=")
-        assert address == f"{client.nodes[0].url}/explorer/"
-        public_key, challenge, signature = answer.split(".")
-        document = {"public_key": public_key, "challenge": challenge, "signature": signature}
-        assert public_key == key.public_key.hex()
-        codes = [(await http.post("/v1/sessions", json=document)).status for _ in range(2)]
-        assert codes == [200, 401]
+        access = await explore_commands._enter_any(client, signer(key, client), None)
+        async with explorer_page(access, tmp_path) as page:
+            file = (await page.start()).redirect_file
+            assert file.stat().st_mode & 0o777 == 0o600
+            assert client.nodes[0].url not in file.read_text()
+            async with WalletPage(file) as browser:
+                status, found = await browser.ask("GET", "/api/v1/explorer/status?after_height=0&wait_ms=0")
+                assert (status, found["node"]) == (200, "n0")
+                status, found = await browser.ask("GET", "/api/v1/contracts")
+                assert status == 200
+                assert "token" not in json.dumps(found)
+                status, found = await browser.ask("GET", "/api/v1/explorer/headers/" + "00" * 32)
+                assert (status, found["code"]) == (404, "NOT_FOUND")
+                query = {"contract": "nobody", "view": "x", "args": "90"}
+                assert (await browser.ask("POST", "/api/v1/queries", query))[0] != 403
+                for path in ("sessions", "transactions", "session-challenges"):
+                    assert (await browser.ask("POST", f"/api/v1/{path}", {}))[1]["code"] == "METHOD_NOT_ALLOWED"
+                del browser.headers[SESSION_HEADER]
+                status, found = await browser.ask("GET", "/api/v1/contracts")
+                assert (status, found["code"]) == (401, "PAGE_SESSION_REQUIRED")
+
+
+async def test_a_node_that_is_away_is_said_to_be_so(served: Any, tmp_path: Path) -> None:
+    client, _ = served
+    away = ExplorerAccess(NodeAddress("n0", "http://127.0.0.1:9"), signer(ADMIN, client))
+    async with explorer_page(away, tmp_path) as page, WalletPage((await page.start()).redirect_file) as browser:
+        status, found = await browser.ask("GET", "/api/v1/explorer/status")
+    assert (status, found["code"]) == (503, "NODE_UNREACHABLE")
 
 
 async def test_who_is_no_member_gets_no_link_and_an_unknown_node_is_said_to_be_so(served: Any) -> None:
@@ -62,19 +82,6 @@ async def test_who_is_no_member_gets_no_link_and_an_unknown_node_is_said_to_be_s
         await explore_commands._enter_any(client, signer(ADMIN, client), "n9")
     assert refused.value.code == "NOT_FOUND"
     assert "it has n0" in refused.value.detail
-
-
-def test_a_link_is_for_its_owner_alone_and_old_ones_are_removed(tmp_path: Path) -> None:
-    folder = tmp_path / "links"
-    old = keep_link(folder, TARGET)
-    long_ago = time.time() - LINK_LIFETIME_S - 1
-    os.utime(old, (long_ago, long_ago))
-    other = folder / "mine.html"
-    other.write_text("mine")
-    file = keep_link(folder, TARGET)
-    assert (file.stat().st_mode & 0o777, folder.stat().st_mode & 0o777) == (0o600, 0o700)
-    assert set(folder.iterdir()) == {file, other}
-    assert TARGET in file.read_text()
 
 
 def test_without_a_network_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
