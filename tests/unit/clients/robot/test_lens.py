@@ -12,7 +12,7 @@ import pytest
 from msgspec.structs import replace
 
 from clients.robot.cli.run_report import summary_lines
-from clients.robot.hiding import frame_redactor
+from clients.robot.hiding import standing_hider
 from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX, FOCAL_WAIT_MAX_S, CameraFigures, CameraIntrinsics
 from clients.robot.sensing.sensor_events import Frame, Sighting, SourceEvent
 from clients.robot.sources.messages.topics import Topics
@@ -90,8 +90,8 @@ def test_a_run_tells_its_focal_length_and_where_it_is_from(
 ) -> None:
     monkeypatch.setattr(BagSource, "focal_px", FOCAL_PX)
     measured_by: list[float] = []
-    segment = frame_redactor.segment
-    monkeypatch.setattr(frame_redactor, "segment", lambda *given: [measured_by.append(given[2]), segment(*given)][1])
+    segment = standing_hider.segment
+    monkeypatch.setattr(standing_hider, "segment", lambda *given: [measured_by.append(given[2]), segment(*given)][1])
 
     async def told(day: Any) -> None:
         summary = await day.ends_with("", frames=6)

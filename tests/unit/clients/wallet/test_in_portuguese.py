@@ -193,10 +193,10 @@ def test_what_acting_on_several_visits_tells_is_said_in_portuguese(
 
 
 def test_receipts_of_consent_are_told_in_portuguese(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    word = SimpleNamespace(
+    statement = SimpleNamespace(
         time_ms=NOW_MS, status="given", purposes=["care"], sensors=[], height=7, txid=bytes(32), index=0
     )
-    receipt = SimpleNamespace(word=word, node="node-1", organisation="hospital", published=None)
+    receipt = SimpleNamespace(statement=statement, node="node-1", organisation="hospital", published=None)
     entry = SimpleNamespace(document="{}")
     missing = ((b"\xab" * 32, BlockRobotError("NODE_UNREACHABLE")),)
     found = Receipts((receipt,), (entry,), missing)  # type: ignore[arg-type]

@@ -307,5 +307,5 @@ def test_why_pictures_are_shown_without_the_room_is_told_once_for_each_reason(
     }
     print_missing_rooms(missing)
     told = " ".join(capsys.readouterr().out.split())
-    assert (told.count("An empty room is missing"), told.count("was withdrawn")) == (2, 1)
+    assert (told.count("show the person alone, without the room"), told.count("was withdrawn")) == (2, 1)
     assert [room.code for room in list_missing_rooms(missing)][2] == "NODE_UNREACHABLE"
