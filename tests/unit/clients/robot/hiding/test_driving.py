@@ -139,7 +139,7 @@ def test_a_gap_in_the_odometry_withholds_what_falls_into_it() -> None:
     assert ward.kept(blank=True)[-1].captured_at_ms > gap.stop + 1_000
 
 
-@pytest.mark.parametrize("jump", [(1.0, 0.0), (0.0, 1.2)])
+@pytest.mark.parametrize("jump", [(0.3, 0.0), (1.0, 0.0), (0.0, 1.2)])
 def test_after_a_jump_of_the_odometry_nobody_is_known_any_more(jump: tuple[float, float]) -> None:
     jumps_ms = DRIVES_MS + 3_000
     left_m, yaw = jump
