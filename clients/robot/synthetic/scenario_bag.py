@@ -144,13 +144,13 @@ def _put(writer: Writer, connection: Connection, at_ms: int, data: bytes) -> Non
     writer.write(connection, at_ms * NS_PER_MS, data)
 
 
-def drive_odometry(drive: Drive) -> list[tuple[int, Odometry]]:
-    """Return (arrival time, place) in arrival order, on the bag's timeline."""
+def drive_odometry(drive: Drive, start_ms: int = RUN_START_MS) -> list[tuple[int, Odometry]]:
+    """Return (arrival time, place) in arrival order, the drive beginning at `start_ms`."""
     found = []
     for sample in drive.odometry():
-        at_ms = RUN_START_MS + round(1000 * sample.at_s)
+        at_ms = start_ms + round(1000 * sample.at_s)
         place = Odometry(at_ms, sample.z_m, -sample.x_m, -sample.yaw)
-        found.append((RUN_START_MS + round(1000 * sample.arrives_s), place))
+        found.append((start_ms + round(1000 * sample.arrives_s), place))
     return found
 
 

@@ -21,7 +21,7 @@ from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.sensing.sensor_events import Depth, Frame, Mask, Sighting
 from clients.robot.synthetic.camera import Labels
-from clients.robot.synthetic.render import Renderer, readings
+from clients.robot.synthetic.render import Reading, Renderer, readings
 from clients.sdk.pictures.rendition_picture import decode_depth_png
 from network.lab.hiding.scenes import Scene
 
@@ -83,10 +83,10 @@ class Stage:
         return round(index * 1000 / self.scene.scenario.frame_rate)
 
 
-def sightings(scene: Scene) -> list[tuple[int, str, Sighting]]:
+def sightings(read: Iterable[Reading]) -> list[tuple[int, str, Sighting]]:
     """(arrival in ms, alias, sighting), by arrival."""
     made = []
-    for reading in readings(scene.scenario):
+    for reading in read:
         at_ms = round(reading.at_s * 1000)
         seen = Sighting(
             at_ms,
@@ -107,7 +107,7 @@ def release(stage: Stage, indices: Iterable[int], see: Callable[[int, Depth, Lab
     the redactor.
     """
     redactor = FrameRedactor(stage.background, focal_px=stage.focal_px)
-    waiting = sightings(stage.scene)[::-1]
+    waiting = sightings(readings(stage.scene.scenario))[::-1]
     outputs: list[Output] = []
     for index in indices:
         depth, labels = stage.renderer.frame_with_truth(index)
@@ -217,7 +217,7 @@ class Timed:
         self.wall_ms: list[float] = []
         self._stage = stage
         self._companions, self._tracker, self._matcher = CompanionWatch(), Tracker(), Matcher()
-        self._waiting = sightings(stage.scene)[::-1]
+        self._waiting = sightings(readings(stage.scene.scenario))[::-1]
 
     def step(self, depth: Depth, at_ms: int) -> None:
         """CPU and wall milliseconds; frames come in time order."""

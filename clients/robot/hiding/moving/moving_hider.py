@@ -63,9 +63,7 @@ class Models:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenBody:
-    """`obstacle`: why it is not shown in this frame, or empty. `followed`: its number in the release rule. `x_m`, `z_m`: in
-    the odometry's frame.
-    """
+    """`obstacle`: why it is not shown in this frame, or empty. `followed`: its number in the release rule."""
 
     body: Body
     followed: int

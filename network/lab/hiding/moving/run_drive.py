@@ -18,8 +18,9 @@ from clients.robot.sensing.sensor_events import Depth, Frame, Odometry, Sighting
 from clients.robot.synthetic.camera import Labels
 from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer, DriveTruth
+from clients.robot.synthetic.scenario_bag import drive_odometry
 from clients.sdk.pictures.rendition_picture import decode_depth_png
-from network.lab.hiding.run_scene import VISIBLE_MIN_PX, placed
+from network.lab.hiding.run_scene import VISIBLE_MIN_PX, placed, sightings
 
 EMPTY_FRAMES_COUNT = 8
 RANGE_M, APART_M = (1.0, 5.0), 1.0
@@ -100,7 +101,9 @@ def run_drive(drive: Drive, seed: int) -> DrivePlayed:
     """Everybody's pictures are judged over the whole drive, owners' in all frames; times are the moving hider's."""
     renderer, played = DriveRenderer(drive), DrivePlayed(drive.stratum, seed)
     redactor, hider, motion = _redactor_of(drive), hider_of(drive), OwnMotion()
-    waiting = sorted([*_sightings(drive), *_odometry(drive)], key=lambda event: event[0])[::-1]
+    heard = [(at_ms, (alias, sighting)) for at_ms, alias, sighting in sightings(drive.readings())]
+    waiting: list[tuple[int, Odometry | tuple[str, Sighting]]] = [*heard, *drive_odometry(drive, 0)]
+    waiting.sort(key=lambda event: event[0], reverse=True)
     truths: dict[int, DriveTruth] = {}
     outputs: list[Output] = []
     candidates: list[_Candidate] = []
@@ -212,29 +215,4 @@ def _people_in(drive: Drive, index: int, truth: DriveTruth) -> list[PersonFrame]
             aid=person.aid or ("child" if person.height_m < CHILD_MAX_M else ""),
         )
         found.append(made)
-    return found
-
-
-def _odometry(drive: Drive) -> list[tuple[float, Odometry | tuple[str, Sighting]]]:
-    return [
-        (1000 * sample.arrives_s, Odometry(round(1000 * sample.at_s), sample.z_m, -sample.x_m, -sample.yaw))
-        for sample in drive.odometry()
-    ]
-
-
-def _sightings(drive: Drive) -> list[tuple[float, Odometry | tuple[str, Sighting]]]:
-    found: list[tuple[float, Odometry | tuple[str, Sighting]]] = []
-    for reading in drive.readings():
-        at_ms = round(reading.at_s * 1000)
-        heard = Sighting(
-            at_ms,
-            at_ms,
-            "",
-            reading.antenna,
-            reading.facing,
-            reading.rssi_dbm,
-            reading.distance_m,
-            reading.sigma_m,
-        )
-        found.append((1000 * reading.arrives_s, (reading.alias, heard)))
     return found
