@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from clients.robot.hiding.background import Background
 from clients.robot.hiding.cutouts import EncodedCutout
+from clients.robot.hiding.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.hider import FoundPeople, Hider
 from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.matcher import Matcher
@@ -96,7 +97,8 @@ class FrameRedactor:
     once, then `KeptFrame` or `WithheldFrame` per owner.
 
     With a `driving` camera it also hides where the empty scene does not fit, as long as odometry says where the robot is.
-    Tags are bound while the robot stands; while it drives, only people whom it knew before are kept.
+    Tags are bound while the robot stands; while it drives, only people whom it knew before are kept. `time_of_flight`: how
+    the camera measures; what it sees between two surfaces is dropped first.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class FrameRedactor:
         background: Background,
         *,
         driving: DrivingCamera | None = None,
+        time_of_flight: bool = False,
         focal_px: float = FOCAL_DEFAULT_PX,
         window_ms: int = WINDOW_DEFAULT_MS,
         lateness_ms: int = LATENESS_DEFAULT_MS,
@@ -113,6 +116,7 @@ class FrameRedactor:
         self.matcher = Matcher()
         self._background = background
         self._driving = driving
+        self._time_of_flight = time_of_flight
         self._buffer_ms = max(buffer_ms, window_ms + lateness_ms + 1)
         self._tracker = Tracker()
         self._motion = OwnMotion() if driving is not None else None
@@ -130,14 +134,8 @@ class FrameRedactor:
         if self._driving is not None:
             self.mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
         if self._driving is not None and self.mount is not None:
-            moving = MovingHider(
-                self._background.shape,
-                focal_px,
-                self.mount,
-                buffer_ms=self._buffer_ms,
-                flying_pixels=self._driving.flying_pixels,
-            )
-            self._hiders.append(moving)
+            shape = self._background.shape
+            self._hiders.append(MovingHider(shape, focal_px, self.mount, buffer_ms=self._buffer_ms))
 
     def push_odometry(self, odometry: Odometry) -> None:
         """Dropped if the robot is not one that drives. In any order."""
@@ -188,7 +186,7 @@ class FrameRedactor:
             seen.disordered = True
         else:
             self._newest_ms = frame.captured_at_ms
-            self._find_people(seen, depth)
+            self._find_people(seen, drop_flying_pixels(depth) if self._time_of_flight else depth)
             self._weigh_readings()
             self.matcher.advance(frame.captured_at_ms)
         self._seen[frame.sequence] = seen

@@ -15,7 +15,6 @@ from clients.robot.hiding.cutouts import encode_cutout
 from clients.robot.hiding.hider import FoundPeople
 from clients.robot.hiding.moving.blank_cutouts import cut_body
 from clients.robot.hiding.moving.body_cues import BODY_CUES, Body, measure_bodies
-from clients.robot.hiding.moving.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.plan_bodies import CELL_M, STEP_PX, LevelView, PlanView
 from clients.robot.hiding.moving.release_rule import FRAME_MIN_ODDS, TRACK_MIN_ODDS, ReleaseRule, Sighted
@@ -43,11 +42,10 @@ _NEARER = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * NEARER_PX // STEP_PX
 class DrivingCamera:
     """The camera of a robot that drives. `mount`: how it is fixed; None: it is measured in the empty scene.
 
-    `flying_pixels`: it measures by time of flight. `ahead_m`, `left_m`: from what the robot's odometry speaks of.
+    `ahead_m`, `left_m`: from what the robot's odometry speaks of.
     """
 
     mount: Ground | None = None
-    flying_pixels: bool = False
     ahead_m: float = 0.0
     left_m: float = 0.0
 
@@ -109,32 +107,29 @@ class MovingHider:
         mount: Ground,
         *,
         buffer_ms: int,
-        flying_pixels: bool = False,
         models: Models | None = None,
     ) -> None:
         self._plan = PlanView(shape, focal_px, mount)
         self._focal_px = focal_px
         self._buffer_ms = buffer_ms
-        self._flying_pixels = flying_pixels
         self._models = models or shipped_models()
         self._rule = ReleaseRule()
 
     def find_people(self, depth: Depth, place: RobotPlace | None, at_ms: int) -> FoundPeople | None:
         if place is None:
             return None
-        cleaned = drop_flying_pixels(depth) if self._flying_pixels else depth
-        view, seen = self.look(cleaned, place, at_ms)
+        view, seen = self.look(depth, place, at_ms)
         people = [one for one in seen if one.thing_odds < THING_MIN_ODDS]
         bodies = {one.body.label: one.body for one in people}
         return FoundPeople(
             tuple(one.silhouette for one in people),
             len(people) < len(seen),
-            lambda silhouette: encode_cutout(cut_body(cleaned, view, bodies[silhouette.label], self._focal_px)),
+            lambda silhouette: encode_cutout(cut_body(depth, view, bodies[silhouette.label], self._focal_px)),
             {one.body.label: partial(self._rule.allows, one.followed, at_ms, self._buffer_ms) for one in people},
         )
 
     def look(self, depth: Depth, place: RobotPlace, at_ms: int) -> tuple[LevelView, list[SeenBody]]:
-        """Return every body that could be a person by its size; `depth` without flying pixels."""
+        """Return every body that could be a person by its size."""
         view = self._plan.look(depth)
         lost = self._plan.frames_without_ground_count > GROUND_LOST_MAX_COUNT
         bodies = measure_bodies(view, self._plan.focal_px)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from clients.robot.hiding.background import learn_background
+from clients.robot.hiding.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
@@ -123,7 +124,7 @@ def run_drive(drive: Drive, seed: int) -> DrivePlayed:
         played.people += _people_in(drive, index, truth)
         push_until(at_ms)
         outputs += redactor.push_frame(Frame(at_ms, index, truth.depth))
-        candidates += _look(hider, motion.place_at(at_ms), truth, index, at_ms, played.frame_ms)
+        candidates += _look(hider, motion.place_at(at_ms), drive, truth, index, played.frame_ms)
     push_until(math.inf)
     outputs += redactor.flush()
     for candidate in candidates:
@@ -151,7 +152,6 @@ def hider_of(drive: Drive) -> MovingHider:
         scenario.focal_px,
         _mount_of(drive),
         buffer_ms=BUFFER_DEFAULT_MS,
-        flying_pixels=drive.time_of_flight,
     )
 
 
@@ -160,10 +160,11 @@ def at_ms_of(drive: Drive, index: int) -> int:
 
 
 def _look(
-    hider: MovingHider, place: RobotPlace | None, truth: DriveTruth, index: int, at_ms: int, frame_ms: list[float]
+    hider: MovingHider, place: RobotPlace | None, drive: Drive, truth: DriveTruth, index: int, frame_ms: list[float]
 ) -> list[_Candidate]:
     began = time.thread_time()
-    found = hider.find_people(truth.depth, place, at_ms)
+    depth = drop_flying_pixels(truth.depth) if drive.time_of_flight else truth.depth
+    found = hider.find_people(depth, place, at_ms_of(drive, index))
     if found is None:
         return []
     cutouts = [(one.label, found.cut(one)) for one in found.silhouettes if not one.withhold_reason]
@@ -181,7 +182,8 @@ def _redactor_of(drive: Drive) -> FrameRedactor:
     renderer = DriveRenderer(drive)
     return FrameRedactor(
         learn_background([renderer.empty_frame(number) for number in range(1, EMPTY_FRAMES_COUNT + 1)]),
-        driving=DrivingCamera(_mount_of(drive), flying_pixels=drive.time_of_flight),
+        driving=DrivingCamera(_mount_of(drive)),
+        time_of_flight=drive.time_of_flight,
         focal_px=drive.scenario.focal_px,
     )
 

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from clients.robot.hiding.companion import Floats
+from clients.robot.hiding.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.moving.body_cues import Body, measure_bodies
-from clients.robot.hiding.moving.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.plan_bodies import STEP_PX, LevelView, PlanView
 from clients.robot.synthetic.driving.drive import Drive
