@@ -32,7 +32,7 @@ from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16
 BUFFER_DEFAULT_MS = 10_000
 FORGET_EVERY_MS = 5_000
 READINGS_WAITING_MAX_COUNT = 4_096
-UNKNOWN_MAX_MS = 1_000  # after a reading: so long the odometry may take to tell whether the robot stood
+UNKNOWN_MAX_MS = 2_000  # after a reading: so long the odometry may take to tell whether the robot stood
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,6 @@ class _Seen:
     stray: bool = False  # more than noise is nearer than the empty scene and belongs to no silhouette
     disordered: bool = False
     moved: bool = False
-    driving: bool = False
     blank: bool = False
     may_show: dict[int, Callable[[], bool]] = field(default_factory=dict)
 
@@ -133,9 +132,10 @@ class FrameRedactor:
         self._hiders: list[Hider] = [StandingHider(self._background, focal_px)]
         if self._driving is not None:
             self.mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
-        if self._driving is not None and self.mount is not None:
+        if self._driving is not None and self.mount is not None and self._motion is not None:
             shape = self._background.shape
-            self._hiders.append(MovingHider(shape, focal_px, self.mount, buffer_ms=self._buffer_ms))
+            buffer_ms, motion = self._buffer_ms, self._motion
+            self._hiders.append(MovingHider(shape, focal_px, self.mount, buffer_ms=buffer_ms, motion=motion))
 
     def push_odometry(self, odometry: Odometry) -> None:
         """Dropped if the robot is not one that drives. In any order."""
@@ -195,11 +195,12 @@ class FrameRedactor:
     def _find_people(self, seen: _Seen, depth: Depth) -> None:
         at_ms = seen.captured_at_ms
         place = self._find_place(at_ms)
-        seen.driving = self._motion is not None and not self._motion.stands(at_ms)
         for hider in self._hiders:
             found = hider.find_people(depth, place, at_ms)
             if found is not None:
                 seen.blank = hider.is_blank
+                if self._motion is not None and not hider.is_blank:
+                    self._motion.confirm(at_ms)
                 self._follow(seen, found)
                 return
         seen.moved = True
@@ -317,7 +318,8 @@ class FrameRedactor:
         elif not seen.tracks:
             reason = WithholdReason.MERGED if seen.merged else WithholdReason.NO_SILHOUETTE
         elif due:
-            reason = WithholdReason.MOVED if seen.driving else self._why_unbound(alias, seen)
+            driving = self._motion is not None and not self._motion.stands(seen.captured_at_ms)
+            reason = WithholdReason.MOVED if driving else self._why_unbound(alias, seen)
         if reason is None:
             return None
         evidence: MatchEvidence | MergedEvidence | None = None

@@ -1,9 +1,10 @@
-"""Where the robot was, by its own odometry, at the time of a frame; and whether that can be believed."""
+"""Where the robot was, by its own odometry, at the time of a frame; and whether the camera agrees."""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left, insort
+from collections import deque
 from dataclasses import dataclass
 
 from clients.robot.sensing.sensor_events import Odometry
@@ -15,6 +16,7 @@ AHEAD_MAX_MS = 200  # of the newest sample: so far its speed is taken to last
 SPEED_MAX_MPS, TURN_MAX_RADPS = 2.5, math.radians(180)
 STANDS_MPS, STANDS_RADPS = 0.02, math.radians(1.0)
 STANDS_WITHIN_MS = 300
+DOUBTS_MAX_COUNT = 1_000
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -49,6 +51,8 @@ class OwnMotion:
     def __init__(self) -> None:
         self._places: list[RobotPlace] = []
         self._broken_ms: list[int] = []
+        self._doubts: deque[tuple[int, int]] = deque(maxlen=DOUBTS_MAX_COUNT)
+        self._confirmed_ms = -math.inf
 
     def add(self, place: RobotPlace) -> None:
         """Samples may come in any order; a second one for the same time is dropped."""
@@ -66,6 +70,19 @@ class OwnMotion:
             keep = max(bisect_left(self._places, first_ms, key=lambda kept: kept.at_ms), len(self._places) // 2)
             del self._places[:keep]
             del self._broken_ms[: bisect_left(self._broken_ms, self._places[0].at_ms)]
+
+    def confirm(self, at_ms: int) -> None:
+        """The camera saw until then what it would see if the odometry is right."""
+        self._confirmed_ms = at_ms
+
+    def doubt(self, first_ms: int, last_ms: int) -> None:
+        """The camera saw between that the odometry is wrong. Nobody is followed past the end."""
+        self._doubts.append((first_ms, last_ms))
+        insort(self._broken_ms, last_ms + 1)
+        self._confirmed_ms = last_ms
+
+    def is_doubted(self, first_ms: int, last_ms: int) -> bool:
+        return any(first_ms <= end and begin <= last_ms for begin, end in self._doubts)
 
     @property
     def newest_ms(self) -> int | None:
@@ -92,10 +109,14 @@ class OwnMotion:
         return bisect_left(self._broken_ms, first_ms + 1) == bisect_left(self._broken_ms, last_ms + 1)
 
     def stands(self, at_ms: int) -> bool | None:
-        """Tell whether the robot stood for a while before and after; None where that is not known."""
+        """Tell whether the robot stood for a while before and after; None where that is not known (yet)."""
         first, last = self.place_at(at_ms - STANDS_WITHIN_MS), self.place_at(at_ms + STANDS_WITHIN_MS)
         if first is None or last is None or not self.is_continuous(first.at_ms, last.at_ms):
             return None
+        if self._confirmed_ms < last.at_ms:
+            return None
+        if self.is_doubted(first.at_ms, last.at_ms):
+            return False
         seconds = 2 * STANDS_WITHIN_MS / 1000
         moved = math.hypot(last.x_m - first.x_m, last.z_m - first.z_m) / seconds
         return moved <= STANDS_MPS and abs(_turned(first, last)) / seconds <= STANDS_RADPS

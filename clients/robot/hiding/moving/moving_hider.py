@@ -18,7 +18,8 @@ from clients.robot.hiding.moving.body_cues import BODY_CUES, Body, measure_bodie
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.plan_bodies import CELL_M, STEP_PX, LevelView, PlanView
 from clients.robot.hiding.moving.release_rule import FRAME_MIN_ODDS, TRACK_MIN_ODDS, ReleaseRule, Sighted
-from clients.robot.hiding.own_motion import RobotPlace
+from clients.robot.hiding.moving.scan_match import ScanMatch
+from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.sensing.sensor_events import Depth
 from consensus.bounded_text import read_json_text
@@ -107,6 +108,7 @@ class MovingHider:
         mount: Ground,
         *,
         buffer_ms: int,
+        motion: OwnMotion,
         models: Models | None = None,
     ) -> None:
         self._plan = PlanView(shape, focal_px, mount)
@@ -114,19 +116,26 @@ class MovingHider:
         self._buffer_ms = buffer_ms
         self._models = models or shipped_models()
         self._rule = ReleaseRule()
+        self._motion = motion
+        self._scans = ScanMatch(shape[1] / 2 / focal_px, motion)
 
     def find_people(self, depth: Depth, place: RobotPlace | None, at_ms: int) -> FoundPeople | None:
         if place is None:
             return None
         view, seen = self.look(depth, place, at_ms)
         people = [one for one in seen if one.thing_odds < THING_MIN_ODDS]
+        if not self._scans.agrees(view, [one.body.label for one in people], place):
+            return None
         bodies = {one.body.label: one.body for one in people}
         return FoundPeople(
             tuple(one.silhouette for one in people),
             len(people) < len(seen),
             lambda silhouette: encode_cutout(cut_body(depth, view, bodies[silhouette.label], self._focal_px)),
-            {one.body.label: partial(self._rule.allows, one.followed, at_ms, self._buffer_ms) for one in people},
+            {one.body.label: partial(self._may_show, self._rule, one.followed, at_ms) for one in people},
         )
+
+    def _may_show(self, rule: ReleaseRule, followed: int, at_ms: int) -> bool:
+        return not self._motion.is_doubted(at_ms, at_ms) and rule.allows(followed, at_ms, self._buffer_ms)
 
     def look(self, depth: Depth, place: RobotPlace, at_ms: int) -> tuple[LevelView, list[SeenBody]]:
         """Return every body that could be a person by its size."""

@@ -101,7 +101,8 @@ class _Candidate:
 def run_drive(drive: Drive, seed: int) -> DrivePlayed:
     """Everybody's pictures are judged over the whole drive, owners' in all frames; times are the moving hider's."""
     renderer, played = DriveRenderer(drive), DrivePlayed(drive.stratum, seed)
-    redactor, hider, motion = _redactor_of(drive), hider_of(drive), OwnMotion()
+    redactor, motion = _redactor_of(drive), OwnMotion()
+    hider = hider_of(drive, motion)
     heard = [(at_ms, (alias, sighting)) for at_ms, alias, sighting in sightings(drive.readings())]
     waiting: list[tuple[int, Odometry | tuple[str, Sighting]]] = [*heard, *drive_odometry(drive, 0)]
     waiting.sort(key=lambda event: event[0], reverse=True)
@@ -145,13 +146,14 @@ def whom(truth: DriveTruth) -> Labels:
     return np.where(truth.labels > 0, truth.labels, truth.reflections)
 
 
-def hider_of(drive: Drive) -> MovingHider:
+def hider_of(drive: Drive, motion: OwnMotion) -> MovingHider:
     scenario = drive.scenario
     return MovingHider(
         (scenario.height, scenario.width),
         scenario.focal_px,
         _mount_of(drive),
         buffer_ms=BUFFER_DEFAULT_MS,
+        motion=motion,
     )
 
 

@@ -15,6 +15,7 @@ def driven(*places: RobotPlace) -> OwnMotion:
     motion = OwnMotion()
     for place in places:
         motion.add(place)
+    motion.confirm(60_000)
     return motion
 
 
@@ -93,3 +94,24 @@ def test_a_storm_of_samples_is_held_in_bounded_memory() -> None:
         motion.add(RobotPlace(at_ms))
     assert motion.place_at(0) is None
     assert len(motion._places) <= SAMPLES_MAX_COUNT
+
+
+def test_nobody_is_said_to_stand_before_the_camera_has_agreed_or_while_it_disagrees() -> None:
+    motion = driven(*(RobotPlace(at_ms) for at_ms in range(0, 10_000, 100)))
+    motion.confirm(3_000)
+    assert motion.stands(2_700) is True
+    assert motion.stands(2_800) is None
+    motion.doubt(4_000, 5_000)
+    motion.confirm(9_000)
+    assert [motion.stands(at_ms) for at_ms in (3_600, 3_700, 5_300, 5_400)] == [True, False, None, True]
+    assert motion.is_continuous(0, 5_000)
+    assert not motion.is_continuous(5_000, 5_100)
+
+
+def test_doubts_are_held_in_bounded_memory() -> None:
+    motion = driven(*straight())
+    for number in range(5_000):
+        motion.doubt(number, number)
+        motion.add(RobotPlace(100 * number))
+    assert len(motion._doubts) <= 1_000
+    assert len(motion._broken_ms) <= 5_000

@@ -1,0 +1,42 @@
+"""The hider of a robot that drives, in a drawn room: what it does while the odometry lies about the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from clients.robot.hiding.moving.ground_plane import Ground
+from clients.robot.hiding.moving.moving_hider import MovingHider
+from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
+from clients.robot.synthetic.driving.draws import draw_drive
+from clients.robot.synthetic.driving.drive_render import DriveRenderer
+from clients.robot.synthetic.scenario_bag import drive_odometry
+
+BUFFER_MS, ENDS_MS = 2_000, 7_000
+
+
+@pytest.mark.parametrize("share_said", [1.0, 0.0, 2.0])
+def test_a_frame_is_given_up_when_the_room_moves_otherwise_than_said(share_said: float) -> None:
+    drive = draw_drive(70_000, "straight", judging=False, stands_s=1.0)
+    scenario, renderer, motion = drive.scenario, DriveRenderer(drive), OwnMotion()
+    mount = Ground.of_mount(drive.mount.believed_height_m, drive.mount.believed_pitch)
+    shape = (scenario.height, scenario.width)
+    hider = MovingHider(shape, scenario.focal_px, mount, buffer_ms=BUFFER_MS, motion=motion)
+    for _, odometry in drive_odometry(drive, 0):
+        place = RobotPlace.of_camera(odometry, 0.0, 0.0)
+        motion.add(replace(place, x_m=place.x_m * share_said, z_m=place.z_m * share_said))
+    given_up, asked = [], {}
+    for index in range(int(ENDS_MS / 1000 * scenario.frame_rate)):
+        at_ms = round(index * 1000 / scenario.frame_rate)
+        found = hider.find_people(renderer.truth(index).depth, motion.place_at(at_ms), at_ms)
+        if found is None:
+            given_up.append(at_ms)
+        else:
+            asked[at_ms] = list(found.may_show.values())
+    assert bool(given_up) == (share_said != 1.0)
+    for at_ms in given_up:
+        assert motion.is_doubted(at_ms, at_ms)
+        assert motion.stands(at_ms) is not True
+        assert not any(may_show() for may_show in asked.get(at_ms - 200, []))
+    assert not motion.is_doubted(0, 1_000 - 500), "while it stood, nothing was wrong"
