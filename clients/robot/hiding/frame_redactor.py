@@ -271,6 +271,8 @@ class FrameRedactor:
         self.matcher, self._newest_ms, self._forgot_ms = Matcher(), None, 0
         self._readings.clear()
         self._lose_everybody()
+        if self._motion is not None:
+            self._motion.restart()
         return outputs
 
     def _queue_decided(self, decided: list[Decision]) -> list[Output]:

@@ -49,6 +49,10 @@ class OwnMotion:
     """The robot's places over the last minute. A jump is a step that is faster than it can drive or turn."""
 
     def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Samples that follow have another clock."""
         self._places: list[RobotPlace] = []
         self._broken_ms: list[int] = []
         self._doubts: deque[tuple[int, int]] = deque(maxlen=DOUBTS_MAX_COUNT)

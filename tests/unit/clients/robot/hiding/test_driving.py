@@ -179,3 +179,13 @@ def test_readings_that_wait_for_odometry_are_held_in_bounded_memory() -> None:
         heard = Sighting(number, number, "", 1, Facing.FRONT, -50.0, 2.0, 0.2)
         redactor.push_sighting("owner", heard)
     assert len(redactor._readings) <= 4_096
+
+
+def test_a_camera_whose_clock_is_set_back_has_no_place_from_before() -> None:
+    redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=DrivingCamera(Ground.of_mount(1.2, 0.0)))
+    for at_ms in range(0, 100_000, 1_000):
+        redactor.push_odometry(Odometry(at_ms, 0.0, 0.0, 0.0))
+        redactor.push_frame(Frame(at_ms, at_ms // 1_000, EMPTY, received_at_ms=at_ms))
+    redactor.push_frame(Frame(10_000, 1_000, EMPTY, received_at_ms=100_000))
+    assert redactor._motion is not None
+    assert redactor._motion.newest_ms is None

@@ -115,3 +115,17 @@ def test_doubts_are_held_in_bounded_memory() -> None:
         motion.add(RobotPlace(100 * number))
     assert len(motion._doubts) <= 1_000
     assert len(motion._broken_ms) <= 5_000
+
+
+def test_a_clock_that_is_set_back_leaves_nothing_of_before() -> None:
+    motion = driven(*straight())
+    motion.doubt(500, 1_000)
+    motion.restart()
+    assert motion.newest_ms is None
+    assert motion.place_at(1_000) is None
+    assert not motion.is_doubted(0, 3_000)
+    for place in straight(mps=0.0):
+        motion.add(place)
+    assert motion.stands(1_000) is None, "the camera has not agreed yet"
+    motion.confirm(2_000)
+    assert motion.stands(1_000) is True
