@@ -77,7 +77,7 @@ def sourced(prefix: Path, *, workspace: bool = True) -> dict[str, str]:
 def main() -> int:
     """Install what is missing; return 0 if tests of ROS 2 can run then."""
     try:
-        run_in_own_network(nothing)
+        run_in_own_network(nothing, Path.cwd())
         install()
     except (NotInstallableError, NoOwnNetworkError) as error:
         sys.stderr.write(f"{error}\n")

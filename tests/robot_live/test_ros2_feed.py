@@ -33,7 +33,7 @@ def on_graph(tmp_path: Path, request: pytest.FixtureRequest) -> ON_GRAPH:
             async with ros2_graph(home, workspace=workspace) as graph:
                 await story(graph)
 
-        run_in_own_network(within)
+        run_in_own_network(within, tmp_path)
 
     return run
 

@@ -61,7 +61,7 @@ def test_what_ros_2_publishes_at_30_hz_is_recorded_whole_and_is_in_the_wallet(tm
             await record_viewpoint(live, graph, empty)
             await record_and_check(live, graph, scene)
 
-    run_in_own_network(story)
+    run_in_own_network(story, tmp_path)
 
 
 async def record_viewpoint(live: LiveRobot, graph: Ros2Graph, empty: Path) -> None:
