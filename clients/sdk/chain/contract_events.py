@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -13,6 +14,8 @@ from consensus.api_documents import PAGE_MAX_COUNT, EventsPage
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
+
+PAGES_MAX_COUNT = 10_000  # each of 100 events that were found, or of 1,000 that were looked at
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -100,3 +103,21 @@ async def read_events(
 
     await client.find_nodes(key)
     return await client.with_any_node(ask)
+
+
+async def each_event(
+    client: NetworkClient, key: PrivateKey, *, contract: str, name: str | None = None
+) -> AsyncIterator[FoundEvent]:
+    """All events that nodes keep, oldest first. A page may be empty long before the newest block.
+
+    Raises as `read_events`, and ENCODING_INVALID if a node's pages have no end.
+    """
+    place: Place | None = None
+    for _ in range(PAGES_MAX_COUNT):
+        page = await read_events(client, key, place, contract=contract, name=name)
+        for event in page.events:
+            yield event
+        if page.next == place or page.next.height > page.head:
+            return
+        place = page.next
+    raise BlockRobotError("ENCODING_INVALID", "The node's events have no end.")

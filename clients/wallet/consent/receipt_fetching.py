@@ -11,7 +11,7 @@ import msgspec
 from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.checks.consent_receipts import CheckedReceipt, check_entry, read_reference, state_keys
 from clients.bundle.documents import ReceiptEntry
-from clients.sdk.chain.contract_events import Place, read_events
+from clients.sdk.chain.contract_events import each_event
 from clients.sdk.chain.proved_rows import proved_row
 from clients.sdk.connections import NodeAddress
 from clients.sdk.node_answers import read_answer, read_hex
@@ -190,16 +190,10 @@ class ConsentReceipts:
         member = self._wallet.keys.identity
         found: dict[bytes, int] = {}
         for contract, names in (("identity", ("registered",)), (CONSENT, ("given", "refused", "withdrawn"))):
-            place: Place | None = None
-            while True:
-                page = await read_events(self._wallet.network, member, place, contract=contract)
-                for event in page.events:
-                    own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
-                    if own and event.name in names and not event.data.get("mandate"):
-                        found[event.txid] = event.place.height
-                if not page.events:
-                    break
-                place = page.next
+            async for event in each_event(self._wallet.network, member, contract=contract):
+                own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
+                if own and event.name in names and not event.data.get("mandate"):
+                    found[event.txid] = event.place.height
         return sorted(found, key=lambda txid: found[txid])
 
 

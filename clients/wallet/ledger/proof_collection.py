@@ -14,7 +14,7 @@ from clients.bundle.checks.chain_proofs import ProvedChain
 from clients.bundle.checks.consent_receipts import CheckedReceipt
 from clients.bundle.checks.key_history import CONTRACT, REGISTERED, ROTATED, own_steps, read_step
 from clients.bundle.checks.signed_receipts import is_registering
-from clients.sdk.chain.contract_events import Place, read_events
+from clients.sdk.chain.contract_events import each_event
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.node_answers import read_answer, read_hex
@@ -184,13 +184,8 @@ async def _kept_of(wallet: Wallet, contract: str) -> dict[bytes, KeptProof]:
 async def _identity_events(wallet: Wallet, member: PrivateKey) -> list[tuple[bytes, str, dict[str, Any]]]:
     found: list[tuple[bytes, str, dict[str, Any]]] = []
     for name in (REGISTERED, ROTATED):
-        place: Place | None = None
-        while True:
-            page = await read_events(wallet.network, member, place, contract=CONTRACT, name=name)
-            found += [(event.txid, event.name, event.data) for event in page.events if event.name == name]
-            if not page.events:
-                break
-            place = page.next
+        async for event in each_event(wallet.network, member, contract=CONTRACT, name=name):
+            found += [(event.txid, event.name, event.data)] if event.name == name else []
     return found
 
 
@@ -199,19 +194,13 @@ async def _collect_words(
 ) -> tuple[list[doc.ReceiptProof], list[doc.Problem]]:
     """Consent statements, with proofs: of the signed receipt, else kept, else fetched."""
     words: dict[bytes, int] = {}
-    place: Place | None = None
     problems: list[doc.Problem] = []
     try:
-        while True:
-            page = await read_events(wallet.network, member, place, contract=CONSENT)
-            for event in page.events:
-                own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
-                own = own and not event.data.get("mandate")  # said for another person
-                if own and event.name in document_building.WORDS:
-                    words[event.txid] = event.place.height
-            if not page.events:
-                break
-            place = page.next
+        async for event in each_event(wallet.network, member, contract=CONSENT):
+            own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
+            own = own and not event.data.get("mandate")  # said for another person
+            if own and event.name in document_building.WORDS:
+                words[event.txid] = event.place.height
     except BlockRobotError as error:
         problems.append(doc.Problem("", error.code, f"The history of your consents could not be read: {error.detail}"))
     found: list[tuple[int, int, doc.ReceiptProof]] = [

@@ -6,11 +6,22 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from clients.sdk.chain.contract_events import Place, _read_page, read_events, read_place
+from clients.sdk.chain import contract_events
+from clients.sdk.chain.contract_events import (
+    PAGES_MAX_COUNT,
+    EventPage,
+    FoundEvent,
+    Place,
+    _read_page,
+    each_event,
+    read_events,
+    read_place,
+)
 from clients.sdk.network_client import NetworkClient
 from consensus.chain.block import ContractEvent, Receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
+from node.api.routes.event_pages import SCAN_MAX_COUNT
 from node.snapshot.making import header_of_block
 from tests.unit.clients.sdk.conftest import TwoNodes
 from tests.unit.node.api.small_network import SUBJECT, SmallLedger
@@ -58,6 +69,35 @@ async def test_what_one_node_pruned_is_asked_of_the_others(two_nodes: TwoNodes) 
     await whole.store.prune(4, header_of_block)
     with pytest.raises(BlockRobotError, match=r"^BLOCK_PRUNED:"):
         await read_events(client, SUBJECT, Place(2, 0))
+
+
+async def test_events_of_other_contracts_hide_none_that_come_later(two_nodes: TwoNodes) -> None:
+    """A node looks at so many events for one page; a wallet must not take an empty one for the end."""
+    ledger = await SmallLedger().start()
+    wanted = ContractEvent(contract="notes", name="written", data=encode_value({}))
+    other = ContractEvent(contract="custody", name="stored", data=encode_value({}))
+    sequences = [(wanted,), (other,) * (SCAN_MAX_COUNT + 200), (other,) * SCAN_MAX_COUNT, (wanted,), ()]
+    for number, events in enumerate(sequences):
+        await ledger.extend(receipts=(Receipt(bytes([number]) * 32, True, "OK", "", None, 1, events),))
+    await two_nodes.add("n0", ledger)
+    found = [event.place.height async for event in each_event(two_nodes.client(), SUBJECT, contract="notes")]
+    assert found == [1, 4]
+
+
+async def test_a_node_whose_pages_have_no_end_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = 0
+
+    async def invent(_: NetworkClient, __: object, first: Place | None, **___: object) -> EventPage:
+        nonlocal asked
+        asked += 1
+        place = Place((first or Place(0, 0)).height + 1, 0)
+        return EventPage((FoundEvent(place, "notes", "written", {}, bytes(32)),), Place(place.height, 1), 10**9)
+
+    monkeypatch.setattr(contract_events, "read_events", invent)
+    with pytest.raises(BlockRobotError, match=r"^ENCODING_INVALID:"):
+        async for _ in each_event(None, SUBJECT, contract="notes"):  # type: ignore[arg-type]
+            pass
+    assert asked == PAGES_MAX_COUNT
 
 
 def answer(*places: str, following: str) -> bytes:
