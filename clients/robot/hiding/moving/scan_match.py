@@ -21,14 +21,14 @@ LOWEST_M, HIGHEST_M, NEAREST_M, FARTHEST_M, ASIDE_M = 0.3, 2.0, 0.5, 4.5, 3.0
 CELL_M = 0.05
 POINTS_MIN_COUNT, POINTS_MAX_COUNT = 80, 160
 AGREES_SHARE, BETTER_BY_SHARE, FOUND_MIN_SHARE = 0.85, 0.2, 0.5
-DRIFT_CELLS, DRIFT_RAD = 2, math.radians(4)  # what honest odometry may be off by, delay counted in
+DRIFT_CELLS, DRIFT_RAD = 2, math.radians(4)  # what honest odometry may be off by, delay included
 SEARCHED_CELLS, SEARCHED_RAD = 12, math.radians(15)
 STEP_CELLS, STEP_RAD = 2, math.radians(1.5)
 
 Plan = npt.NDArray[np.float64]
 
 _NEAR = np.ones((3, 3), np.uint8)
-_MARGIN = SEARCHED_CELLS + 2  # a place outside of the plan is put there: no displacement brings it in
+_MARGIN = SEARCHED_CELLS + 2  # places outside the plan go there: no displacement searched brings them in
 _ROWS, _COLUMNS = round(FARTHEST_M / CELL_M) + 4 * _MARGIN, round(2 * ASIDE_M / CELL_M) + 4 * _MARGIN
 
 
@@ -59,6 +59,8 @@ class ScanMatch:
         before, at_ms, checked_ms = self._before, place.at_ms, self._checked_ms
         if checked_ms is not None and 0 <= at_ms - checked_ms < CHECK_EVERY_MS:
             return True
+        if checked_ms is not None and at_ms < checked_ms:
+            before = None
         self._checked_ms = at_ms
         scan = _scan(view, people, place)
         right = before is None or self._agree(before, scan)
@@ -67,7 +69,8 @@ class ScanMatch:
         if before is None or right:
             self._motion.confirm(at_ms)
         else:
-            self._motion.doubt(max(before.place.at_ms, checked_ms or at_ms, at_ms - COMPARED_MS), at_ms)
+            last_ms = before.place.at_ms if checked_ms is None else checked_ms
+            self._motion.doubt(max(last_ms, at_ms - COMPARED_MS), at_ms)
         return right
 
     def _agree(self, before: _Scan, scan: _Scan) -> bool:

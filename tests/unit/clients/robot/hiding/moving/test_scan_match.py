@@ -138,10 +138,18 @@ def test_where_nothing_is_in_reach_the_odometry_is_believed() -> None:
     assert not drive(ahead(0.4), stands, room=[(-50, 40, 50, 40)]).is_doubted(0, ENDS_MS)
 
 
-def test_a_jump_back_in_time_is_compared_at_once() -> None:
+def test_after_a_jump_back_in_time_nothing_of_before_is_compared_with() -> None:
     motion = OwnMotion()
     scans = ScanMatch(SLOPE, motion)
-    view = view_from(RobotPlace(0), ROOM)
-    assert scans.agrees(view, [], RobotPlace(50_000))
-    assert scans.agrees(view, [], RobotPlace(1_000))
+    assert scans.agrees(view_from(RobotPlace(0), ROOM + CUPBOARDS), [], RobotPlace(50_000))
+    assert scans.agrees(view_from(RobotPlace(0, 0.0, 0.5), ROOM + CUPBOARDS), [], RobotPlace(1_000))
     assert motion._confirmed_ms == 1_000
+    assert not motion.is_doubted(0, 60_000)
+
+
+def test_everything_since_the_last_comparison_is_doubted_also_since_time_zero() -> None:
+    motion = OwnMotion()
+    scans = ScanMatch(SLOPE, motion)
+    assert scans.agrees(view_from(RobotPlace(0), ROOM + CUPBOARDS), [], RobotPlace(0))
+    assert not scans.agrees(view_from(RobotPlace(0, 0.0, 0.5), ROOM + CUPBOARDS), [], RobotPlace(500))
+    assert motion.is_doubted(100, 100)
