@@ -29,6 +29,7 @@ REASON_WORDS = {
     "json": "no JSON where JSON should be, or the other way round",
     "tag": "without a tag, or with one that is too long",
     "time": "a reading ends before it begins, or lasts too long",
+    "frame": "of another frame of reference than the topics file names",
     "type": "of another type than the topics file needs",
     "unknown-type": "of a type that nobody defines",
 }

@@ -14,6 +14,7 @@ from clients.robot.sensing.sensor_events import (
     Event,
     Frame,
     Label,
+    Odometry,
     RefusedMessage,
     SensorSample,
     Sighting,
@@ -50,7 +51,7 @@ class RunFault(Answer, frozen=True, kw_only=True):
 
 
 class Inputs:
-    """Input checks; `shape`: required (height, width); live sources fail by frames only."""
+    """Input checks; `shape`: required (height, width); live sources fail by frames only, none by odometry."""
 
     def __init__(
         self, shape: tuple[int, int], note: Callable[[RefusedMessage, int], None] | None = None, *, live: bool = False
@@ -108,7 +109,8 @@ class Inputs:
         self._note_it(refused, counts[refused.reason])
         in_a_row = self._in_a_row.get(refused.kind, 0) + 1
         self._in_a_row[refused.kind] = in_a_row
-        if in_a_row < REFUSED_IN_A_ROW_MAX_COUNT or (self._live and refused.kind != "frame"):
+        ends_run = refused.kind == "frame" or not (self._live or refused.kind == "odometry")  # recordings do without it
+        if in_a_row < REFUSED_IN_A_ROW_MAX_COUNT or not ends_run:
             return
         why = (refused.detail or refused.reason).removesuffix(".")
         detail = f"{in_a_row} messages in a row were no usable {KIND_WORDS[refused.kind]}, the last: {why}."
@@ -132,6 +134,7 @@ KIND_WORDS = {
     "rgb": "colour images",
     "label": "estimates",
     "audio": "stretches of sound",
+    "odometry": "places of odometry",
 }
 """What messages of each kind are called in sentences."""
 
@@ -141,4 +144,5 @@ _KINDS: dict[type, str] = {
     ColourFrame: "rgb",
     Label: "label",
     AudioClip: "audio",
+    Odometry: "odometry",
 }

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Sequence
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from clients.robot.sensing.input_checks import (
+    KIND_WORDS,
     NOTED_EACH_COUNT,
     NOTED_TOGETHER_COUNT,
     REFUSED_IN_A_ROW_MAX_COUNT,
@@ -15,8 +17,20 @@ from clients.robot.sensing.input_checks import (
     Inputs,
     RunFault,
 )
-from clients.robot.sensing.sensor_events import ColourFrame, Frame, RefusedMessage, Sighting, SourceEvent
+from clients.robot.sensing.sensor_events import (
+    AudioClip,
+    ColourFrame,
+    Event,
+    Frame,
+    Label,
+    Odometry,
+    RefusedMessage,
+    SensorSample,
+    Sighting,
+    SourceEvent,
+)
 from clients.robot.sources.live.llrp_readings import LlrpReadings
+from clients.robot.sources.messages.decoding import KINDS
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.test_llrp_readings import NOW_MS, READER, report
 
@@ -59,6 +73,27 @@ async def test_what_can_be_used_comes_through_and_the_rest_is_counted_and_noted(
         ("frame", "step"),
         ("sighting", "tag"),
     ]
+
+
+async def test_every_kind_of_event_comes_through_and_has_a_word() -> None:
+    events: list[SourceEvent] = [
+        frame(0),
+        SIGHTING,
+        Odometry(1, 0.0, 0.0, 0.0),
+        ColourFrame(1, 0, np.zeros((1, 1, 3), np.uint8)),
+        Label(1, 0, "calm"),
+        AudioClip(1, 0, b""),
+    ]
+    assert {type(event) for event in events} == {*get_args(Event), *get_args(SensorSample)}
+    assert await drain(Inputs(SHAPE), events) == events
+    assert set(KINDS.values()) == set(KIND_WORDS)
+
+
+async def test_odometry_of_no_use_is_counted_and_ends_no_run() -> None:
+    inputs = Inputs(SHAPE)
+    refused = [RefusedMessage(1, "odometry", "frame")] * (2 * REFUSED_IN_A_ROW_MAX_COUNT)
+    assert await drain(inputs, [*refused, frame(1)])
+    assert (inputs.summarise_refused(), inputs.fault) == ({"odometry": {"frame": len(refused)}}, None)
 
 
 async def test_registered_colour_has_the_size_of_depth_and_other_colour_any() -> None:
