@@ -108,7 +108,7 @@ class Pipeline:
         self._came_at_ms = self._now_ms()
         self._clocks.flush()
         self._log_intake()
-        for clip in self._filter(await asyncio.to_thread(self._redactor.flush)):
+        for clip in self._route(await asyncio.to_thread(self._redactor.flush)):
             await self._seal(self._depth, clip)
         await self._seal_settled(self._depth.close(final=True), final=True)
         await self._wait_until_stored()
@@ -116,20 +116,27 @@ class Pipeline:
         await self._delivery.close_visits(self._open_visits)
 
     async def _with_idle_work(self, events: AsyncIterator[Event | SensorSample]) -> AsyncIterator[Event | SensorSample]:
-        """Whenever no event comes for `QUIET_S`, decide what is due by clock."""
+        """Whenever nothing but odometry comes for `QUIET_S`, decide what is due by clock."""
         coming = asyncio.ensure_future(anext(events, None))
+        clock = asyncio.get_running_loop()
+        quiet_from_s = clock.time()
         try:
             while True:
                 at_ms = self._now_ms()  # what was received before would come at once
                 done, _ = await asyncio.wait({coming}, timeout=QUIET_S)
-                if not done:
+                arrived = coming.result() if done else None
+                if done and arrived is None:
+                    return
+                if arrived is not None:
+                    yield arrived
+                    at_ms = self._find_arrival(arrived)
+                    coming = asyncio.ensure_future(anext(events, None))
+                if arrived is not None and not isinstance(arrived, Odometry):
+                    quiet_from_s = clock.time()
+                elif not done or clock.time() - quiet_from_s >= QUIET_S:
+                    quiet_from_s = clock.time()
                     self._consents.raise_failure()
                     await self._advance_when_idle(at_ms)
-                elif (arrived := coming.result()) is None:
-                    return
-                else:
-                    yield arrived
-                    coming = asyncio.ensure_future(anext(events, None))
         finally:
             coming.cancel()
             await asyncio.gather(coming, return_exceptions=True)
@@ -156,7 +163,7 @@ class Pipeline:
     async def _advance_when_idle(self, at_ms: int) -> None:
         self._came_at_ms = self._now_ms()
         outputs = self._redactor.advance(at_ms - self._clocks.camera_offset_ms)
-        await self._seal_settled([*self._filter(outputs), *self._depth.close()])
+        await self._seal_settled([*self._route(outputs), *self._depth.close()])
         await self._wait_until_stored()
 
     async def _close_over(self) -> None:
@@ -182,7 +189,7 @@ class Pipeline:
             outputs = self._identify(event)
             if not outputs:  # most of a storm of readings ends here
                 return
-        await self._seal_settled([*self._filter(outputs), *ready])
+        await self._seal_settled([*self._route(outputs), *ready])
         await self._wait_for_spool_room()
 
     def _log_intake(self) -> None:
@@ -217,7 +224,7 @@ class Pipeline:
         self._log.write(self._now_ms(), RFID_RETRIEVE, alias, alias=alias)
         return self._redactor.push_sighting(alias, sighting, known=consents)
 
-    def _filter(self, outputs: list[Output]) -> list[ReadyClip]:
+    def _route(self, outputs: list[Output]) -> list[ReadyClip]:
         """Return clips that are full."""
         ready: list[ReadyClip] = []
         now = self._now_ms()

@@ -12,7 +12,7 @@ import pytest
 from clients.robot.delivery.delivery import Delivery
 from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
 from clients.robot.recording.visit_keyring import CLOSE_DELAY_MAX_MS
-from clients.robot.sensing.sensor_events import SourceEvent
+from clients.robot.sensing.sensor_events import Odometry, SourceEvent
 from clients.robot.synthetic.scenario import parse_scenario
 from clients.robot.synthetic.scenario_bag import make_bag
 from consensus.limits import VISIT_MAX_MS
@@ -21,7 +21,7 @@ from tests.unit.clients.robot.test_consent_in_a_run import WALK
 from tests.unit.clients.robot.test_delivery import LATENCY_MS, Run
 from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
 from tests.unit.clients.robot.test_spool import KEY, clip
-from tests.virtual_time import in_virtual_time, run_virtual
+from tests.virtual_time import in_virtual_time, run_virtual, virtual_now_ms
 
 pytestmark = pytest.mark.usefixtures("inline_threads")
 
@@ -222,6 +222,9 @@ def test_an_announcement_whose_answer_was_lost_before_she_said_no_is_closed_all_
     assert run.network.records == {}
 
 
+ODOMETRY_EVERY_MS = 500
+
+
 class Watching(Robot):
     """A live run in which nobody comes any more: `closed_meanwhile` is what was closed before its end."""
 
@@ -243,3 +246,24 @@ def test_a_robot_that_goes_on_closes_a_visit_when_it_is_over(tmp_path: Path) -> 
     assert robot.closed_meanwhile == {owner: owners.count(owner) for owner in robot.network.visits}
     assert len(robot.network.times("close_visit")) == len(robot.closed_meanwhile) == 1
     assert robot.open_visits.counts == {}
+
+
+class Parked(Watching):
+    """Its camera has ended; its wheels go on telling where it is."""
+
+    async def events(self) -> AsyncIterator[SourceEvent]:
+        async for event in Robot.events(self):
+            yield event
+        for _ in range((VISIT_MAX_MS + CLOSE_DELAY_MAX_MS) // ODOMETRY_EVERY_MS):
+            await asyncio.sleep(ODOMETRY_EVERY_MS / 1000)
+            yield Odometry(virtual_now_ms(), 0.0, 0.0, 0.0, received_at_ms=virtual_now_ms())
+        self.closed_meanwhile = dict(self.network.closed)
+
+
+def test_odometry_keeps_no_frame_of_a_dead_camera_undecided(tmp_path: Path) -> None:
+    bag = make_bag(parse_scenario(WALK), {"ann": UID}, tmp_path / "bags", workers=1)
+    robot = Parked(tmp_path, bag, roster())
+    run_virtual(robot.run())
+    owners = list(robot.network.records.values())
+    assert owners
+    assert robot.closed_meanwhile == {owner: owners.count(owner) for owner in robot.network.visits}
