@@ -12,6 +12,7 @@ import asyncio
 import hashlib
 import hmac
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Protocol
 
@@ -176,7 +177,7 @@ class Consents:
         try:
             return await self._majority.confirm_with_quorum()
         except BlockRobotError as error:
-            _log.warning("quorum_unheard", code=error.code)
+            _log.warning("quorum_unreachable", code=error.code)
             return False
 
     def _note_beginnings(self, view: RegistrySnapshot) -> None:
@@ -239,16 +240,20 @@ class Consents:
                 lasted_ms = now_ms - self._stale_since_ms
                 self.figures.stale_ms += lasted_ms
                 self._stale_since_ms = None
-                self._tell(f"The network makes blocks again, after {lasted_ms / 1000:.0f} s: the robot goes on.")
+                self._say(f"The network makes blocks again, after {lasted_ms / 1000:.0f} s: the robot goes on.")
         elif self._stale_since_ms is None:
             self._stale_since_ms = now_ms
             self.figures.stale_count += 1
-            self._tell(
+            self._say(
                 "The network does not answer, or nothing becomes final: the robot waits, and keeps nothing meanwhile. "
                 "`blockrobot doctor` says more."
             )
         news, self._news = self._news, asyncio.Event()
         news.set()
+
+    def _say(self, sentence: str) -> None:
+        with suppress(OSError, ValueError):  # a terminal that is gone ends no watch
+            self._tell(sentence)
 
     def is_fresh(self) -> bool:
         if self._view is None:

@@ -476,3 +476,22 @@ def test_what_stands_for_a_person_in_the_spool_is_no_handle() -> None:
 
     ann, ben = run_virtual(main())
     assert len({ann, ben, ANN, BEN, PERSON_KEY}) == 5
+
+
+@story()
+async def test_a_terminal_that_is_gone_ends_no_watch(ward: Ward) -> None:
+    def tell(_sentence: str) -> None:
+        raise BrokenPipeError
+
+    ward.consents = consents_on(ward.registry, ward.known, tell=tell)
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    watch = asyncio.create_task(ward.consents.watch())
+    ward.registry.failure = "NODE_UNREACHABLE"
+    await asyncio.sleep(STALE_AFTER_MS / 1000 + 60)
+    assert ward.refusal() is WithholdReason.STALE
+    ward.registry.failure = ""
+    await asyncio.sleep(2)
+    assert ward.refusal() is None
+    assert not watch.done()
+    watch.cancel()
