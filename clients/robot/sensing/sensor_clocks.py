@@ -308,7 +308,7 @@ class RunClocks:
         return round(self.camera.offset_at(self.newest_ms or 0) or 0.0)
 
     def estimates(self) -> dict[str, ClockEstimate]:
-        """By `camera` and `reader ORIGIN`."""
+        """By `camera`, `reader ORIGIN` and `odometry`."""
         at = self.newest_ms if self.newest_ms is not None else 0
         found = {f"reader {origin}".rstrip(): one.clock.estimate(at) for origin, one in sorted(self._readers.items())}
         found |= {"camera": self.camera.estimate(at), "odometry": self.odometry.estimate(at)}

@@ -1,6 +1,6 @@
 """Bounded arrival queue: many writers, one reader.
 
-When full, drops oldest images first, then sound and labels, tag readings last: a lost reading could misattribute
+When full, drops oldest images first, then sound, labels and odometry, tag readings last: a lost reading could misattribute
 frames.
 """
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any
 
 from clients.robot.sensing.sensor_events import Depth, Frame, RefusedMessage, Sighting
@@ -18,6 +18,7 @@ from clients.robot.sources.source import EmptyFrames, StoppableClock, SystemCloc
 from consensus.errors import BlockRobotError
 
 TOPICS_MAX_COUNT = 512
+SAMPLES_MAX_COUNT, SMALL_MAX_BYTES = 32, 4_096  # kept of a topic; a message that is larger is kept alone
 
 
 class Sample:
@@ -28,7 +29,7 @@ class Sample:
         self.listened_s = 0.0
         self._feed = feed
         self._types = LearntTypes(own_types(), ros1=feed.ros1)
-        self._first: dict[str, tuple[Message, MessageTypes]] = {}
+        self._first: dict[str, list[tuple[Message, MessageTypes]]] = {}
         self._lock = threading.Lock()
 
     def listen(self, seconds: float) -> None:
@@ -57,15 +58,13 @@ class Sample:
     def types_of(self, type_name: str) -> MessageTypes:
         return self._types.of(type_name)
 
-    def first(self, topic: str) -> Any:
-        """None if not decodable."""
-        if topic not in self._first:
-            return None
-        message, types = self._first[topic]
-        try:
-            return types.decode(message)
-        except BlockRobotError:
-            return None
+    def samples(self, topic: str, most: int = 1) -> list[Any]:
+        """Return the first that can be decoded; of large messages only one is kept."""
+        found = []
+        for message, types in self._first.get(topic, [])[:most]:
+            with suppress(BlockRobotError):
+                found.append(types.decode(message))
+        return found
 
     def learn(self, type_name: str, definition: str) -> None:
         with self._lock:
@@ -78,7 +77,9 @@ class Sample:
                     self._types.learn(message.type, definition)
                 self.topics[message.topic].count += 1
                 self.topics[message.topic].type = message.type or self.topics[message.topic].type
-                self._first.setdefault(message.topic, (message, self._types.of(message.type, definition)))
+                kept = self._first.setdefault(message.topic, [])
+                if not kept or (len(message.data) <= SMALL_MAX_BYTES and len(kept) < SAMPLES_MAX_COUNT):
+                    kept.append((message, self._types.of(message.type, definition)))
 
     def sight(self, sighting: Sighting) -> None:
         """Ignored: a reader has no topics."""

@@ -67,7 +67,9 @@ class BagSource:
         if self._topics.focal_px is not None:
             return self._topics.focal_px
         beside = info_topic(self._topics)
-        return read_focal_px(self._recording.first(beside)) if beside in self._recording.topics else None
+        if beside not in self._recording.topics:
+            return None
+        return next(map(read_focal_px, self._recording.samples(beside)), None)
 
     @property
     def focal_from(self) -> str:

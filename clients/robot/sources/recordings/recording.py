@@ -6,6 +6,7 @@ Intact ones are read by index, in time order; truncated ones from the front, end
 from __future__ import annotations
 
 from collections.abc import Collection, Generator, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -116,19 +117,18 @@ class Recording:
     def explain_unknown(self, topic: str) -> str:
         return explain_undefined(self.topics[topic], "the recording does not define")
 
-    def first(self, topic: str) -> Any:
-        """None if none can be decoded, or the samples of all topics took more than one pass may."""
+    def samples(self, topic: str, most: int = 1) -> list[Any]:
+        """Return the first that can be decoded; none once the samples of all topics took more than one pass may."""
+        found: list[Any] = []
         if self._samples_budget.is_spent:
-            return None
-        try:
+            return found
+        with suppress(BlockRobotError):
             for message in self._samples_budget.again().over(self._read([topic])):
-                try:
-                    return self.types.decode(message)
-                except BlockRobotError:
-                    continue
-        except BlockRobotError:
-            return None
-        return None
+                with suppress(BlockRobotError):
+                    found.append(self.types.decode(message))
+                if len(found) == most:
+                    break
+        return found
 
     def _look_by_index(self) -> None:
         with _reader(self.path) as reader:

@@ -26,6 +26,7 @@ from clients.robot.sources.recordings.recording import TopicFigures
 from clients.robot.synthetic.bag_messages import ODOMETRY_TYPE, SIGHTING_TYPE
 
 LISTED_MAX_COUNT = 12
+TF_SAMPLES_COUNT = 32
 DRAFT_LINE_CHARS = 110
 ROS_LOG_TYPES = ("rosgraph_msgs/msg/Log", "rcl_interfaces/msg/Log")
 TAG_FIELDS = ("epc", "uid", "tag", "tag_id", "tagid", "ids", "tags", "rfid", "tid", "transponder")
@@ -42,8 +43,8 @@ class TopicSource(Protocol):
     def types_of(self, type_name: str) -> MessageTypes:
         """Types among which messages of a type are explained."""
 
-    def first(self, topic: str) -> Any:
-        """None if none can be decoded."""
+    def samples(self, topic: str, most: int = 1) -> list[Any]:
+        """At most so many of a topic's first messages that can be decoded."""
 
     def explain_unknown(self, topic: str) -> str:
         """Why a topic's type is unknown, and what to do."""
@@ -83,7 +84,7 @@ def describe(recording: TopicSource) -> str:
 def _listed(recording: TopicSource, figures: TopicFigures) -> ListedTopic:
     name, kind = figures.name.lower(), figures.type
     if kind in IMAGE_TYPES:
-        first = recording.first(figures.name)
+        first = _first(recording, figures.name)
         guesses = []
         if first is not None:
             guesses += ["depth"] if could_be_depth(first) else []
@@ -127,19 +128,19 @@ def draft_topics(recording: TopicSource, listed: list[ListedTopic]) -> str:
     depth = [item.figures.name for item in listed if "depth" in item.could_be]
     empty = [name for name in depth if "empty" in name.lower()]
     for name in [name for name in depth if name not in empty][:1]:
-        lines += ["[depth]", f'topic = "{name}"', *_drafted_focal(recording, name), ""]
+        lines += ["[depth]", f"topic = {_quoted(name)}", *_drafted_focal(recording, name), ""]
     for name in empty[:1]:
-        lines += ["[empty]", f'topic = "{name}"', ""]
+        lines += ["[empty]", f"topic = {_quoted(name)}", ""]
     for item in [item for item in listed if "tags" in item.could_be]:
-        lines += ["[[tags]]", f'topic = "{item.figures.name}"', f'type = "{item.figures.type}"']
+        lines += ["[[tags]]", f"topic = {_quoted(item.figures.name)}", f"type = {_quoted(item.figures.type)}"]
         known = _known_json_paths(recording, item.figures)
         lines += [*_drafted_fields(known or _own_paths(recording, item.figures.type)), ""]
     for item in [item for item in listed if item.is_unexplained]:
-        lines += [f"# {line}" for line in _drafted_guess(recording, item.figures)] + [""]
+        lines += [f"# {_on_one_line(line)}" for line in _drafted_guess(recording, item.figures)] + [""]
     lines += _drafted_odometry(recording, [item.figures for item in listed if "odometry" in item.could_be])
     for sense in ("rgb", "labels", "audio"):
         for item in [item for item in listed if sense in item.could_be][:1]:
-            lines += [f"# [{sense}]", f'# topic = "{item.figures.name}"', ""]
+            lines += [f"# [{sense}]", f"# topic = {_quoted(item.figures.name)}", ""]
     return "\n".join(lines)
 
 
@@ -149,23 +150,42 @@ def _drafted_odometry(recording: TopicSource, found: list[TopicFigures]) -> list
         return []
     figures = min(found, key=lambda one: one.type != ODOMETRY_TYPE)
     frames = _tf_frames(recording, figures)
-    named = [f'parent = "{frames[0]}"', f'child = "{frames[1]}"'] if frames else []
+    named = [f"parent = {_quoted(frames[0])}", f"child = {_quoted(frames[1])}"] if frames else []
     offset = "# camera_ahead_m = 0.0  # of the camera from the middle of the wheels; camera_left_m likewise"
-    return ["[odometry]", f'topic = "{figures.name}"', *named, offset, ""]
+    return ["[odometry]", f"topic = {_quoted(figures.name)}", *named, offset, ""]
 
 
 def _tf_frames(recording: TopicSource, figures: TopicFigures) -> tuple[str, str] | None:
     """Return the frames of the first transform from odometry, None without one."""
     if figures.type not in TRANSFORM_TYPES:
         return None
-    transforms = getattr(recording.first(figures.name), "transforms", ())
-    frames = [frames_of(one) for one in transforms[:TRANSFORMS_MAX_COUNT]]
-    return next((pair for pair in frames if "odom" in pair[0].lower()), None)
+    for message in recording.samples(figures.name, TF_SAMPLES_COUNT):  # several nodes may write there by turns
+        for one in getattr(message, "transforms", ())[:TRANSFORMS_MAX_COUNT]:
+            parent, child = frames_of(one)
+            if "odom" in parent.lower():
+                return parent, child
+    return None
+
+
+def _first(recording: TopicSource, topic: str) -> Any:
+    return next(iter(recording.samples(topic)), None)
+
+
+def _quoted(text: str) -> str:
+    """Return a TOML string: names are a stranger's, and may hold anything."""
+    escaped = (
+        c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in text.encode(errors="replace").decode()
+    )
+    return f'"{"".join(escaped)}"'
+
+
+def _on_one_line(text: str) -> str:
+    return "".join(" " if c.isspace() else c for c in text)
 
 
 def _drafted_focal(recording: TopicSource, depth: str) -> list[str]:
     beside = info_topic(Topics(depth=depth))
-    if beside in recording.topics and read_focal_px(recording.first(beside)) is not None:
+    if beside in recording.topics and read_focal_px(_first(recording, beside)) is not None:
         return []
     return [
         "# focal_px = 525.0  # the camera's own, in pixels: no CameraInfo tells it, and 525 is assumed without this"
@@ -201,14 +221,14 @@ def _unexplained_step(recording: TopicSource, figures: TopicFigures) -> str:
 
 def _drafted_guess(recording: TopicSource, figures: TopicFigures) -> list[str]:
     if not recording.types_of(figures.type).knows(figures.type):
-        table = ["[[tags]]", f'topic = "{figures.name}"', f'type = "{figures.type}"', 'epc = ""']
+        table = ["[[tags]]", f"topic = {_quoted(figures.name)}", f"type = {_quoted(figures.type)}", 'epc = ""']
         return [*textwrap.wrap(recording.explain_unknown(figures.name), DRAFT_LINE_CHARS), *table]
     fields = _drafted_fields(_own_paths(recording, figures.type), _guess_epc(recording, figures.type))
     return [
         f"{figures.name} carries {figures.type}, a type of your own. If it holds tag readings, take these marks away.",
         "[[tags]]",
-        f'topic = "{figures.name}"',
-        f'type = "{figures.type}"',
+        f"topic = {_quoted(figures.name)}",
+        f"type = {_quoted(figures.type)}",
         *fields,
     ]
 
@@ -250,7 +270,7 @@ def _known_json_paths(recording: TopicSource, figures: TopicFigures) -> list[str
     """Return JSON fields with known names only: other names may be UIDs."""
     if figures.type != STRING_TYPE:
         return []
-    paths = json_paths(recording.first(figures.name), "data")
+    paths = json_paths(_first(recording, figures.name), "data")
     known = {word for words in _FIELD_WORDS.values() for word in words}
     return [path for path in paths if _last(path) in known]
 

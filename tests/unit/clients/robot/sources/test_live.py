@@ -394,8 +394,8 @@ def test_a_sample_tells_how_much_came_of_each_topic_and_keeps_the_first_message_
     sample = Sample(feed)
     sample.listen(0.01)
     assert {topic: figures.count for topic, figures in sample.topics.items()} == {DEPTH: 6, TAGS: 0}
-    assert sample.first(DEPTH).encoding == "16UC1"
-    assert sample.first(TAGS) is None
+    assert sample.samples(DEPTH)[0].encoding == "16UC1"
+    assert sample.samples(TAGS) == []
     assert feed.closed_count == 1
 
 
@@ -408,7 +408,7 @@ def test_a_sample_explains_a_type_by_the_definition_that_came_with_a_message() -
     sample = Sample(Talkative(topics={TAGS: "ward_msgs/msg/Tag"}))
     sample.listen(0.01)
     assert sample.types_of("ward_msgs/msg/Tag").paths("ward_msgs/msg/Tag") == ["epc"]
-    assert sample.first(TAGS).epc == "E1"
+    assert sample.samples(TAGS)[0].epc == "E1"
 
 
 @pytest.mark.parametrize("ros1", [True, False])

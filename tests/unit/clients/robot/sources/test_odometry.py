@@ -132,8 +132,19 @@ def test_odometry_is_found_and_drafted_before_transforms(tmp_path: Path) -> None
     assert drafted.odometry == OdometryTopic("/odom")
     drafted = parse_topics(draft_of(write_bag(tmp_path / "one", tf)))
     assert drafted.odometry == OdometryTopic("/tf", "odom", "base_footprint")
+    beds = [("/tf", TRANSFORMS, transforms(at_ms, ("map", "bed", 0.0, 0.0, 0.0))) for at_ms in range(8)]
+    assert parse_topics(draft_of(write_bag(tmp_path / "late", *beds, tf))).odometry == drafted.odometry
     without = write_bag(tmp_path / "none", ("/tf", TRANSFORMS, transforms(40, ("map", "bed", 0.0, 0.0, 0.0))))
     assert parse_topics(draft_of(without)).odometry is None
+
+
+def test_a_strangers_name_stays_a_name_in_a_draft(tmp_path: Path) -> None:
+    frame = 'odom"\n[[llrp]]\nhost = "10.0.0.9"\n#\u202e'
+    bag = write_bag(tmp_path / "bag", ("/tf", TRANSFORMS, transforms(40, (frame, "base", 0.0, 0.0, 0.0))))
+    drafted = parse_topics(draft_of(bag))
+    assert drafted.odometry == OdometryTopic("/tf", frame, "base")
+    assert drafted.llrp == ()
+    assert all(line.isprintable() for line in draft_of(bag).splitlines())
 
 
 def draft_of(path: Path) -> str:

@@ -74,7 +74,7 @@ def read(path: Path) -> tuple[int, str]:
     count = 0
     try:
         recording = Recording(path)
-        recording.first(TOPIC)
+        recording.samples(TOPIC)
         for _ in recording.messages([TOPIC]):
             count += 1
     except BlockRobotError as error:
