@@ -14,7 +14,7 @@ _FARTHEST_MM = 65_535
 
 
 def drop_flying_pixels(depth: Depth) -> Depth:
-    """Return the frame without pixels whose neighbours differ by more than 6 cm and 5 % of the distance."""
+    """Return the frame without pixels whose neighbours differ by more than 6 cm plus 5 % of the distance."""
     farthest = np.asarray(cv2.dilate(depth, _AROUND), dtype=np.uint16)
     known = np.where(depth == 0, np.uint16(_FARTHEST_MM), depth)
     nearest = np.asarray(cv2.erode(known, _AROUND), dtype=np.uint16)

@@ -126,6 +126,7 @@ class FrameRedactor:
         self._pending: dict[str, deque[_Seen]] = {}
         self._newest_ms: int | None = None
         self._place: RobotPlace | None = None
+        self._is_placed: bool | None = None  # whether people were last followed in the odometry's frame
         self._forgot_ms = 0
 
     def use_focal_px(self, focal_px: float) -> None:
@@ -198,12 +199,19 @@ class FrameRedactor:
         for hider in self._hiders:
             found = hider.find_people(depth, place, at_ms)
             if found is not None:
+                self._lose_when_replaced(place)
                 seen.blank = hider.is_blank
                 if self._motion is not None and not hider.is_blank:
                     self._motion.confirm(at_ms)
                 self._follow(seen, found)
                 return
         seen.moved = True
+
+    def _lose_when_replaced(self, place: RobotPlace | None) -> None:
+        """Nobody is followed from places in the odometry's frame to places before the camera, or back."""
+        if self._is_placed is not None and self._is_placed != (place is not None):
+            self._lose_everybody()
+        self._is_placed = place is not None
 
     def _find_place(self, at_ms: int) -> RobotPlace | None:
         """Nobody is followed across a jump of the odometry."""
@@ -288,11 +296,11 @@ class FrameRedactor:
         for alias, queue in list(self._pending.items()):
             while queue:
                 due = final or now_ms >= queue[0].captured_at_ms + self._buffer_ms
-                verdict = self._verdict(alias, queue[0], due=due)
-                if verdict is None:
+                decided = self._decide(alias, queue[0], due=due)
+                if decided is None:
                     break
                 queue.popleft()
-                outputs.append(verdict)
+                outputs.append(decided)
             if not queue:
                 del self._pending[alias]
         if now_ms - self._forgot_ms > FORGET_EVERY_MS:
@@ -300,7 +308,7 @@ class FrameRedactor:
             self.matcher.forget_before(now_ms - self._buffer_ms)
         return outputs
 
-    def _verdict(self, alias: str, seen: _Seen, *, due: bool) -> KeptFrame | WithheldFrame | None:
+    def _decide(self, alias: str, seen: _Seen, *, due: bool) -> KeptFrame | WithheldFrame | None:
         """Return None while readings may still change it."""
         number = self.matcher.bound_track(alias, seen.tracks)
         reason: WithholdReason | None = None

@@ -151,6 +151,7 @@ class MovingHider:
 
     def restart(self) -> None:
         self._rule = ReleaseRule()
+        self._scans.restart()
 
     def _sight(self, body: Body, place: RobotPlace) -> Sighted:
         person, alone = self._models.person.log_odds(body.cues), -self._models.pair.log_odds(body.cues)

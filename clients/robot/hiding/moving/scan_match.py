@@ -48,6 +48,10 @@ class ScanMatch:
     def __init__(self, slope: float, motion: OwnMotion) -> None:
         self._slope = slope
         self._motion = motion
+        self.restart()
+
+    def restart(self) -> None:
+        """Places that follow have nothing to do with those before."""
         self._before: _Scan | None = None
         self._checked_ms: int | None = None
 
@@ -59,8 +63,6 @@ class ScanMatch:
         before, at_ms, checked_ms = self._before, place.at_ms, self._checked_ms
         if checked_ms is not None and 0 <= at_ms - checked_ms < CHECK_EVERY_MS:
             return True
-        if checked_ms is not None and at_ms < checked_ms:
-            before = None
         self._checked_ms = at_ms
         scan = _scan(view, people, place)
         right = before is None or self._agree(before, scan)

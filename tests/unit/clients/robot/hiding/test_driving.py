@@ -128,6 +128,16 @@ def test_without_odometry_nothing_is_kept_on_the_way() -> None:
     assert ward.withheld(DRIVES_MS)["moved"] >= 0.9 * DRIVING_COUNT
 
 
+def test_a_gap_in_the_odometry_of_a_robot_that_stands_shows_nobody_elses_picture() -> None:
+    """The odometry begins elsewhere, so before the camera another stands where the owner is in its frame."""
+    gap = range(5_000, 7_000)
+    ward = Ward()
+    ward.people = lambda _: [(0.0, 2.5), (0.0, 3.7)]
+    ward.odometry = lambda at_ms: None if at_ms in gap else Odometry(at_ms, 1.2 + true_z(at_ms), 0.0, 0.0)
+    ward.play()
+    assert {kept.cutout.x for kept in ward.kept(blank=False)} == {1}
+
+
 def test_a_gap_in_the_odometry_withholds_what_falls_into_it() -> None:
     gap = range(DRIVES_MS + 2_000, DRIVES_MS + 2_600)
     ward = Ward()

@@ -138,10 +138,11 @@ def test_where_nothing_is_in_reach_the_odometry_is_believed() -> None:
     assert not drive(ahead(0.4), stands, room=[(-50, 40, 50, 40)]).is_doubted(0, ENDS_MS)
 
 
-def test_after_a_jump_back_in_time_nothing_of_before_is_compared_with() -> None:
+def test_after_a_restart_nothing_of_before_is_compared_with() -> None:
     motion = OwnMotion()
     scans = ScanMatch(SLOPE, motion)
     assert scans.agrees(view_from(RobotPlace(0), ROOM + CUPBOARDS), [], RobotPlace(50_000))
+    scans.restart()
     assert scans.agrees(view_from(RobotPlace(0, 0.0, 0.5), ROOM + CUPBOARDS), [], RobotPlace(1_000))
     assert motion._confirmed_ms == 1_000
     assert not motion.is_doubted(0, 60_000)
