@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import asyncio
 import multiprocessing
+import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Coroutine, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
+
+import cv2
 
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 _EXIT_BY_SIGNAL = 128
@@ -49,9 +52,9 @@ def run_to_end(work: Coroutine[Any, Any, T]) -> T:
 
 
 @contextmanager
-def worker_pool(processes: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Fresh interpreters, killed on early exit; SIGTERM exits with 143."""
-    pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=initializer)
+def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
+    """Fresh interpreters with one thread each, killed on early exit; SIGTERM exits with 143."""
+    pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=_one_thread)
     in_main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGTERM, _leave) if in_main else None
     try:
@@ -64,6 +67,12 @@ def worker_pool(processes: int, initializer: Callable[[], None] | None = None) -
         pool.shutdown(wait=True, cancel_futures=True)
         if in_main:
             signal.signal(signal.SIGTERM, before)
+
+
+def _one_thread() -> None:
+    """Processes are the parallelism."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    cv2.setNumThreads(1)
 
 
 def _leave(number: int, _frame: FrameType | None) -> None:

@@ -31,14 +31,6 @@ class Capsules:
     props: int = 0
 
 
-def chest_distance_m(person: Person, at_s: float, camera_height_m: float) -> float | None:
-    """Return the camera's distance to the chest tag; None while absent."""
-    place = person.place(at_s)
-    if place is None:
-        return None
-    return math.hypot(place[0], place[1], person.chest_height_m - camera_height_m)
-
-
 def pose(person: Person, at_s: float) -> Capsules | None:
     """Return body and aid at a time; None while absent."""
     place = person.place(at_s)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
-import cv2
 from msgspec import UNSET
 
 from network.bench.conditions import Result, count_cores, measure_conditions
@@ -45,7 +43,7 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
     seeds = range(options.seed, options.seed + options.seeds)
     reports: list[SceneReport] = []
     gaits: list[GaitReport] = []
-    with worker_pool(processes, _one_thread_each) as pool:
+    with worker_pool(processes) as pool:
         attackers = _train_all(pool, seeds, options.learning_scenes, progress)
         waiting: list[Future[SceneReport | GaitReport]] = []
         waiting += [pool.submit(judge_gait, seed, options.people, attackers[seed]) for seed in seeds]
@@ -114,9 +112,3 @@ def _train_all(
         attackers[seed][name] = job.result()
         progress(f"trained {done} of {len(jobs)} attackers")
     return attackers
-
-
-def _one_thread_each() -> None:
-    """Processes are the parallelism."""
-    os.environ["OMP_NUM_THREADS"] = "1"
-    cv2.setNumThreads(1)

@@ -13,7 +13,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import msgspec
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +38,7 @@ LEARNER: dict[str, float] = {"n_estimators": 240, "min_samples_leaf": 15, "subsa
 
 def collect(drives: int, workers: int) -> tuple[npt.NDArray[np.int64], Floats]:
     """Return kinds (places in KINDS) and cues of the bodies of so many drives; unclear ones are left out."""
-    with worker_pool(workers, _one_thread) as pool:
+    with worker_pool(workers) as pool:
         rows = [row for made in pool.map(_sample, range(drives), chunksize=2) for row in made]
     return np.array([row[0] for row in rows]), np.array([row[1] for row in rows]).round(DIGITS)
 
@@ -63,10 +62,6 @@ def _sample(number: int) -> list[tuple[int, Floats]]:
     drive = draw_drive(TRAINING_SEED + number, ROUND[number % len(ROUND)], judging=False)
     found = draw_samples(drive, EVERY_FRAMES)
     return [(KINDS.index(kind), one.cues) for one in found if (kind := one.kind) in KINDS]
-
-
-def _one_thread() -> None:
-    cv2.setNumThreads(1)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

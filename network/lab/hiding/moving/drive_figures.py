@@ -121,7 +121,7 @@ def _shown(found: Sequence[Shown]) -> ShownFigures:
     leaking = sum(one.foreign_share > GOAL_FOREIGN_SHARE for one in found)
     wrong = sum(one.wrong > 0 for one in found)
     return ShownFigures(
-        pictures=sum(len(one.kept) + one.things for one in found),
+        pictures=sum(len(one.kept) + one.things + one.wrong for one in found),
         leaking_scenes=leaking,
         leaking_scenes_upper95=round(upper_bound(leaking, len(found)), 4),
         foreign_share_max=round(max((one.foreign_share for one in found), default=0.0), 5),
@@ -140,15 +140,17 @@ def _goals(figures: MovingFigures) -> dict[str, bool]:
     def at_most(value: float | None, limit: float) -> bool:
         return value is not None and value <= limit
 
-    none = figures.kept_by_aid.get("none") or 0.0
-    held = {aid: figures.kept_by_aid[aid] for aid in AIDS_HELD if figures.kept_by_aid.get(aid) is not None}
+    none, held = figures.kept_by_aid.get("none"), {aid: figures.kept_by_aid.get(aid) for aid in AIDS_HELD}
     return {
         "no scene shows anybody else": figures.everybody.leaking_scenes + figures.end_to_end.leaking_scenes == 0,
         "no picture of a thing": figures.everybody.pictures_of_things + figures.end_to_end.pictures_of_things == 0,
         "no picture of another": figures.end_to_end.pictures_of_others == 0,
         f"kept >= {GOAL_KEPT}": at_least(figures.kept, GOAL_KEPT),
         f"kept_end_to_end >= {GOAL_KEPT_END_TO_END}": at_least(figures.kept_end_to_end, GOAL_KEPT_END_TO_END),
-        **{f"{aid} >= {AID_MIN_SHARE} of none": at_least(share, AID_MIN_SHARE * none) for aid, share in held.items()},
+        **{
+            f"{aid} >= {AID_MIN_SHARE} of none": none is not None and at_least(share, AID_MIN_SHARE * none)
+            for aid, share in held.items()
+        },
         f"frame_ms <= {GOAL_FRAME_MS:g}": at_most(figures.frame_ms, GOAL_FRAME_MS),
         f"frame_p95_ms <= {GOAL_FRAME_P95_MS:g}": at_most(figures.frame_p95_ms, GOAL_FRAME_P95_MS),
     }

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import as_completed
 
-import cv2
-
 from clients.robot.synthetic.driving.draws import DRIVE_STRATA, DriveStratum, draw_drive
 from network.bench.conditions import Result, count_cores, measure_conditions
 from network.bench.processes import worker_pool
@@ -25,7 +23,7 @@ def run_drive_benchmark(
     conditions = measure_conditions(nodes=0, seed=seed)
     processes = processes or count_cores()
     played: list[DrivePlayed] = []
-    with worker_pool(processes, _one_thread) as pool:
+    with worker_pool(processes) as pool:
         jobs = [pool.submit(_judge, seed * SCENES_A_SEED_MAX_COUNT + n, _stratum(n)) for n in range(scenes)]
         for done, future in enumerate(as_completed(jobs), start=1):
             played.append(future.result())
@@ -43,7 +41,3 @@ def _stratum(number: int) -> DriveStratum:
 
 def _judge(seed: int, stratum: DriveStratum) -> DrivePlayed:
     return run_drive(draw_drive(seed, stratum, judging=True, stands_s=STANDS_S), seed)
-
-
-def _one_thread() -> None:
-    cv2.setNumThreads(1)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from clients.robot.hiding.background import learn_background
-from clients.robot.hiding.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
@@ -21,6 +20,7 @@ from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer, DriveTruth
 from clients.robot.synthetic.scenario_bag import drive_odometry
 from clients.sdk.pictures.rendition_picture import decode_depth_png
+from network.lab.hiding.moving.samples import depth_of
 from network.lab.hiding.run_scene import VISIBLE_MIN_PX, placed, sightings
 
 EMPTY_FRAMES_COUNT = 8
@@ -67,15 +67,16 @@ class Shown:
         counts, visible = (np.bincount(part.ravel(), minlength=2) for part in (shown, whom(truth)[truth.depth > 0]))
         most = int(counts[1:].argmax()) + 1
         number = most if owner is None else owner
-        if 2 * int(counts[most]) <= shown.size:
-            self.things += 1
-            return
-        self.wrong += most != number
-        self.kept.add((number, sequence))
-        self.owner_shares.append(float(counts[most] / visible[most]))
         others = [other for other in np.flatnonzero(counts) if other not in (0, number)]
         self.foreign_px = max([self.foreign_px, *(int(counts[other]) for other in others)])
         self.foreign_share = max([self.foreign_share, *(float(counts[other] / visible[other]) for other in others)])
+        if 2 * int(counts[most]) <= shown.size:
+            self.things += 1
+        elif most != number:
+            self.wrong += 1
+        else:
+            self.kept.add((number, sequence))
+            self.owner_shares.append(float(counts[most] / visible[most]))
 
 
 @dataclass(slots=True)
@@ -165,7 +166,7 @@ def _look(
     hider: MovingHider, place: RobotPlace | None, drive: Drive, truth: DriveTruth, index: int, frame_ms: list[float]
 ) -> list[_Candidate]:
     began = time.thread_time()
-    depth = drop_flying_pixels(truth.depth) if drive.time_of_flight else truth.depth
+    depth = depth_of(drive, truth)
     found = hider.find_people(depth, place, at_ms_of(drive, index))
     if found is None:
         return []

@@ -13,6 +13,7 @@ from clients.robot.hiding.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.moving.body_cues import Body, measure_bodies
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.plan_bodies import STEP_PX, LevelView, PlanView
+from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer, DriveTruth
 
@@ -54,12 +55,17 @@ def view_of(drive: Drive) -> PlanView:
     return PlanView((scenario.height, scenario.width), scenario.focal_px, ground)
 
 
+def depth_of(drive: Drive, truth: DriveTruth) -> Depth:
+    """Return the frame as the robot looks at it."""
+    return drop_flying_pixels(truth.depth) if drive.time_of_flight else truth.depth
+
+
 def draw_samples(drive: Drive, every: int) -> Iterator[Sample]:
     """Yield the bodies of every n-th frame; ground and walls follow all of these."""
     renderer, plan = DriveRenderer(drive), view_of(drive)
     for index in range(0, drive.scenario.frame_count, every):
         truth = renderer.truth(index)
-        view = plan.look(drop_flying_pixels(truth.depth) if drive.time_of_flight else truth.depth)
+        view = plan.look(depth_of(drive, truth))
         for body in measure_bodies(view, plan.focal_px):
             yield sample_of(body, view, truth)
 

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import pytest
 
-from clients.robot.synthetic.body import chest_distance_m
 from clients.robot.synthetic.scenario import parse_scenario, published_run_1
 from consensus.errors import BlockRobotError
 
@@ -39,8 +38,8 @@ def test_patient_a_is_in_view_for_the_whole_covered_time() -> None:
 def test_people_who_share_the_picture_stand_more_than_a_metre_apart_in_range() -> None:
     scenario = published_run_1()
     for tenth in range(74, 127):
-        ranges = [chest_distance_m(person, tenth / 10, scenario.camera_height_m) for person in scenario.people]
-        near, middle, far = (value if value is not None else math.nan for value in ranges)
+        places = [person.place(tenth / 10) for person in scenario.people]
+        near, middle, far = (math.nan if place is None else math.hypot(*place) for place in places)
         assert middle - near > 0.85
         assert far - middle > 0.85
 

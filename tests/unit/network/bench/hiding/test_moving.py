@@ -34,15 +34,20 @@ def test_a_picture_of_another_is_wrong_and_one_of_nobody_is_a_thing() -> None:
     shown.add(np.array([2, 2, 0], dtype=np.uint8), truth, 1, 0)
     shown.add(np.array([0, 0, 1], dtype=np.uint8), truth, 1, 1)
     assert (shown.wrong, shown.things) == (1, 1)
+    assert not shown.kept
+
+
+def test_a_picture_in_which_nobody_has_the_most_leaks_all_the_same() -> None:
+    shown = Shown()
+    shown.add(np.array([1, 1, 2, 2, 0], dtype=np.uint8), truth_of([[1, 1, 2, 2, 0]]), 1, 0)
+    assert (shown.things, shown.foreign_px, shown.foreign_share) == (1, 2, 1.0)
 
 
 def test_who_is_shown_by_a_mirror_is_shown() -> None:
     truth = truth_of([[0, 0, 1, 1]], [[2, 2, 0, 0]])
     shown = Shown()
-    played = DrivePlayed("glass", 1)
     shown.add(np.array([2, 2], dtype=np.uint8), truth, 1, 0)
     assert shown.wrong == 1
-    assert played.everybody.wrong == 0
 
 
 @pytest.mark.parametrize(("count", "total", "bound"), [(0, 300, 0.0099), (0, 40, 0.0722), (1, 40, 0.1132), (3, 3, 1.0)])
