@@ -89,8 +89,12 @@ async def read_events(
     name: str | None = None,
     limit: int = PAGE_MAX_COUNT,
     wait_ms: int = 0,
+    reached: int = 0,
 ) -> EventPage:
-    """Return events from `first` (None: oldest kept), long-polling up to `wait_ms`. Raises BLOCK_PRUNED."""
+    """Return events from `first` (None: oldest kept), long-polling up to `wait_ms`, of a node that has block `reached`.
+
+    Raises BLOCK_PRUNED.
+    """
     query: dict[str, str | int] = {"limit": limit, "wait_ms": wait_ms}
     chosen = {"from": None if first is None else str(first), "contract": contract, "name": name}
     query.update({field: value for field, value in chosen.items() if value is not None})
@@ -99,7 +103,10 @@ async def read_events(
         content = await client.ask_node(
             node, "GET", "/v1/events/page", key=key, query=query, timeout_ms=wait_ms + FROZEN_AFTER_MS
         )
-        return _read_page(content, first)
+        page = _read_page(content, first)
+        if page.head < reached:
+            raise BlockRobotError("NODE_NOT_READY", f"The node has blocks up to {page.head} only.")
+        return page
 
     await client.find_nodes(key)
     return await client.with_any_node(ask)
@@ -108,16 +115,18 @@ async def read_events(
 async def each_event(
     client: NetworkClient, key: PrivateKey, *, contract: str, name: str | None = None
 ) -> AsyncIterator[FoundEvent]:
-    """All events that nodes keep, oldest first. A page may be empty long before the newest block.
+    """All events that nodes keep, oldest first, to the block that is newest at the start. A page may be empty long before.
 
-    Raises as `read_events`, and ENCODING_INVALID if a node's pages have no end.
+    Raises as `read_events`, and EVENTS_TOO_MANY.
     """
-    place: Place | None = None
+    place, last = None, None
     for _ in range(PAGES_MAX_COUNT):
-        page = await read_events(client, key, place, contract=contract, name=name)
+        reached = 0 if place is None else place.height
+        page = await read_events(client, key, place, contract=contract, name=name, reached=reached)
         for event in page.events:
             yield event
-        if page.next == place or page.next.height > page.head:
+        last = page.head if last is None else last
+        if page.next.height > last:
             return
         place = page.next
-    raise BlockRobotError("ENCODING_INVALID", "The node's events have no end.")
+    raise BlockRobotError("EVENTS_TOO_MANY")

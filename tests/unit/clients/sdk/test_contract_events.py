@@ -94,10 +94,28 @@ async def test_a_node_whose_pages_have_no_end_is_left(monkeypatch: pytest.Monkey
         return EventPage((FoundEvent(place, "notes", "written", {}, bytes(32)),), Place(place.height, 1), 10**9)
 
     monkeypatch.setattr(contract_events, "read_events", invent)
-    with pytest.raises(BlockRobotError, match=r"^ENCODING_INVALID:"):
+    with pytest.raises(BlockRobotError, match=r"^EVENTS_TOO_MANY:"):
         async for _ in each_event(None, SUBJECT, contract="notes"):  # type: ignore[arg-type]
             pass
     assert asked == PAGES_MAX_COUNT
+
+
+async def test_a_node_that_is_behind_does_not_end_what_another_began(two_nodes: TwoNodes) -> None:
+    other = ContractEvent(contract="custody", name="stored", data=encode_value({}))
+    wanted = ContractEvent(contract="notes", name="written", data=encode_value({}))
+    ahead, behind = await SmallLedger().start(), await SmallLedger().start()
+    for number, events in enumerate([(other,) * SCAN_MAX_COUNT, (other,) * SCAN_MAX_COUNT, (wanted,)]):
+        receipt = Receipt(bytes([number]) * 32, True, "OK", "", None, 1, events)
+        await ahead.extend(receipts=(receipt,))
+        if number == 0:
+            await behind.extend(receipts=(receipt,))
+    await two_nodes.add("n0", behind)
+    await two_nodes.add("n1", ahead)
+    client = two_nodes.client()
+    page = await read_events(client, SUBJECT, Place(1, SCAN_MAX_COUNT), contract="notes", reached=2)
+    assert page.head == 3
+    with pytest.raises(BlockRobotError):
+        await read_events(client, SUBJECT, Place(1, SCAN_MAX_COUNT), contract="notes", reached=4)
 
 
 def answer(*places: str, following: str) -> bytes:
