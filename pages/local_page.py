@@ -1,4 +1,4 @@
-"""A page for one person on this machine: wallet page, cluster console.
+"""A page for one person on this machine: wallet page, cluster console, explorer.
 
 Loopback only, at an origin that nothing had before: a service worker outlives the server that registered it. Requires
 exact Host (DNS rebinding), Origin, and a one-time secret from a 0600 file.
@@ -46,6 +46,10 @@ PROBLEM_TYPE = "application/problem+json"
 _log = logging.getLogger("pages.local")
 _SAFE_METHODS = frozenset({"GET", "HEAD"})
 LINK_NOTE = "This link works once."
+NAME_NOTE = (
+    "If the browser cannot find the page: Safari knows no address below localhost. Open this in Firefox or Chrome."
+)
+NAME_READ_S = 8  # so long the link waits, for that sentence to be read
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 Describe = Callable[[BlockRobotError], tuple[str, str]]
 """What happened and the next step, in the language of who opens the page."""
@@ -91,6 +95,7 @@ class LocalPage:
         now_ms: Callable[[], int] = lambda: time.monotonic_ns() // 1_000_000,
         language: str = "en",
         link_note: str = LINK_NOTE,
+        name_note: str = NAME_NOTE,
         describe: Describe = describe_plainly,
         command: str = "",
         allow_camera: bool = False,
@@ -101,6 +106,7 @@ class LocalPage:
         self._title = title
         self._language = language
         self._link_note = link_note
+        self._name_note = name_note
         self._describe = describe
         self._command = command
         self._idle_ms = idle_minutes * 60_000
@@ -150,8 +156,15 @@ class LocalPage:
         await self._drop_link()
         token = secrets.token_urlsafe(TOKEN_BYTES)
         target = f"{self._origin}/#{token}"
+        is_named = ".localhost:" in self._origin
         path = await asyncio.to_thread(
-            write_redirect, self._folder, target, self._title, language=self._language, note=self._link_note
+            write_redirect,
+            self._folder,
+            target,
+            self._title,
+            language=self._language,
+            note=f"{self._link_note} {self._name_note}" if is_named else self._link_note,
+            wait_s=NAME_READ_S if is_named else 0,
         )
         self._link = _Link(token, path, self._now_ms() + LINK_LIFETIME_MS)
         return path
@@ -248,8 +261,8 @@ def draw_loopback_address() -> str:
 def _listen_at_fresh_origin(address: str) -> tuple[socket.socket, str]:
     """Return a listener and its host name. Raises OSError.
 
-    Linux has all of 127.0.0.0/8, macOS 127.0.0.1 alone; every name below localhost is resolved by the browser itself.
-    Both make secure contexts (W3C Secure Contexts, 3.1), so the camera works.
+    Linux has all of 127.0.0.0/8, macOS 127.0.0.1 alone; Firefox and Chrome resolve every name below localhost themselves,
+    Safari does not. Both make secure contexts (W3C Secure Contexts, 3.1), so the camera works.
     """
     try:
         return open_listener(address, 0), address
@@ -317,14 +330,16 @@ async def read_object(request: web.Request) -> dict[str, Any]:
     return body
 
 
-def write_redirect(folder: Path, target: str, title: str, *, language: str = "en", note: str = LINK_NOTE) -> Path:
+def write_redirect(
+    folder: Path, target: str, title: str, *, language: str = "en", note: str = LINK_NOTE, wait_s: int = 0
+) -> Path:
     """Write the redirect file to `target`, readable only by its owner; return its path."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     path = folder / f"open-{secrets.token_hex(8)}.html"
     address, words, note_text = html.escape(target, quote=True), html.escape(title), html.escape(note)
     text = (
         f'<!doctype html><html lang="{language}"><meta charset="utf-8"><title>{words}</title>'
-        f'<meta name="referrer" content="no-referrer"><meta http-equiv="refresh" content="0; url={address}">'
+        f'<meta name="referrer" content="no-referrer"><meta http-equiv="refresh" content="{wait_s}; url={address}">'
         f'<p><a href="{address}">{words}</a>. {note_text}</p></html>\n'
     )
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

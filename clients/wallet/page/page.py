@@ -49,6 +49,7 @@ def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms)
         now_ms=now_ms,
         language=language_in_use(),
         link_note=text("page.link.once"),
+        name_note=text("page.link.name"),
         describe=describe_error,
         command=session.command,
         allow_camera=True,

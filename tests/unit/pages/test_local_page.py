@@ -273,6 +273,7 @@ async def test_where_127_0_0_1_is_all_there_is_each_run_has_a_name_of_its_own(
                 async with browser.get(reached, headers={"Host": host}) as said:
                     codes.append((await said.json())["code"])
             assert codes == ["PAGE_SESSION_REQUIRED", *["PAGE_ORIGIN_REFUSED"] * 3]
+            assert local_page.NAME_NOTE in (await page.new_link()).read_text()
     assert hosts[0] != hosts[1]
     assert all(re.fullmatch(r"[0-9a-f]{32}\.localhost", host) for host in hosts)
 
