@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
@@ -65,9 +66,12 @@ class ClipFetcher:
         now_s = asyncio.get_running_loop().time
         begun_s = now_s()
         try:
-            return await peer.fetch(record_id)
-        finally:
-            self._waited_s[peer.name] = now_s() - begun_s
+            fetched = await peer.fetch(record_id)
+        except BlockRobotError:
+            self._waited_s[peer.name] = math.inf
+            raise
+        self._waited_s[peer.name] = now_s() - begun_s
+        return fetched
 
     async def _choose_missing(self) -> list[RecordFacts]:
         missing = await self._store.missing(MISSING_READ_COUNT)

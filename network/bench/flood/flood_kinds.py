@@ -157,7 +157,7 @@ def _notice(target: Target) -> bytes:
     return encode_frame(FrameKind.NOTICE, encode(CertificateNotice(qc=_qc(target, _near(target)), entered_by=None)))
 
 
-def _words_answer(target: Target) -> bytes:
+def _last_signed_answer(target: Target) -> bytes:
     answer = LastSignedResponse(
         epoch=target.epoch,
         asked_at_ms=time.time_ns() // 1_000_000,
@@ -216,7 +216,7 @@ FRAMES: dict[str, Callable[[Target], bytes]] = {
     "EPOCH": _epoch,
     "HEIGHT": _height,
     "LAST_SIGNED_REQUEST": _words_request,
-    "LAST_SIGNED_RESPONSE": _words_answer,
+    "LAST_SIGNED_RESPONSE": _last_signed_answer,
     "RESPONSE": _raw(FrameKind.RESPONSE, FRAME_MAX_BYTES[FrameKind.RESPONSE] // 8),
     "TRANSACTIONS": _batch(in_a_members_name),
     "TRANSACTIONS:strangers": _batch(by_strangers),
