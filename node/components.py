@@ -23,7 +23,8 @@ from consensus.primitives.keys import PrivateKey
 from consensus.protocol.core import Core
 from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.sender_admission import find_account, require_admission
-from node.api.services import Clock
+from node.api.ports import Clock
+from node.api_adapters import FinalizedLedger, Pool
 from node.consensus.engine import Engine, Outbox
 from node.consensus.epoch_change import EpochStart, Head, read_head
 from node.consensus.evidence_submitter import EvidenceSubmitter, describe_accused, suspended_height
@@ -45,7 +46,6 @@ from node.mempool.quarantine import Quarantine
 from node.mempool.transaction_cache import TransactionCache
 from node.mempool.transaction_intake import TransactionIntake
 from node.metrics import NodeMetrics
-from node.node_services import FinalizedLedger, Pool
 from node.p2p.network import PeerHandler
 from node.peers.peers import Network, Peers
 from node.retention.pruning import Pruner

@@ -17,8 +17,8 @@ import structlog
 
 from consensus.errors import BlockRobotError
 from node.config import NodeConfig, load_config
+from node.node_process import Node
 from node.process_memory import guard_process
-from node.service import Node
 from node.snapshot.restoring import adopt_restored
 from node.storage.directory_lock import DirectoryLock
 

@@ -17,7 +17,7 @@ from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, pluralize, print_answer
 from clients.wallet.cli.group_options import place_wallet, wallet_options
 from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
-from clients.wallet.consent.rights_requests import read_correction, write_correction
+from clients.wallet.records.rights_requests import read_correction, write_correction
 from consensus.bounded_text import read_json_text
 from consensus.rights.right_codes import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
 from pages.time_format import format_time

@@ -17,12 +17,12 @@ import structlog
 from consensus.errors import BlockRobotError
 from network.byzantine.behaviour import TICK_MS, Behaviour, EngineView
 from network.byzantine.catalogue import BEHAVIOURS, byzantine_clock, check_behaviour, make_behaviour
+from node.api_adapters import WallClock
 from node.components import NodeComponents
 from node.config import NodeConfig, load_genesis
 from node.consensus.engine import Outbox
 from node.main import run_process
-from node.node_services import WallClock
-from node.service import Node
+from node.node_process import Node
 
 log = structlog.get_logger(__name__)
 

@@ -33,9 +33,9 @@ from network.faults.actions import (
     Skew,
     format_duration,
 )
+from node.api_adapters import WallClock
 from node.config import OPERATOR_HOST
 from node.faults import TOKEN_FILE_NAME, FaultRequest, FaultSwitch
-from node.node_services import WallClock
 from node.p2p.link_faults import SOUND, LinkFault
 
 REQUEST_TIMEOUT_S = 2.0

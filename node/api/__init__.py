@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from node.api.application import create_api
-from node.api.services import ApiServices
+from node.api.ports import ApiServices
 
 __all__ = ["ApiServices", "create_api"]

@@ -30,13 +30,13 @@ from node.api.access.route_access import Access
 from node.api.access.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
 from node.api.bodies import Bodies
 from node.api.openapi.openapi_document import build_openapi
+from node.api.ports import ApiServices
 from node.api.problems import problem_from_fault, problem_from_http, problem_response
 from node.api.routes import ROUTES
 from node.api.routes.genesis import GENESIS_KEY
 from node.api.routes.openapi import DOCUMENT_KEY
 from node.api.routing import Call, Route
 from node.api.server import STRAY_KEY, meet_expectation, name_server, require_expectation
-from node.api.services import ApiServices
 from node.limits.work_costs import ROUTE_COSTS, STRAY_US, bytes_cost_us
 
 OPEN_REQUESTS_MAX_COUNT = 4096

@@ -26,7 +26,7 @@ from node.api.explorer_documents import (
     SeatDocument,
     TimeoutDocument,
 )
-from node.api.services import RoundWatch
+from node.api.ports import RoundWatch
 from node.storage.ledger_view import BlockHead, LedgerView
 
 MISSED_SHOWN_MAX_COUNT = 32

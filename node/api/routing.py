@@ -21,7 +21,7 @@ from node.api.access.request_rate_limiter import ChargedBudgets
 from node.api.access.route_access import Access
 from node.api.access.sessions import Session, SessionTable
 from node.api.bodies import Hold
-from node.api.services import ApiServices
+from node.api.ports import ApiServices
 from node.limits.token_buckets import Source
 from node.storage.ledger_view import LedgerView
 from pages.listening import NO_KEY, Connection, awaiting_body

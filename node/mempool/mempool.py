@@ -15,7 +15,7 @@ from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.state.layout import RESERVED_CALLS, RESERVED_CONTRACTS
 from contracts.execution.sender_admission import Account
 from node.limits.account_byte_limiter import AccountByteLimiter
-from node.mempool.eviction import EvictionPlan
+from node.mempool.eviction_policy import EvictionPlan
 from node.mempool.lane import Lane
 from node.mempool.transaction_cache import TransactionCache
 
@@ -231,7 +231,7 @@ class Mempool:
             return ()
         waiting = self._ordinary.size_of(account.name) + self._reserved.size_of(account.name)
         plan = EvictionPlan(lanes, max(over_ordinary, over_all))
-        return plan.make(account, size + waiting, is_first=not waiting)
+        return plan.choose(account, size + waiting, is_first=not waiting)
 
     def _evict(self, txids: Collection[bytes]) -> None:
         for txid in txids:

@@ -9,7 +9,7 @@ from tests.architecture.test_tidy import ROOT, matches, modules
 BOUNDED_TEXT = ROOT / "consensus" / "bounded_text.py"
 PARSES = re.compile(r"\bjson\.loads?\b|\btomllib\.|\bmsgspec\.(?:json\.(?:decode|Decoder)|toml|yaml)\b|\byaml\.\w*load")
 PARSES_BESIDE = {
-    "clients/wallet/refusals.py": "the wallet's own catalogue, which every start reads",
+    "clients/wallet/text_catalogue.py": "the wallet's own catalogue, which every start reads",
     "clients/robot/sources/messages/field_map.py": "a field of bounded length; half characters are refused as well",
 }
 

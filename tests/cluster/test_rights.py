@@ -23,9 +23,9 @@ from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import parse_scenario
 from clients.robot.synthetic.scenario_bag import make_bag
 from clients.wallet.consent.consent_choices import ConsentClient
-from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.records.rights_requests import RecordChoice, Rights
 from clients.wallet.records.viewing import RecordViewer
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import draw_words

@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 
 from clients.wallet.consent.consent_choices import ConsentClient
-from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.presentation.share_text import name_recipient
 from clients.wallet.records.erasure import ErasureClient
+from clients.wallet.records.rights_requests import RecordChoice, Rights
 from clients.wallet.recovery.key_rotation import KeyRotation
-from clients.wallet.sharing.incoming_shares import DeletionReceipt, IncomingShares
+from clients.wallet.sharing.incoming_shares import IncomingShare, IncomingShares
 from clients.wallet.sharing.outgoing_shares import FinalGrant, Share, SharingClient, place_end
 from consensus.errors import BlockRobotError
 from tests.cluster.network_under_test import NetworkUnderTest, running
@@ -60,7 +60,7 @@ class Sides:
         now_ms = time.time_ns() // 1_000_000
         return await self.sharing.share(entries, grantee, "demo", place_end(now_ms + DAY_MS, now_ms), lambda _: None)
 
-    async def received(self, shared: FinalGrant) -> DeletionReceipt:
+    async def received(self, shared: FinalGrant) -> IncomingShare:
         """Return what the doctor's wallet knows of it, once the node that it asks has followed: one may lag."""
         await self.ward.told_everywhere()
         for _ in range(FOLLOW_MAX_COUNT):

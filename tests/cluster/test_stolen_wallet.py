@@ -13,10 +13,10 @@ import pytest
 from clients.robot.identity.robot_keys import load_identity
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.wallet.consent.consent_choices import ConsentClient
-from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.records.erasure import ErasureClient
+from clients.wallet.records.rights_requests import RecordChoice, Rights
 from clients.wallet.records.viewing import RecordViewer
 from clients.wallet.recovery.key_rotation import KeyRotation
 from clients.wallet.store.keystore import Keystore

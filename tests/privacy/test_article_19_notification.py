@@ -15,10 +15,10 @@ import pytest
 from click.testing import CliRunner
 
 from clients.wallet.cli import main
-from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.share_text import name_recipient
-from clients.wallet.sharing.incoming_shares import DeletionReceipt, ErasureNotice
+from clients.wallet.records.rights_requests import RecordChoice, Rights
+from clients.wallet.sharing.incoming_shares import ChangeNotice, IncomingShare
 from tests.world.commands import open_for_commands
 from tests.world.sharing import SharedWard
 
@@ -33,7 +33,7 @@ def doctor(ward: SharedWard) -> Wallet:
     return ward.come_in("doctor", "staff")
 
 
-async def inbox_of(ward: SharedWard, wallet: Wallet) -> DeletionReceipt:
+async def inbox_of(ward: SharedWard, wallet: Wallet) -> IncomingShare:
     (receipt,) = await ward.receiving(wallet).inbox()
     return receipt
 
@@ -49,8 +49,8 @@ async def test_1_every_recipient_hears_of_an_erasure_and_nobody_else_has_a_notic
     await ward.erase(visit, [cut], [0])
     for recipient in (doctor, nurse):
         assert (await inbox_of(ward, recipient)).notices == (
-            ErasureNotice(gone, "erased", confirmed=False),
-            ErasureNotice(cut, "pictures-erased", confirmed=False),
+            ChangeNotice(gone, "erased", confirmed=False),
+            ChangeNotice(cut, "pictures-erased", confirmed=False),
         )
     assert await ward.receiving(stranger).inbox() == []
 

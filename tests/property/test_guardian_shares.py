@@ -17,8 +17,8 @@ from clients.wallet.recovery.slip39_shares import (
     find_unknown,
     near_words,
     read_share,
-    split_into_words,
-    split_words,
+    split_mnemonic,
+    tokenize_words,
 )
 from consensus.errors import BlockRobotError
 
@@ -41,7 +41,7 @@ def gathered(shares: list[str]) -> ShareCollector:
 def test_any_that_are_enough_lead_back_and_one_less_never(entropy, way, data):
     threshold, count = way
     words = words_of(entropy)
-    shares = split_words(words, threshold, count)
+    shares = split_mnemonic(words, threshold, count)
     assert {len(share.split()) for share in shares} == {33}
     chosen = data.draw(st.permutations(shares))[:threshold]
     assert gathered(chosen).join() == words
@@ -55,14 +55,14 @@ def test_any_that_are_enough_lead_back_and_one_less_never(entropy, way, data):
 @given(entropies)
 def test_every_choice_of_three_out_of_five_leads_back(entropy):
     words = words_of(entropy)
-    shares = split_words(words, 3, 5)
+    shares = split_mnemonic(words, 3, 5)
     for chosen in combinations(shares, 3):
         assert gathered(list(chosen)).join() == words
 
 
 @given(entropies, entropies)
 def test_two_sets_do_not_mix_whatever_they_are_of(first, second):
-    ours, others = split_words(words_of(first), 2, 3), split_words(words_of(second), 2, 3)
+    ours, others = split_mnemonic(words_of(first), 2, 3), split_mnemonic(words_of(second), 2, 3)
     code = (
         "SHARES_CONTRADICT" if read_share(ours[0]).identifier == read_share(others[1]).identifier else "ANOTHER_SPLIT"
     )
@@ -86,7 +86,7 @@ def test_sets_that_bear_the_same_number_by_chance_are_told_apart_by_the_digest(f
 @given(entropies, st.integers(2, 4), st.data())
 def test_with_one_guardian_more_than_needed_one_who_lies_keeps_nobody_out(entropy, threshold, data):
     words = words_of(entropy)
-    shares = [read_share(share) for share in split_words(words, threshold, threshold + 1)]
+    shares = [read_share(share) for share in split_mnemonic(words, threshold, threshold + 1)]
     place = data.draw(st.integers(0, threshold))
     shares[place] = replace(shares[place], value=data.draw(st.binary(min_size=32, max_size=32)))
     assert gathered([share.mnemonic() for share in shares]).join() == words
@@ -111,7 +111,7 @@ def test_whatever_a_guardian_who_lies_says_of_the_set_or_of_her_number_the_other
     entropy, threshold, said, data
 ):
     words = words_of(entropy)
-    shares = [read_share(share) for share in split_words(words, threshold, threshold + 1)]
+    shares = [read_share(share) for share in split_mnemonic(words, threshold, threshold + 1)]
     place = data.draw(st.integers(0, threshold))
     lie = replace(shares[place], **said)
     shares[place] = lie
@@ -124,7 +124,7 @@ def test_whatever_a_guardian_who_lies_says_of_the_set_or_of_her_number_the_other
 @settings(max_examples=10)
 @given(entropies)
 def test_of_the_shares_that_are_left_over_only_those_that_do_not_fit_are_named(entropy):
-    shares = [read_share(share) for share in split_words(words_of(entropy), 2, 5)]
+    shares = [read_share(share) for share in split_mnemonic(words_of(entropy), 2, 5)]
     shares[1] = replace(shares[1], value=bytes(32))
     joined = gathered([share.mnemonic() for share in shares])
     assert joined.misfits() == []
@@ -133,7 +133,7 @@ def test_of_the_shares_that_are_left_over_only_those_that_do_not_fit_are_named(e
 
 
 def test_each_choice_of_shares_is_tried_once_and_no_more_than_some_thousand():
-    shares = [read_share(share) for share in split_words(words_of(bytes(32)), 3, 16)]
+    shares = [read_share(share) for share in split_mnemonic(words_of(bytes(32)), 3, 16)]
     joined = gathered([replace(share, value=bytes([share.index] * 32)).mnemonic() for share in shares])
     for _ in range(3):
         with pytest.raises(BlockRobotError, match="SHARES_CONTRADICT"):
@@ -148,7 +148,7 @@ def test_each_choice_of_shares_is_tried_once_and_no_more_than_some_thousand():
 
 @given(entropies, st.integers(0, 32), st.sampled_from(WORDLIST))
 def test_one_wrong_word_is_always_noticed(entropy, place, word):
-    share = split_words(words_of(entropy), 2, 2)[0].split()
+    share = split_mnemonic(words_of(entropy), 2, 2)[0].split()
     if share[place] == word:
         return
     share[place] = word
@@ -158,7 +158,7 @@ def test_one_wrong_word_is_always_noticed(entropy, place, word):
 
 @given(entropies, st.integers(0, 31))
 def test_two_words_that_changed_places_are_always_noticed(entropy, place):
-    share = split_words(words_of(entropy), 2, 2)[0].split()
+    share = split_mnemonic(words_of(entropy), 2, 2)[0].split()
     share[place], share[place + 1] = share[place + 1], share[place]
     if share[place] != share[place + 1]:
         with pytest.raises(BlockRobotError, match="SHARE_INVALID"):
@@ -183,8 +183,8 @@ def test_a_word_with_one_letter_amiss_finds_its_way(word, data):
 
 
 def test_numbers_and_signs_between_words_do_not_matter():
-    shares = split_words(words_of(bytes(32)), 2, 3)
+    shares = split_mnemonic(words_of(bytes(32)), 2, 3)
     numbered = "\n".join(f" {number:>2}. {word.upper()}," for number, word in enumerate(shares[0].split(), 1))
-    assert split_into_words(numbered) == shares[0].split()
+    assert tokenize_words(numbered) == shares[0].split()
     assert isinstance(read_share(numbered), Share)
     assert read_share(numbered) == read_share(shares[0])

@@ -27,8 +27,8 @@ from node.api.access.sessions import SESSION_LIFETIME_MS, SESSIONS_OF_KEY_MAX_CO
 from node.api.openapi.authorisation_page import CALLERS, Caller, refusal_of
 from node.api.routes import ROUTES
 from node.api.routing import Call, Handler, Route
+from node.api_adapters import WallClock
 from node.faults import FaultSwitch
-from node.node_services import WallClock
 from node.operator_listener import OPEN_PATHS, create_operator_listener
 from tests.unit.contracts.privacy.hospital import Hospital, key_of
 from tests.unit.node.api.small_network import NOW_MS, SmallLedger, SmallNode

@@ -12,7 +12,7 @@ from clients.officer.mandate_papers import read_receipt
 from clients.robot.sources.messages.topics import load_topics
 from clients.robot.synthetic.scenario import load_scenario
 from clients.sdk.terminal.terminal import load_genesis
-from clients.wallet.consent.rights_requests import read_correction
+from clients.wallet.records.rights_requests import read_correction
 from consensus.errors import BlockRobotError
 from network.cli.governance.notice_commands import read_notice_file
 from network.custody.traces import read_traces

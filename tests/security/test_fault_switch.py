@@ -15,8 +15,8 @@ from aiohttp import web
 from aiohttp.test_utils import make_mocked_request
 
 from consensus.errors import BlockRobotError
+from node.api_adapters import WallClock
 from node.faults import TOKEN_FILE_NAME, FaultSwitch, read_or_make_token
-from node.node_services import WallClock
 from node.operator_listener import FAULT_REQUEST_MAX_BYTES, create_operator_listener
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.security.intruder import Intruder

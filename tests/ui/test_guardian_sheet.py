@@ -11,7 +11,7 @@ from playwright.async_api import Page
 
 from clients.wallet.presentation.guardian_sheets import build_sheet, read_written, write_sheets
 from clients.wallet.presentation.translations import choose_language
-from clients.wallet.recovery.slip39_shares import split_into_words, split_words
+from clients.wallet.recovery.slip39_shares import split_mnemonic, tokenize_words
 from clients.wallet.store.keystore import GuardianSet
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.watched_page import NARROW
@@ -24,7 +24,7 @@ _PDF_PAGE = re.compile(rb"/Type\s*/Page\b(?!s)")
 def sheet_of(folder: Path, name: str, language: str, count: int) -> tuple[Path, str]:
     names = [*(f"Guardian {number}" for number in range(1, count)), name]
     made = GuardianSet(1_800_000_000_000, count // 2 + 1, names, 4711, 0)
-    shares = split_words(WORDS, made.threshold, count)
+    shares = split_mnemonic(WORDS, made.threshold, count)
     with click.Context(click.Command("wallet")) as context:
         choose_language(context, language)
         return write_sheets(folder, made, shares)[-1], shares[-1]
@@ -54,13 +54,13 @@ async def test_what_is_copied_out_of_a_sheet_in_the_browser_is_read_again(page: 
     await page.goto(file.as_uri())
     assert await page.locator("script").count() == 0
     copied = await page.locator("#words").inner_text()
-    assert split_into_words(copied) == share.split()
-    assert split_into_words(read_written(file)) == share.split()
+    assert tokenize_words(copied) == share.split()
+    assert tokenize_words(read_written(file)) == share.split()
 
 
 def test_a_sheet_says_all_that_a_guardian_has_to_know() -> None:
     made = GuardianSet(1_800_000_000_000, 2, ["Ann", "Ben", "Cleo"], 4711, 0)
-    page = build_sheet(made, 1, split_words(WORDS, 2, 3)[1])
+    page = build_sheet(made, 1, split_mnemonic(WORDS, 2, 3)[1])
     for part in (
         "Set 04711, sheet 2 of 3, made on 2027-01-15",
         "Any 2 of them together",

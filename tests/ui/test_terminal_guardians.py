@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from clients.wallet.recovery.slip39_shares import read_share, split_words
+from clients.wallet.recovery.slip39_shares import read_share, split_mnemonic
 from clients.wallet.store.keystore import Keystore
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.typed import CONTROL, ROWS, WIPED, Typed, at_terminal, plain
@@ -222,8 +222,8 @@ def test_a_guardian_who_lies_is_made_up_for_by_one_more(home: Path, said: dict[s
 
 def test_who_remembers_that_more_were_needed_than_liars_say_makes_no_wallet_of_theirs(home: Path) -> None:
     """Two of three who are needed cannot have hers; they may offer one of their own."""
-    honest = split_words(WORDS, 3, 5)[0]
-    theirs = split_words(" ".join(["zoo"] * 23 + ["vote"]), 2, 2)
+    honest = split_mnemonic(WORDS, 3, 5)[0]
+    theirs = split_mnemonic(" ".join(["zoo"] * 23 + ["vote"]), 2, 2)
     typed = begin_recovery(home, "--profile", "again")
     for share in (honest, *theirs):
         type_words(typed, share.split(), 33)

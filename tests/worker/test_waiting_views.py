@@ -6,10 +6,10 @@ import asyncio
 
 from consensus.errors import BlockRobotError
 from contracts.worker.worker_machine import WorkerSpec
+from node.api_adapters import FinalizedLedger
 from node.execution.sandboxed_contracts import VIEWS_OF_SOURCE_MAX_COUNT, VIEWS_WAITING_MAX_COUNT, SandboxedContracts
 from node.ledger.ledger_writer import FinalityFeed
 from node.limits.token_buckets import Source
-from node.node_services import FinalizedLedger
 from tests.worker.written_blocks import Chain
 
 

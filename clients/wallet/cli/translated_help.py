@@ -18,7 +18,7 @@ import click
 from clients.sdk.terminal.lazy_group import LazyGroup
 from clients.sdk.terminal.terminal import EXIT_FAILED, wants_json
 from clients.wallet.presentation.translations import LANGUAGES, language_in_use
-from clients.wallet.refusals import DEFAULT_LANGUAGE, FOLDER, load
+from clients.wallet.text_catalogue import DEFAULT_LANGUAGE, FOLDER, load
 
 C = TypeVar("C", bound=click.Command)
 

@@ -13,7 +13,7 @@ from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.audit_story import describe_event, event_sentence
 from clients.wallet.presentation.erasure_text import custodian_names
 from clients.wallet.presentation.translations import language_in_use, text
-from clients.wallet.refusals import DEFAULT_LANGUAGE
+from clients.wallet.text_catalogue import DEFAULT_LANGUAGE
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from pages.time_format import format_time

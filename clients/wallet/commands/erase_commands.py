@@ -26,8 +26,8 @@ from clients.wallet.presentation.translations import WrongUsage, language_in_use
 from clients.wallet.records.erasure import WAIT_MAX_S, ErasureClient, ErasurePlan, ErasureReport
 from clients.wallet.records.erasure_status import ErasureProgress, find_erasures
 from clients.wallet.records.viewing import name_places
-from clients.wallet.refusals import DEFAULT_LANGUAGE
 from clients.wallet.sharing.outgoing_shares import Share, SharingClient
+from clients.wallet.text_catalogue import DEFAULT_LANGUAGE
 from consensus.errors import BlockRobotError
 from consensus.exit_codes import exit_code_of
 from pages.time_format import format_time

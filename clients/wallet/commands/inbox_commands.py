@@ -25,21 +25,27 @@ from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import VisitReport, Wallet
 from clients.wallet.presentation.album import find_earlier_of, print_earlier_files
 from clients.wallet.presentation.former_text import unreadable_words
-from clients.wallet.presentation.share_text import receipt_lines, received_share, unread_line, unread_share, visit_alarm
+from clients.wallet.presentation.share_text import (
+    incoming_share_lines,
+    received_share,
+    unread_line,
+    unread_share,
+    visit_alarm,
+)
 from clients.wallet.presentation.translations import code_text, text
 from clients.wallet.records.picture_files import delete_frames, write_frames
 from clients.wallet.records.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, name_places
-from clients.wallet.refusals import refusal
 from clients.wallet.sharing.chain_grants import resolve_grant
 from clients.wallet.sharing.inbox import Inbox, copies_left, read_inbox
 from clients.wallet.sharing.incoming_shares import (
     KIND_ERASED,
     KIND_FRAMES_ERASED,
     KIND_RESTRICTED,
-    DeletionReceipt,
+    IncomingShare,
     IncomingShares,
     SharedView,
 )
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from pages.time_format import format_time
 
@@ -58,7 +64,7 @@ def _print_alarms(alarms: Sequence[VisitReport]) -> None:
 
 def _inbox_answer(found: Inbox) -> InboxAnswer:
     return InboxAnswer(
-        received=[received_share(each) for each in found.receipts],
+        received=[received_share(each) for each in found.shares],
         unread=[unread_share(each) for each in found.unread],
         alarms=[visit_alarm(report) for report in found.alarms],
         reads_new=found.reads_new,
@@ -82,10 +88,10 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
         return
     if not found.reads_new:
         console.print(text("inbox.no_member"))
-    elif not found.receipts and not found.alarms and not found.changed and not found.unread:
+    elif not found.shares and not found.alarms and not found.changed and not found.unread:
         console.print(text("inbox.nothing"))
-    for receipt in found.receipts:
-        for line in receipt_lines(receipt):
+    for share in found.shares:
+        for line in incoming_share_lines(share):
             console.print(line)
     for each in found.unread:
         console.print(unread_line(each), markup=False)
@@ -128,25 +134,25 @@ def _print_looks(looks: Sequence[AuditEntry]) -> None:
         console.print(text("inbox.look", **explanation, **names))
 
 
-async def _find(opened: Wallet, start: str) -> tuple[IncomingShares, DeletionReceipt]:
+async def _find(opened: Wallet, start: str) -> tuple[IncomingShares, IncomingShare]:
     receiving = IncomingShares(opened)
     found = await receiving.inbox()
     unread = {each.received.grant_id: each.error for each in receiving.unread}
     grant_id = resolve_grant([*(each.grant.grant_id for each in found), *unread], start)
     if grant_id in unread:
         raise unread[grant_id]
-    (receipt,) = [each for each in found if each.grant.grant_id == grant_id]
-    return receiving, receipt
+    (share,) = [each for each in found if each.grant.grant_id == grant_id]
+    return receiving, share
 
 
-def _choose(receipt: DeletionReceipt, record_ids: Sequence[str], otherwise: Sequence[bytes]) -> list[bytes]:
-    known = [record_id.hex() for record_id in receipt.grant.row.records]
+def _choose(share: IncomingShare, record_ids: Sequence[str], otherwise: Sequence[bytes]) -> list[bytes]:
+    known = [record_id.hex() for record_id in share.grant.row.records]
     return [bytes.fromhex(resolve_record(known, start)) for start in record_ids] or list(otherwise)
 
 
-def _require_shown(receipt: DeletionReceipt, wanted: Sequence[bytes]) -> None:
+def _require_shown(share: IncomingShare, wanted: Sequence[bytes]) -> None:
     """Raise GRANT_ENDED if anything was erased: the access would be logged in vain."""
-    kinds = {notice.kind for notice in receipt.notices if notice.record_id in wanted and notice.kind in _GONE}
+    kinds = {notice.kind for notice in share.notices if notice.record_id in wanted and notice.kind in _GONE}
     if KIND_FRAMES_ERASED in kinds:
         raise refusal("GRANT_ENDED", "look_cut")
     if kinds:
@@ -161,24 +167,24 @@ async def look_at(
     Returns views, restricted records left out, leftover files, and missing empty frames with reasons. Restricted records
     fail only if named. Raises GRANT_ENDED, CALL_REFUSED.
     """
-    receiving, receipt = await _find(opened, start)
-    if not receipt.is_open:
+    receiving, share = await _find(opened, start)
+    if not share.is_open:
         raise BlockRobotError("GRANT_ENDED")
-    gone = {notice.record_id for notice in receipt.notices if notice.kind in _GONE}
-    left = [record_id for record_id in receipt.grant.row.records if record_id not in gone]
-    barred = {notice.record_id for notice in receipt.notices if notice.kind == KIND_RESTRICTED}
-    chosen = _choose(receipt, record_ids, [each for each in left if each not in barred] or left)
-    _require_shown(receipt, chosen or receipt.grant.row.records)
+    gone = {notice.record_id for notice in share.notices if notice.kind in _GONE}
+    left = [record_id for record_id in share.grant.row.records if record_id not in gone]
+    barred = {notice.record_id for notice in share.notices if notice.kind == KIND_RESTRICTED}
+    chosen = _choose(share, record_ids, [each for each in left if each not in barred] or left)
+    _require_shown(share, chosen or share.grant.row.records)
     left_out = [] if record_ids else [each for each in left if each not in chosen]
-    access_id = await receiving.request_access(receipt, chosen)
+    access_id = await receiving.request_access(share, chosen)
     views, written = [], set[Path]()
     for record_id in chosen:
-        view = await receiving.look(receipt, record_id, access_id)
-        receiving.remember_copy(receipt, record_id, str(out))
-        fetch = functools.partial(receiving.background, receipt)
+        view = await receiving.look(share, record_id, access_id)
+        receiving.remember_copy(share, record_id, str(out))
+        fetch = functools.partial(receiving.background, share)
         written.update(await write_frames(fetch, record_id, view.frames, out))
         views.append(view)
-    earlier = find_earlier_of(out, written, chosen if record_ids else receipt.grant.row.records)
+    earlier = find_earlier_of(out, written, chosen if record_ids else share.grant.row.records)
     return views, left_out, earlier, receiving.missing_rooms
 
 
@@ -261,18 +267,18 @@ def confirm_deleted(
     """
 
     async def action(opened: Wallet) -> tuple[list[bytes], list[Path], list[Path]]:
-        receiving, receipt = await _find(opened, grant)
-        chosen = _choose(receipt, record_ids, receipt.to_confirm)
-        if not receipt.looked:
+        receiving, share = await _find(opened, grant)
+        chosen = _choose(share, record_ids, share.to_confirm)
+        if not share.looked:
             raise refusal("NOTHING_TO_CONFIRM", "confirm_never")
         if not chosen:
             raise refusal("NOTHING_TO_CONFIRM", "confirm_nothing")
-        places = copies_left(receipt, chosen)
+        places = copies_left(share, chosen)
         if places and not delete:
             raise refusal("COPIES_REMAIN", "confirm_copy", place=str(places[0]))
         _ask_whether_deleted(places, len(chosen), yes=yes)
         kept = [path for place in places for path in delete_frames(place)]
-        await receiving.confirm_deleted(receipt, chosen)
+        await receiving.confirm_deleted(share, chosen)
         return chosen, places, kept
 
     chosen, places, kept = run_with_wallet(ctx, action)

@@ -23,10 +23,10 @@ from clients.wallet.answers.rights_answers import (
 from clients.wallet.cli.group_options import for_option
 from clients.wallet.cli.wallet_context import confirm_or_print, require_new, run_with_wallet
 from clients.wallet.consent.consent_by_mandate import RepresentedPerson, handle_of, resolve_represented
-from clients.wallet.consent.rights_requests import RecordChoice, Rights, RightsStatement, choose, write_correction
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.consent_text import spoken_for
 from clients.wallet.presentation.translations import WrongUsage, purposes_text, text
+from clients.wallet.records.rights_requests import RecordChoice, Rights, RightsStatement, choose, write_correction
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
 from consensus.rights.purposes import PURPOSES

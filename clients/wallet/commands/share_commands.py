@@ -18,7 +18,6 @@ from clients.wallet.answers.sharing_answers import (
 )
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
-from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.record_filter import refuse_erased
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.share_text import (
@@ -32,7 +31,7 @@ from clients.wallet.presentation.share_text import (
     share_lines,
 )
 from clients.wallet.presentation.translations import WrongUsage, language_in_use, text
-from clients.wallet.refusals import DEFAULT_LANGUAGE
+from clients.wallet.records.rights_requests import choose
 from clients.wallet.sharing.chain_grants import resolve_grant
 from clients.wallet.sharing.outgoing_shares import (
     STEP_KEYS,
@@ -48,6 +47,7 @@ from clients.wallet.sharing.outgoing_shares import (
     select_shareable,
     share_each,
 )
+from clients.wallet.text_catalogue import DEFAULT_LANGUAGE
 from consensus.members.handles import encode_short
 from consensus.records.sharing import GRANTEE_ROLES
 from pages.time_format import format_time, parse_duration

@@ -9,7 +9,7 @@ from clients.sdk.chain.notices import organisation_of_card, public_values
 from clients.sdk.chain.proved_rows import proved_row
 from clients.sdk.proof_checks import ProvedState
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import decode_card_code
 from consensus.rights.notices import (

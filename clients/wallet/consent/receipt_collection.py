@@ -14,7 +14,7 @@ from clients.bundle.proving import Heard
 from clients.sdk.chain.proved_rows import proved_row
 from clients.wallet.consent.receipt_fetching import ConsentReceipts
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from consensus.state.identity import MEMBER, MemberRow

@@ -17,8 +17,8 @@ from clients.sdk.connections import NodeAddress
 from clients.sdk.node_answers import read_answer, read_hex
 from clients.wallet.ledger.proof_collection import StateCollector
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.refusals import refusal
 from clients.wallet.store.kept_proofs import receipt_proof
+from clients.wallet.text_catalogue import refusal
 from consensus.api_documents import ConsentReceiptAnswer, ConsentReceiptRequest
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError

@@ -18,8 +18,8 @@ from clients.wallet.consent.receipt_collection import collect_receipts
 from clients.wallet.ledger.proof_collection import PersonProofs, VisitProofs, collect_person, collect_visit
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.records.viewing import STATUS_CORRUPTED, RecordView, RecordViewer
-from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import KnownVisit
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS, VISIT_MAX_MS
 from consensus.primitives.encoding import encode

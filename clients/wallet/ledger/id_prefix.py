@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from clients.sdk.chain.proved_rows import proved_list, proved_row, proved_rows, 
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.wallet.ledger.id_prefix import MANDATE, resolve_id_prefix
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.members.handles import decode_short, encode_short, is_short
 from consensus.state import mandates as schema

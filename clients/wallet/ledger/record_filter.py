@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from clients.wallet.ledger.visit_audit import audit_visit
 from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from pages.time_format import format_time, local_time
 
 _DAY_MINUTES = 24 * 60

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 
 WAIT_MAX_MS = 25_000

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import Keystore
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 
 FREE_ATTEMPTS_COUNT = 5

@@ -21,7 +21,7 @@ from clients.wallet.page.open_clips import Clips
 from clients.wallet.page.passphrase_check import PassphraseGate
 from clients.wallet.page.wallet_snapshot import Snapshot, read_snapshot
 from clients.wallet.records.viewing import RecordViewer
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 
 LOOKS_MAX_COUNT = 32

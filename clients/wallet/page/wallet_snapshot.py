@@ -11,8 +11,8 @@ from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit, findings_
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.records.erasure import ErasureReport
 from clients.wallet.records.erasure_status import ErasureProgress, describe_erasure, read_erasures
-from clients.wallet.refusals import refusal
 from clients.wallet.sharing.outgoing_shares import Share, SharingClient
+from clients.wallet.text_catalogue import refusal
 
 NOTICE_EVERY_MS = 30_000
 

@@ -8,7 +8,7 @@ from typing import Any
 from clients.sdk.terminal.json_answers import Answer, Hex
 from clients.wallet.ledger.visit_audit import AuditEntry
 from clients.wallet.presentation.translations import code_text, purposes_text, text
-from clients.wallet.refusals import DEFAULT_LANGUAGE, load
+from clients.wallet.text_catalogue import DEFAULT_LANGUAGE, load
 
 _BY_ROBOT = frozenset({"visit_opened", "recorded", "visit_closed"})
 _BY_CUSTODIAN = frozenset({"access_released", "access_refused", "erasure_receipted", "expired"})

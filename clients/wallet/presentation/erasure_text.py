@@ -9,7 +9,7 @@ from clients.wallet.answers.record_answers import CustodianAnswer, ErasureRow
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.translations import text
 from clients.wallet.records.erasure_status import CustodianStatus, ErasureProgress
-from clients.wallet.refusals import DEFAULT_LANGUAGE
+from clients.wallet.text_catalogue import DEFAULT_LANGUAGE
 from pages.time_format import format_time
 
 REMAINS_NOTHING = "nothing"

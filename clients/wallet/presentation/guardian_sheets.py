@@ -15,8 +15,8 @@ from typing import Any
 from clients.wallet.presentation.invocation import WALLET_COMMAND
 from clients.wallet.presentation.translations import language_in_use, text
 from clients.wallet.recovery.slip39_shares import show_identifier
-from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import GuardianSet
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from pages.serving import PAGES_ASSETS
 from pages.time_format import format_date

@@ -22,7 +22,7 @@ from clients.wallet.presentation.translations import (
 )
 from clients.wallet.sharing.inbox import copies_left
 from clients.wallet.sharing.incoming_shares import (
-    DeletionReceipt,
+    IncomingShare,
     UnreadableGrant,
 )
 from clients.wallet.sharing.outgoing_shares import (
@@ -164,8 +164,8 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
     return lines
 
 
-def received_share(receipt: DeletionReceipt) -> ReceivedShare:
-    grant = receipt.grant
+def received_share(share: IncomingShare) -> ReceivedShare:
+    grant = share.grant
     return ReceivedShare(
         grant_id=grant.grant_id.hex(),
         visit=grant.row.owner.hex(),
@@ -173,43 +173,43 @@ def received_share(receipt: DeletionReceipt) -> ReceivedShare:
         purpose=grant.row.purpose,
         shared_at_ms=grant.row.time,
         until_ms=grant.row.until_ms,
-        open=receipt.is_open,
-        looked=receipt.looked,
-        to_look=[record_id.hex() for record_id in receipt.to_look],
+        open=share.is_open,
+        looked=share.looked,
+        to_look=[record_id.hex() for record_id in share.to_look],
         notices=[
             ShareNotice(record_id=notice.record_id.hex(), kind=notice.kind, confirmed=notice.confirmed)
-            for notice in receipt.notices
+            for notice in share.notices
         ],
-        to_confirm=[record_id.hex() for record_id in receipt.to_confirm],
-        copies=[str(place) for place in copies_left(receipt, grant.row.records)],
+        to_confirm=[record_id.hex() for record_id in share.to_confirm],
+        copies=[str(place) for place in copies_left(share, grant.row.records)],
     )
 
 
-def receipt_lines(receipt: DeletionReceipt, language: str | None = None) -> list[str]:
+def incoming_share_lines(share: IncomingShare, language: str | None = None) -> list[str]:
     say = functools.partial(text, language=language)
-    grant, name = receipt.grant, receipt.grant.grant_id.hex()[:12]
+    grant, name = share.grant, share.grant.grant_id.hex()[:12]
     records = say("count.records", count=len(grant.row.records))
-    end = say("received.open", until=format_time(grant.row.until_ms)) if receipt.is_open else say("received.over")
+    end = say("received.open", until=format_time(grant.row.until_ms)) if share.is_open else say("received.over")
     meaning = say(f"purpose.{grant.row.purpose}") if grant.row.purpose in PURPOSES else grant.row.purpose
     visit = grant.row.owner.hex()[:12]
     lines = [say("received.line", grant=name, records=records, visit=visit, end=end, purpose=meaning)]
-    news = [notice for notice in receipt.notices if not notice.confirmed]
+    news = [notice for notice in share.notices if not notice.confirmed]
     # Who never looked has no copy.
-    words = "received.had" if receipt.looked else "received.never_had"
+    words = "received.had" if share.looked else "received.never_had"
     for kind in dict.fromkeys(notice.kind for notice in news):
         same_kind = [notice for notice in news if notice.kind == kind]
         what = say(f"{words}.{kind}", count=len(same_kind))
         lines.append("  " + say("received.news", number=len(same_kind), records=records, what=what))
         if len(same_kind) < len(grant.row.records):
             lines += [f"    {notice.record_id.hex()}" for notice in same_kind]
-    lines += ["  " + say("received.copy", place=place) for place in copies_left(receipt, receipt.to_confirm)]
-    if receipt.to_confirm and not receipt.looked:
+    lines += ["  " + say("received.copy", place=place) for place in copies_left(share, share.to_confirm)]
+    if share.to_confirm and not share.looked:
         lines.append("  " + say("received.never"))
-    elif receipt.to_confirm:
+    elif share.to_confirm:
         lines.append("  " + say("received.confirm", grant=name))
-    elif len(news) < len(receipt.notices):
+    elif len(news) < len(share.notices):
         lines.append("  " + say("received.confirmed"))
-    if receipt.to_look:
+    if share.to_look:
         lines.append("  " + say("received.look", grant=name))
     return lines
 

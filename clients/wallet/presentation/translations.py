@@ -9,7 +9,7 @@ from typing import IO, Any
 import click
 
 from clients.wallet.presentation.invocation import with_command_prefix
-from clients.wallet.refusals import BECAUSE, DEFAULT_LANGUAGE, explain, form_of, load
+from clients.wallet.text_catalogue import BECAUSE, DEFAULT_LANGUAGE, explain, form_of, load
 from consensus.contract_refusals import refusal_code
 from consensus.errors import BlockRobotError
 

@@ -10,9 +10,9 @@ from clients.sdk.terminal.terminal import pluralize
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.records.viewing import RecordViewer
-from clients.wallet.refusals import refusal
 from clients.wallet.store.kept_proofs import keep_erasure
 from clients.wallet.store.keystore import KnownVisit
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_FRAMES_MAX_COUNT, RECORDS_A_CALL_MAX_COUNT
 from consensus.records.metadata import NOTICE_SENSOR

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from clients.sdk.connections import NodeAddress
 from clients.wallet.ledger.visit_audit import Finding
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
-from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import KnownVisit
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.limits import RECORDS_A_CALL_MAX_COUNT
 from consensus.primitives.hashing import sha256

@@ -8,11 +8,11 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.refusals import refusal
 from clients.wallet.sharing.outgoing_shares import SharingClient
 from clients.wallet.store.kept_proofs import keep_receipt
 from clients.wallet.store.keystore import KnownVisit
 from clients.wallet.store.member_keys import WalletKeys, derive_keys, draw_words
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import sign_rotation
 from consensus.records.owner_keys import VisitKeys, derive_owner_key, open_visit_keys, sign_transfer

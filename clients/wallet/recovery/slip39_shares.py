@@ -15,7 +15,7 @@ from shamir_mnemonic import MnemonicError, Share, generate_mnemonics
 from shamir_mnemonic.recovery import RecoveryState
 from shamir_mnemonic.wordlist import WORD_INDEX_MAP, WORDLIST
 
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 
 SHARE_WORDS_COUNT = 33
@@ -38,7 +38,7 @@ _DISTINCT_LETTERS_COUNT = 4
 _BETWEEN_WORDS = re.compile(r"[\s\d.,;:()\[\]]+")
 
 
-def split_words(words: str, threshold: int, count: int) -> list[str]:
+def split_mnemonic(words: str, threshold: int, count: int) -> list[str]:
     """Return `count` shares (33 words each) of a 24-word mnemonic; any `threshold` restore it.
 
     Shares are test-joined first. Raises ValueError unless 2 <= threshold <= count <= 16, AssertionError if joining
@@ -63,7 +63,7 @@ def show_identifier(identifier: int) -> str:
     return f"{identifier:0{IDENTIFIER_DIGITS_COUNT}d}"
 
 
-def split_into_words(written: str) -> list[str]:
+def tokenize_words(written: str) -> list[str]:
     return [word for word in _BETWEEN_WORDS.split(written.lower()) if word]
 
 
@@ -81,7 +81,7 @@ def near_words(word: str) -> list[str]:
 
 def read_share(written: str) -> Share:
     """Parse a share. Raises SHARE_WORD_UNKNOWN (gives position, not word), SHARE_INVALID."""
-    words = split_into_words(written)
+    words = tokenize_words(written)
     unknown = find_unknown(words)
     if unknown is not None:
         raise refusal("SHARE_WORD_UNKNOWN", "guardian_word", number=unknown + 1)

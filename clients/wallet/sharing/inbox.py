@@ -9,7 +9,7 @@ from pathlib import Path
 from clients.wallet.ledger.visit_audit import AuditEntry, Finding, audit_visit, findings_of
 from clients.wallet.ledger.wallet import VisitReport, Wallet
 from clients.wallet.sharing.incoming_shares import (
-    DeletionReceipt,
+    IncomingShare,
     IncomingShares,
     UnreadableGrant,
 )
@@ -23,7 +23,7 @@ class Inbox:
     oldest first; `unread` grants have errors.
     """
 
-    receipts: tuple[DeletionReceipt, ...]
+    shares: tuple[IncomingShare, ...]
     alarms: tuple[VisitReport, ...]
     reads_new: bool
     faded: tuple[ReceivedGrant, ...] = ()
@@ -35,7 +35,7 @@ class Inbox:
 async def read_inbox(opened: Wallet) -> Inbox:
     """Raises NOT_REGISTERED; former members still see known grants."""
     receiving = IncomingShares(opened)
-    receipts = await receiving.inbox()
+    shares = await receiving.inbox()
     try:
         reports = await opened.records()
     except BlockRobotError as error:
@@ -46,7 +46,7 @@ async def read_inbox(opened: Wallet) -> Inbox:
     events = [entry for report in reports for entry in await audit_visit(opened, report.visit)]
     events.sort(key=lambda entry: (entry.height, entry.index))
     return Inbox(
-        tuple(receipts),
+        tuple(shares),
         alarms,
         receiving.reads_new,
         tuple(receiving.faded),
@@ -56,7 +56,7 @@ async def read_inbox(opened: Wallet) -> Inbox:
     )
 
 
-def copies_left(receipt: DeletionReceipt, records: Sequence[bytes]) -> list[Path]:
+def copies_left(share: IncomingShare, records: Sequence[bytes]) -> list[Path]:
     """Return local folders still holding pictures of these records."""
-    places = [Path(copy.folder) / copy.record_id.hex() for copy in receipt.received.copies if copy.record_id in records]
+    places = [Path(copy.folder) / copy.record_id.hex() for copy in share.received.copies if copy.record_id in records]
     return [place for place in places if place.exists()]

@@ -12,7 +12,6 @@ from clients.sdk.connections import NodeAddress
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.records.viewing import STATUS_CORRUPTED, STATUS_ERASED, FrameView, judge_frame
-from clients.wallet.refusals import refusal
 from clients.wallet.sharing.chain_grants import (
     Grant,
     cut_since,
@@ -23,6 +22,7 @@ from clients.wallet.sharing.chain_grants import (
     read_grants,
 )
 from clients.wallet.store.keystore import KnownVisit, ReceivedGrant, SharedCopy
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.renditions import Rendition
@@ -56,7 +56,7 @@ Sleep = Callable[[float], Awaitable[None]]
 
 
 @dataclass(frozen=True, slots=True)
-class ErasureNotice:
+class ChangeNotice:
     """A change to a shared record (GDPR Art. 19), and whether the grantee confirmed acting."""
 
     record_id: bytes
@@ -65,7 +65,7 @@ class ErasureNotice:
 
 
 @dataclass(frozen=True, slots=True)
-class DeletionReceipt:
+class IncomingShare:
     """A proven grant for this wallet; `is_open` means viewable by its terms.
 
     `looked`: the grantee requested pictures from any wallet, by the audit trail.
@@ -74,7 +74,7 @@ class DeletionReceipt:
     grant: Grant
     received: ReceivedGrant
     is_open: bool
-    notices: tuple[ErasureNotice, ...]
+    notices: tuple[ChangeNotice, ...]
     looked: bool = True
 
     @property
@@ -124,7 +124,7 @@ class IncomingShares:
         self.missing_rooms: dict[bytes, BlockRobotError] = {}
         """Empty frames that were asked for in vain, by their hash, and why."""
 
-    async def inbox(self) -> list[DeletionReceipt]:
+    async def inbox(self) -> list[IncomingShare]:
         """Return all received grants, oldest first, each read in its own session.
 
         Sets `reads_new`, `faded` (keys expired) and `unread` (other failures). Raises transient errors.
@@ -141,9 +141,9 @@ class IncomingShares:
                     raise
                 else:
                     self.unread.append(UnreadableGrant(received, error))
-        return sorted(found, key=lambda receipt: (receipt.grant.row.time, receipt.grant.grant_id))
+        return sorted(found, key=lambda share: (share.grant.row.time, share.grant.grant_id))
 
-    async def read(self, received: ReceivedGrant) -> DeletionReceipt:
+    async def read(self, received: ReceivedGrant) -> IncomingShare:
         """Current state and notices. Raises PROOF_INVALID if it is gone. Expiry gives a notice only where pictures were
         written on this machine.
         """
@@ -157,14 +157,14 @@ class IncomingShares:
         had = {copy.record_id for copy in received.copies}
         trail = await audit_visit(_TrailReader(self._wallet, key), KnownVisit(grant.row.owner, b"", b"", 0, 0))
         notices = [
-            ErasureNotice(
+            ChangeNotice(
                 record_id, kind, record_id in grant.row.noticed or _mark(record_id, kind) in received.confirmed
             )
             for record_id, kind in await self._find_notices(grant, key, trail, is_open=is_open)
             if kind != KIND_ENDED or record_id in had
         ]
         looked = any(entry.data.get("grant") == grant.grant_id for entry in trail if entry.kind == "access_requested")
-        return DeletionReceipt(grant, received, is_open, tuple(notices), looked)
+        return IncomingShare(grant, received, is_open, tuple(notices), looked)
 
     async def _find_notices(
         self, grant: Grant, key: PrivateKey, trail: Sequence[AuditEntry], *, is_open: bool
@@ -202,22 +202,22 @@ class IncomingShares:
                 found |= set(grant.row.records).intersection(row.records or grant.row.records)
         return found
 
-    async def request_access(self, receipt: DeletionReceipt, records: Sequence[bytes]) -> bytes:
+    async def request_access(self, share: IncomingShare, records: Sequence[bytes]) -> bytes:
         """By the grant's key; wait until final. Raises CALL_REFUSED."""
-        grant, key = receipt.grant, grantee_key(receipt.received, self._wallet)
+        grant, key = share.grant, grantee_key(share.received, self._wallet)
         arguments = [grant.grant_id, list(records), grant.row.purpose]
         return (await self._wallet.network.call(key, "access", "request_granted", arguments)).txid
 
-    async def look(self, receipt: DeletionReceipt, record_id: bytes, access_id: bytes) -> SharedView:
+    async def look(self, share: IncomingShare, record_id: bytes, access_id: bytes) -> SharedView:
         """From the fewest custodians. Raises GRANT_PARTS_MISSING, or the common refusal."""
-        key = grantee_key(receipt.received, self._wallet)
+        key = grantee_key(share.received, self._wallet)
         state = await proved_row(self._wallet.reading(key), RECORD, record_id)
-        if state is None or state.owner != receipt.grant.row.owner:
+        if state is None or state.owner != share.grant.row.owner:
             raise BlockRobotError("NOT_FOUND", "The chain has no such record of this visit.")
         if state.status != "active":
             raise BlockRobotError("CLIP_ERASED")
-        sealing = self._wallet.eras[receipt.received.era].sealing
-        gathered = _Gathered(state, record_id, receipt.grant.row.grantee, sealing)
+        sealing = self._wallet.eras[share.received.era].sealing
+        gathered = _Gathered(state, record_id, share.grant.row.grantee, sealing)
         refused_with: BlockRobotError | None = None
         proven = await self._custodians(key)
         for node in self._wallet.network.custody.custodians:
@@ -227,11 +227,11 @@ class IncomingShares:
                 record_id,
                 access_id,
                 self._wallet.store.content.handle,
-                grantee_salt(receipt.received, self._wallet),
+                grantee_salt(share.received, self._wallet),
                 not gathered.is_whole,
             )
             try:
-                answer = await self._download(node, receipt.grant.grant_id, ask, key)
+                answer = await self._download(node, share.grant.grant_id, ask, key)
                 gathered.add(node.name, proven[node], answer)
             except BlockRobotError as error:
                 if refused_with is None or refused_with.code == "NODE_UNREACHABLE":
@@ -264,28 +264,28 @@ class IncomingShares:
             await self._sleep(_FOLLOW_PAUSE_S)
             waited_ms += _FOLLOW_PAUSE_S * 1000
 
-    async def background(self, receipt: DeletionReceipt, rendition: Rendition) -> bytes | None:
-        key = grantee_key(receipt.received, self._wallet)
+    async def background(self, share: IncomingShare, rendition: Rendition) -> bytes | None:
+        key = grantee_key(share.received, self._wallet)
         custody = self._wallet.network.custody
         return await custody.find_background(rendition.background_id, key, self.missing_rooms)
 
-    def remember_copy(self, receipt: DeletionReceipt, record_id: bytes, folder: str) -> None:
+    def remember_copy(self, share: IncomingShare, record_id: bytes, folder: str) -> None:
         copy = SharedCopy(record_id, folder)
-        if copy not in receipt.received.copies:
-            receipt.received.copies.append(copy)
+        if copy not in share.received.copies:
+            share.received.copies.append(copy)
             self._wallet.store.save()
 
-    async def confirm_deleted(self, receipt: DeletionReceipt, records: Sequence[bytes]) -> bytes:
+    async def confirm_deleted(self, share: IncomingShare, records: Sequence[bytes]) -> bytes:
         """On the chain; forget their folders and return the txid. Raises NOTHING_TO_CONFIRM, CALL_REFUSED."""
-        received = receipt.received
-        if not set(records) <= set(receipt.to_confirm):
+        received = share.received
+        if not set(records) <= set(share.to_confirm):
             raise refusal("NOTHING_TO_CONFIRM", "confirm_once")
-        arguments = [receipt.grant.grant_id, list(records)]
+        arguments = [share.grant.grant_id, list(records)]
         key = grantee_key(received, self._wallet)
         txid = (await self._wallet.network.call(key, "access", "noticed", arguments)).txid
         received.copies = [copy for copy in received.copies if copy.record_id not in records]
         received.confirmed += [
-            _mark(notice.record_id, notice.kind) for notice in receipt.notices if notice.record_id in records
+            _mark(notice.record_id, notice.kind) for notice in share.notices if notice.record_id in records
         ]
         self._wallet.store.save()
         return txid

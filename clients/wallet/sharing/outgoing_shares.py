@@ -17,13 +17,13 @@ from clients.sdk.chain.proved_rows import proved_row, put_query
 from clients.sdk.connections import NodeAddress
 from clients.sdk.node_answers import SURE_REFUSALS
 from clients.sdk.quorum import require_quorum
-from clients.wallet.consent.rights_requests import RecordChoice
 from clients.wallet.ledger.visit_audit import AuditEntry, audit_visit
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.records.rights_requests import RecordChoice
 from clients.wallet.records.viewing import RecordViewer
-from clients.wallet.refusals import refusal
 from clients.wallet.sharing.chain_grants import Grant, cut_since, read_custodians, read_grants
 from clients.wallet.store.keystore import GivenGrant, KnownVisit
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.members.handles import decode_short, encode_short, is_short
 from consensus.primitives.keys import PrivateKey

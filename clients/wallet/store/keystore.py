@@ -21,7 +21,7 @@ from clients.sdk.passphrase import (
     new_sealing_key,
     open_sealed,
 )
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.rights.right_codes import Correction
 

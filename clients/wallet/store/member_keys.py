@@ -15,7 +15,7 @@ from mnemonic import Mnemonic
 from nacl.public import PrivateKey as SealingPrivateKey
 from slip10 import SLIP10
 
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.primitives.keys import PrivateKey
 
 WORDS_COUNT = 24

@@ -9,7 +9,7 @@ import enum
 import math
 import unicodedata
 
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 
 PASSPHRASE_MIN_LETTERS = 15
 FAIR_MIN_GUESSES = 10**10

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import msgspec
 
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from pages.time_format import format_time

@@ -17,7 +17,7 @@ from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from node.config import NodeConfig
 from node.main import run_process
-from node.service import Node
+from node.node_process import Node
 
 
 @click.command()

@@ -11,7 +11,7 @@ import secrets
 from consensus.chain.session_message import CHALLENGE_SIZE_BYTES
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u64
-from node.api.services import Clock
+from node.api.ports import Clock
 
 CHALLENGE_LIFETIME_MS = 60_000
 USED_OF_KEY_MAX_COUNT = 256

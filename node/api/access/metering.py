@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 from typing import Any, Generic, TypeVar
 
 from node.api.access.request_rate_limiter import ChargedBudgets
-from node.api.services import LedgerReader
+from node.api.ports import LedgerReader
 from node.limits.token_buckets import Source
 from node.storage.ledger_view import LedgerView
 

@@ -15,7 +15,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import is_public_key
 from node.api.access.challenges import ChallengeBook
 from node.api.access.principals import Principal, SessionKind, resolve_principal
-from node.api.services import Clock, LedgerReader
+from node.api.ports import Clock, LedgerReader
 
 SESSION_LIFETIME_MS = 10 * 60_000
 SESSIONS_MAX_COUNT = 4096

@@ -18,9 +18,9 @@ from node.api.explorer_documents import (
     ProducersAnswer,
     RefusalAnswer,
 )
+from node.api.ports import ApiServices
 from node.api.routes.transactions import WAIT_MAX_MS
 from node.api.routing import BYTES, JSON, Answer, Call, Parameter, Route, json_answer
-from node.api.services import ApiServices
 from node.explorer.page import answer_own, answer_shared
 from node.storage.ledger_view import LedgerView
 

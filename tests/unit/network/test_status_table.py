@@ -12,7 +12,7 @@ from network.cli.cluster.cluster_commands import report
 from network.cluster import NodeStatusReport
 from network.provisioning.network_layout import create_network
 from node.config import load_config
-from node.service import Node
+from node.node_process import Node
 from pages.time_format import format_time
 from tests.cluster.network_under_test import find_base_port
 

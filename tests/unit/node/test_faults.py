@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import BlockRobotError
+from node.api_adapters import WallClock
 from node.consensus.journal import Journal
 from node.consensus.journal_disk import SystemDisk
 from node.custody.stores.sqlite_store import SqliteStore
 from node.faults import STATE_FILE_NAME, TOKEN_FILE_NAME, FaultSwitch, FillableDisk, read_or_make_token
-from node.node_services import WallClock
 from node.p2p.link_faults import LinkFault
 
 

@@ -10,9 +10,9 @@ from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
 from consensus.errors import BlockRobotError
+from node.api_adapters import WallClock
 from node.config import READING_TOKEN_FILE_NAME
 from node.faults import FaultSwitch, read_or_make_token
-from node.node_services import WallClock
 from node.operator_listener import OPEN_PATHS, READING_PATHS, create_operator_listener
 from tests.resetting import send_and_reset
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-import node.service as service
+import node.node_process as service
 from network.cluster import Cluster, fetch_status
 from network.provisioning.network_layout import create_network
+from node.node_process import Node
 from node.p2p.connection_acceptor import bind_listener
-from node.service import Node
 from tests.cluster.network_under_test import find_base_port
 
 

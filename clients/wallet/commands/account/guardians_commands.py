@@ -35,7 +35,7 @@ from clients.wallet.recovery.slip39_shares import (
     THRESHOLD_MIN_COUNT,
     read_share,
     show_identifier,
-    split_words,
+    split_mnemonic,
 )
 from clients.wallet.store.keystore import GuardianSet, Keystore, WalletContent
 from clients.wallet.store.wallet_lock import claim_wallet, lock_or_read_only, require_wallet
@@ -176,7 +176,7 @@ def split(
     with _opened(ctx) as store:
         content = store.content
         words, era = _choose_words(content, former)
-        shares = split_words(words, needed, len(names))
+        shares = split_mnemonic(words, needed, len(names))
         identifier = read_share(shares[0]).identifier
         one = GuardianSet(time.time_ns() // 1_000_000, needed, list(names), identifier, era)
         if not as_json:

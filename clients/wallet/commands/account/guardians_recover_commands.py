@@ -46,7 +46,7 @@ from clients.wallet.recovery.slip39_shares import (
     read_share,
     require_of_wallet,
     show_identifier,
-    split_into_words,
+    tokenize_words,
 )
 from clients.wallet.store.keystore import GuardianSet, Keystore
 from clients.wallet.store.member_keys import derive_keys
@@ -70,7 +70,7 @@ def _print_unknown(number: int, word: str) -> None:
 def _type_words() -> list[str]:
     words: list[str] = []
     while len(words) < SHARE_WORDS_COUNT:
-        typed = split_into_words(ask_for(text("guardians.word", number=len(words) + 1)))
+        typed = tokenize_words(ask_for(text("guardians.word", number=len(words) + 1)))
         unknown = find_unknown(typed)
         words += typed[:unknown]
         if unknown is not None:
@@ -100,7 +100,7 @@ def type_share() -> Share:
         if number == 0:
             words = _type_words()
         elif number is not None:
-            (word, *_) = split_into_words(ask_for(text("guardians.correct_word", number=number))) or [""]
+            (word, *_) = tokenize_words(ask_for(text("guardians.correct_word", number=number))) or [""]
             if find_unknown([word]) is None:
                 words[number - 1] = word
             else:
@@ -115,7 +115,7 @@ def _read_file(path: Path, *, as_json: bool) -> Share:
     except BlockRobotError as error:
         if error.code == "SHARE_WORD_UNKNOWN" and not as_json and console.is_terminal:
             place = int(error.context["number"])
-            _print_unknown(place, split_into_words(written)[place - 1])
+            _print_unknown(place, tokenize_words(written)[place - 1])
         raise BlockRobotError(error.code, f"{path.name}: {error.detail}", **error.context) from None
     return share
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from clients.sdk.passphrase import PassphraseCost
 from clients.wallet.cli.wallet_context import run_made
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 
 CHECK_MAX_S = 5.0

@@ -16,7 +16,7 @@ from clients.wallet.page.page_answers import accepted, answer_json, body_of, lan
 from clients.wallet.page.record_seals import Seal, page_seal, verified_block
 from clients.wallet.page.session import LOOK_NAME_MAX_CHARS, PageSession
 from clients.wallet.records.viewing import RecordView, RecordViewer, finding_of
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_PNG16
 from pages.local_page import LocalRoute

@@ -20,7 +20,7 @@ from clients.wallet.presentation.consent_text import (
     notice_words,
     receipt_line,
 )
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from consensus.rights.purposes import PURPOSES
 from consensus.rights.right_codes import OWN_PURPOSES

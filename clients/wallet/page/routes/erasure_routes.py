@@ -19,8 +19,8 @@ from clients.wallet.presentation.erasure_text import custodian_names, erasure_ro
 from clients.wallet.records.erasure import WAIT_MAX_S, ErasureClient, ErasurePlan, ErasureReport, plan_erasure
 from clients.wallet.records.erasure_status import ErasureProgress, describe_erasure
 from clients.wallet.records.viewing import name_places
-from clients.wallet.refusals import refusal
 from clients.wallet.sharing.outgoing_shares import SharingClient
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from pages.local_page import LocalRoute
 

@@ -22,7 +22,7 @@ from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import KeptFile, PageSession
 from clients.wallet.presentation.export_text import bundle_warning, export_answer, problem_text
 from clients.wallet.presentation.invocation import verify_command
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from pages.local_page import LocalRoute
 from pages.time_format import format_date
 

@@ -12,15 +12,15 @@ from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import VisitPart
 from clients.wallet.presentation.erasure_text import custodian_names
 from clients.wallet.presentation.share_text import (
+    incoming_share_lines,
     name_recipient,
-    receipt_lines,
     received_share,
     unread_line,
     unread_share,
     visit_alarm,
 )
-from clients.wallet.refusals import DEFAULT_LANGUAGE
 from clients.wallet.sharing.inbox import read_inbox
+from clients.wallet.text_catalogue import DEFAULT_LANGUAGE
 from pages.local_page import LocalRoute
 
 
@@ -83,8 +83,8 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
             "looks": sorted(looks, key=lambda look: look.time_ms, reverse=True),
             "alarms": alarms,
             "received": [
-                extend(PageReceivedShare, received_share(each), lines=receipt_lines(each, language))
-                for each in found.receipts
+                extend(PageReceivedShare, received_share(each), lines=incoming_share_lines(each, language))
+                for each in found.shares
             ],
             "unread": [
                 extend(PageUnreadShare, unread_share(each), line=unread_line(each, language)) for each in found.unread

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from aiohttp import web
 
-from clients.wallet.consent.rights_requests import choose
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.page.jobs import Job, Result
 from clients.wallet.page.page_answers import accepted, answer_json, body_of, language_of, route
@@ -15,7 +14,7 @@ from clients.wallet.page.request_fields import RequestFields
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.wallet_snapshot import Snapshot
 from clients.wallet.presentation.share_text import explain, extend_with_grants, made_share
-from clients.wallet.refusals import refusal
+from clients.wallet.records.rights_requests import choose
 from clients.wallet.sharing.outgoing_shares import (
     Grantee,
     SharingClient,
@@ -24,6 +23,7 @@ from clients.wallet.sharing.outgoing_shares import (
     select_shareable,
     share_each,
 )
+from clients.wallet.text_catalogue import refusal
 from pages.local_page import LocalRoute
 
 

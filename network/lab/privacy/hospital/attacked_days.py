@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 
 from clients.sdk.chain.announcements import Announcement
-from clients.wallet.consent.rights_requests import SPREAD_MAX_MS
 from clients.wallet.ledger.visit_scan import find_own_visits, owner_key
+from clients.wallet.records.rights_requests import SPREAD_MAX_MS
 from consensus.records.clips import ClipUpload
 from consensus.state.records import ANNOUNCEMENT, ANNOUNCEMENT_COUNT
 from network.lab.privacy.hospital.attacked_chain import START_MS, Chain

@@ -11,8 +11,8 @@ from consensus.primitives.encoding import decode, encode
 from consensus.records.clips import ClipUpload, check_clip_upload
 from consensus.state.records import RECORD, decided_root
 from node.api.access.route_access import OWNER, ROBOT
+from node.api.ports import CustodyService
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, bytes_answer, json_answer
-from node.api.services import CustodyService
 
 _OVERHEAD_BYTES = 64 * 1024
 _RECORD_ID = Parameter("record_id", "path", "The record's id.", 16)

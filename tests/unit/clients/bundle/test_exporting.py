@@ -21,9 +21,9 @@ from clients.bundle.cli import verify
 from clients.bundle.document_building import open_corrections
 from clients.bundle.documents import read_document
 from clients.bundle.writing import write_bundle
-from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.export import export_building as exporting_module
 from clients.wallet.export.export_building import ExportChoice, Exporter
+from clients.wallet.records.rights_requests import RecordChoice, Rights
 from clients.wallet.records.viewing import RecordViewer
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey

@@ -17,7 +17,7 @@ from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.state import access, records
-from node.node_services import DecodedSnapshot
+from node.api_adapters import DecodedSnapshot
 from tests.state_rows import row_of
 from tests.unit.clients.sdk.conftest import make_transaction, refusal_of
 from tests.unit.node.api.small_network import (

@@ -14,8 +14,8 @@ from click.testing import CliRunner, Result
 from clients.officer import breach_commands
 from clients.officer.breaches import Breaches, breach_answer
 from clients.wallet.cli import main as wallet_cli
-from clients.wallet.consent.rights_requests import Rights, write_correction
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, LANGUAGES
+from clients.wallet.records.rights_requests import Rights, write_correction
 from consensus.errors import BlockRobotError
 from consensus.rights.right_codes import BREACH_NOTIFY_MS, Correction, commit_correction
 from consensus.state.rights import (

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from clients.wallet.presentation.invocation import WALLET_COMMAND, called, with_command_prefix
 from clients.wallet.presentation.translations import LANGUAGES, describe_error
-from clients.wallet.refusals import refusal
+from clients.wallet.text_catalogue import refusal
 from consensus.errors import BlockRobotError
 from tests.world.dicts import typed_for
 

@@ -21,8 +21,8 @@ from clients.wallet.commands import records_commands
 from clients.wallet.ledger.record_filter import Filter, select
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.presentation.translations import LANGUAGES
-from clients.wallet.refusals import load
 from clients.wallet.store.keystore import KnownVisit
+from clients.wallet.text_catalogue import load
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR, RecordMetadata
 from consensus.state.records import RecordRow

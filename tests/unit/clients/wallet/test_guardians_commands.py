@@ -17,7 +17,7 @@ from shamir_mnemonic import shamir
 
 from clients.wallet.cli.main import wallet
 from clients.wallet.presentation.guardian_sheets import read_written
-from clients.wallet.recovery.slip39_shares import SHARE_WORDS_COUNT, read_share, split_into_words
+from clients.wallet.recovery.slip39_shares import SHARE_WORDS_COUNT, read_share, tokenize_words
 from clients.wallet.store import wallet_lock
 from clients.wallet.store.keystore import Keystore, WalletContent
 from clients.wallet.store.member_keys import derive_keys
@@ -67,7 +67,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
 
 
 def words_in(sheet: str) -> list[str]:
-    return split_into_words(read_written(Path(sheet)))
+    return tokenize_words(read_written(Path(sheet)))
 
 
 def tells_of(told: str, words: list[str]) -> bool:

@@ -24,7 +24,7 @@ from clients.wallet.presentation.consent_text import notice_answer, notice_text
 from clients.wallet.presentation.former_text import words_lines
 from clients.wallet.presentation.translations import code_text, section
 from clients.wallet.presentation.visit_status_text import rights_lines
-from clients.wallet.refusals import DEFAULT_LANGUAGE, load
+from clients.wallet.text_catalogue import DEFAULT_LANGUAGE, load
 from consensus.errors import BlockRobotError
 from consensus.rights import right_codes as codes
 from consensus.rights.notices import NOTICE_LINES, NoticeVersion, PublishedNotice, notice_lines

@@ -12,11 +12,11 @@ from typing import Any
 import click
 import pytest
 
-from clients.wallet import refusals
+from clients.wallet import text_catalogue
 from clients.wallet.ledger import id_prefix
 from clients.wallet.presentation import translations
 from clients.wallet.presentation.translations import WrongUsage, describe_error, find_language, section, text
-from clients.wallet.refusals import ONE, OTHER, Form, load, refusal
+from clients.wallet.text_catalogue import ONE, OTHER, Form, load, refusal
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.rights.purposes import PURPOSES
@@ -330,7 +330,7 @@ def test_what_the_command_line_says_goes_before_the_environment(monkeypatch: pyt
 
 
 def put_catalogue(monkeypatch: pytest.MonkeyPatch, load_stand_in: Callable[[str], Mapping[str, Any]]) -> None:
-    for module in (refusals, translations):
+    for module in (text_catalogue, translations):
         monkeypatch.setattr(module, "load", load_stand_in)
 
 

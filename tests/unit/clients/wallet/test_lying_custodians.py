@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from clients.wallet.ledger.wallet import Wallet
-from clients.wallet.sharing.incoming_shares import DeletionReceipt, IncomingShares
+from clients.wallet.sharing.incoming_shares import IncomingShare, IncomingShares
 from consensus.errors import BlockRobotError
 from consensus.records.sharing import KeyPart, SharedDownload, seal_package
 from tests.unit.contracts.privacy.hospital import key_of
@@ -18,39 +18,39 @@ from tests.world.sharing import SharedWard, ThreeCustodians
 NAMES = ThreeCustodians.custodian_names
 FIRST, SECOND, THIRD = (key_of(name).public_key for name in NAMES)
 FORGED = b"f" * 32
-Lie = Callable[[SharedDownload, DeletionReceipt, Wallet], SharedDownload]
+Lie = Callable[[SharedDownload, IncomingShare, Wallet], SharedDownload]
 
 
 def _changed(answer: SharedDownload, **changes: object) -> SharedDownload:
     return msgspec.structs.replace(answer, **changes)
 
 
-def as_another(answer: SharedDownload, _: DeletionReceipt, __: Wallet) -> SharedDownload:
+def as_another(answer: SharedDownload, _: IncomingShare, __: Wallet) -> SharedDownload:
     """Parts of noise under the key of the custodian that was asked before it."""
     return _changed(answer, custodian=FIRST, parts=[KeyPart(SECOND, FORGED), KeyPart(THIRD, FORGED)])
 
 
-def short_parts(answer: SharedDownload, _: DeletionReceipt, __: Wallet) -> SharedDownload:
+def short_parts(answer: SharedDownload, _: IncomingShare, __: Wallet) -> SharedDownload:
     return _changed(answer, parts=[KeyPart(part.custodian, part.value[:31]) for part in answer.parts])
 
 
-def no_parts(answer: SharedDownload, _: DeletionReceipt, __: Wallet) -> SharedDownload:
+def no_parts(answer: SharedDownload, _: IncomingShare, __: Wallet) -> SharedDownload:
     return _changed(answer, parts=[])
 
 
-def parts_twice(answer: SharedDownload, _: DeletionReceipt, __: Wallet) -> SharedDownload:
+def parts_twice(answer: SharedDownload, _: IncomingShare, __: Wallet) -> SharedDownload:
     return _changed(answer, parts=[*answer.parts, *answer.parts])
 
 
-def for_nobody(answer: SharedDownload, _: DeletionReceipt, __: Wallet) -> SharedDownload:
+def for_nobody(answer: SharedDownload, _: IncomingShare, __: Wallet) -> SharedDownload:
     return _changed(answer, parts=[KeyPart(b"", part.value) for part in answer.parts])
 
 
-def noise(answer: SharedDownload, _: DeletionReceipt, __: Wallet) -> SharedDownload:
+def noise(answer: SharedDownload, _: IncomingShare, __: Wallet) -> SharedDownload:
     return _changed(answer, package=b"x" * 200, parts=[KeyPart(part.custodian, FORGED) for part in answer.parts])
 
 
-def a_package_of_its_own(answer: SharedDownload, receipt: DeletionReceipt, doctor: Wallet) -> SharedDownload:
+def a_package_of_its_own(answer: SharedDownload, receipt: IncomingShare, doctor: Wallet) -> SharedDownload:
     """Well made, for the right grantee, with a key that it claims to hold alone; what is in it opens nothing."""
     package = seal_package(
         FORGED,
@@ -63,7 +63,7 @@ def a_package_of_its_own(answer: SharedDownload, receipt: DeletionReceipt, docto
     return _changed(answer, package=package, parts=[KeyPart(answer.custodian, FORGED)])
 
 
-def of_another_record(answer: SharedDownload, _: DeletionReceipt, __: Wallet) -> SharedDownload:
+def of_another_record(answer: SharedDownload, _: IncomingShare, __: Wallet) -> SharedDownload:
     return _changed(answer, frames=answer.frames[:1], commitment_leaves=[], ciphertext_leaves=[b"short"])
 
 
@@ -112,7 +112,7 @@ async def test_two_liars_of_three_are_told_of_by_a_code_or_a_status(tmp_path: Pa
         assert found <= {"GRANT_PARTS_MISSING", "ENVELOPE_INVALID"} or found <= {"ok", "corrupted"}, lie
 
 
-async def _look(receiving: IncomingShares, receipt: DeletionReceipt, record_id: bytes, access_id: bytes) -> set[str]:
+async def _look(receiving: IncomingShares, receipt: IncomingShare, record_id: bytes, access_id: bytes) -> set[str]:
     """What frames were found to be, or the code of the refusal."""
     try:
         view = await receiving.look(receipt, record_id, access_id)

@@ -14,9 +14,9 @@ from clients.wallet.cli.group_options import place_wallet
 from clients.wallet.presentation.guardian_sheets import build_sheet
 from clients.wallet.presentation.invocation import WALLET_COMMAND, called, verify_command, with_command_prefix
 from clients.wallet.presentation.translations import LANGUAGES, describe_error, section, text
-from clients.wallet.recovery.slip39_shares import split_words
-from clients.wallet.refusals import Form, load
+from clients.wallet.recovery.slip39_shares import split_mnemonic
 from clients.wallet.store.keystore import GuardianSet
+from clients.wallet.text_catalogue import Form, load
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError
 from tests.world.dicts import typed_for
@@ -91,7 +91,7 @@ def test_it_is_said_once_however_often_a_text_goes_through_and_what_people_wrote
 
 def test_a_guardian_s_sheet_tells_no_profile_and_no_folder_of_the_owner() -> None:
     made = GuardianSet(1_800_000_000_000, 2, ["Ann", "Ben"], 4711, 0)
-    share = split_words(" ".join(["abandon"] * 23 + ["art"]), 2, 2)[0]
+    share = split_mnemonic(" ".join(["abandon"] * 23 + ["art"]), 2, 2)[0]
     plain = build_sheet(made, 0, share)
     assert "blockrobot wallet guardians recover" in plain
     with typed_for("work", **PLACES):

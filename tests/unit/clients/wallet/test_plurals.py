@@ -8,7 +8,7 @@ import string
 import pytest
 
 from clients.wallet.presentation.translations import LANGUAGES
-from clients.wallet.refusals import ONE, load
+from clients.wallet.text_catalogue import ONE, load
 
 COUNTED = frozenset(
     {

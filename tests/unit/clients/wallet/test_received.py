@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.share_text import name_recipient
+from clients.wallet.records.rights_requests import RecordChoice, Rights
 from clients.wallet.sharing import chain_grants
 from clients.wallet.sharing.chain_grants import find_received, grantee_key, resolve_grant
 from clients.wallet.sharing.incoming_shares import (
@@ -20,7 +20,7 @@ from clients.wallet.sharing.incoming_shares import (
     KIND_FRAMES_ERASED,
     KIND_RESTRICTED,
     KIND_REVOKED,
-    DeletionReceipt,
+    IncomingShare,
     IncomingShares,
 )
 from consensus.errors import BlockRobotError
@@ -35,12 +35,12 @@ def receiving(ward: SharedWard, doctor: Wallet) -> IncomingShares:
     return ward.receiving(doctor)
 
 
-async def only(receiving: IncomingShares) -> DeletionReceipt:
+async def only(receiving: IncomingShares) -> IncomingShare:
     (receipt,) = await receiving.inbox()
     return receipt
 
 
-async def grant_again(ward: SharedWard, receipt: DeletionReceipt, records: list[bytes]) -> bytes:
+async def grant_again(ward: SharedWard, receipt: IncomingShare, records: list[bytes]) -> bytes:
     """Grant records to the very key of a grant before, as no honest wallet does; return the new grant's id."""
     row, (visit,) = receipt.grant.row, await ward.wallet.scan()
     arguments = [records, row.grantee, row.ephemeral, row.view_tag, row.member_hash, row.purpose]
@@ -48,7 +48,7 @@ async def grant_again(ward: SharedWard, receipt: DeletionReceipt, records: list[
     return ward.chain.must(owner, "access", "grant", *arguments, row.until_ms).txid
 
 
-def kinds(receipt: DeletionReceipt) -> set[str]:
+def kinds(receipt: IncomingShare) -> set[str]:
     return {notice.kind for notice in receipt.notices}
 
 

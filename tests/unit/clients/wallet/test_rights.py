@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
-from clients.wallet.consent.rights_requests import (
+from clients.wallet.ledger.visit_audit import audit_all
+from clients.wallet.presentation.audit_story import describe_event
+from clients.wallet.records.rights_requests import (
     RecordChoice,
     Rights,
     RightsStatement,
@@ -15,8 +17,6 @@ from clients.wallet.consent.rights_requests import (
     read_correction,
     write_correction,
 )
-from clients.wallet.ledger.visit_audit import audit_all
-from clients.wallet.presentation.audit_story import describe_event
 from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.rights.right_codes import commit_correction

@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from clients.wallet.consent.rights_requests import RecordChoice, Rights, choose
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.presentation.share_text import name_recipient
+from clients.wallet.records.rights_requests import RecordChoice, Rights, choose
 from clients.wallet.sharing.outgoing_shares import SharingClient, place_end, require_purpose_to_share, select_shareable
 from clients.wallet.store.member_keys import derive_keys, draw_words
 from consensus.errors import BlockRobotError

@@ -14,8 +14,8 @@ from click.testing import Result
 
 from clients.wallet.commands import erase_commands, share_commands
 from clients.wallet.commands.share_commands import read_end, step_text
-from clients.wallet.consent.rights_requests import RecordChoice, Rights
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE, LANGUAGES, section
+from clients.wallet.records.rights_requests import RecordChoice, Rights
 from clients.wallet.sharing import outgoing_shares
 from clients.wallet.sharing.incoming_shares import KIND_CORRECTED, KIND_RESTRICTED, TO_DELETE
 from clients.wallet.sharing.outgoing_shares import STEP_KEYS, STEP_PARTS, STEP_SIGNING

@@ -21,7 +21,7 @@ from click.testing import CliRunner
 from clients.wallet.cli.main import wallet
 from clients.wallet.cli.translated_help import EXAMPLE, click_speaks, paragraphs, placeholders
 from clients.wallet.presentation.translations import section
-from clients.wallet.refusals import FOLDER, load
+from clients.wallet.text_catalogue import FOLDER, load
 from network.cli.main import main
 
 PREFIX = "help."

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet.commands.audit_commands import audit
-from clients.wallet.refusals import load
+from clients.wallet.text_catalogue import load
 from network.cli.main import main
 
 ENGLISH = re.compile(

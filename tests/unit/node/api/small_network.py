@@ -36,11 +36,11 @@ from consensus.records.commitments import ciphertext_leaves
 from consensus.state.identity import MemberRow
 from consensus.state.records import RecordRow, VisitRow
 from contracts.state.view import MemoryState
-from node.api.services import ApiServices
+from node.api.ports import ApiServices
+from node.api_adapters import FinalizedLedger
 from node.ledger.ledger_writer import FinalityFeed
 from node.limits.token_buckets import OWN, Source
 from node.mempool.transaction_pool import PoolStatus, SubmitResult
-from node.node_services import FinalizedLedger
 from node.storage.ledger_store import FinalizedBlock
 from node.storage.ledger_view import LedgerView
 from node.storage.memory_store import MemoryStore

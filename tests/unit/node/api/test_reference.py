@@ -14,8 +14,8 @@ from consensus.state.keys import ListRow, Row
 from consensus.state.layout import LAYOUT, MODULES
 from node.api.openapi.openapi_document import build_openapi, errors_of
 from node.api.openapi.reference_pages import main, pages
+from node.api.ports import CustodyService, ReceiptIssuer, UploadAdmissionService
 from node.api.routes import ROUTES
-from node.api.services import CustodyService, ReceiptIssuer, UploadAdmissionService
 from node.api.state_page import describe_rows
 from node.execution.execution_machines import ViewRunner
 

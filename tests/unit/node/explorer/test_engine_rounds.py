@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from node.node_services import LAGS_KEPT_COUNT, EngineRounds
+from node.api_adapters import LAGS_KEPT_COUNT, EngineRounds
 from tests.unit.node.api.small_network import ManualClock
 
 CORE = SimpleNamespace(

@@ -26,9 +26,9 @@ from node.api import create_api, server
 from node.api.access import request_rate_limiter
 from node.api.explorer_documents import RoundDocument
 from node.api.routes.explorer import MACHINE_MEANINGS, explain_refusal
+from node.api_adapters import DecodedSnapshot
 from node.limits.token_buckets import Allowance
 from node.limits.work_costs import ROUTE_DEFAULT_US
-from node.node_services import DecodedSnapshot
 from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerSnapshot
 from tests.state_rows import stored
@@ -211,7 +211,7 @@ async def test_what_anybody_may_ask_reads_each_block_once_and_looks_into_no_tran
             yield taken
 
     monkeypatch.setattr(public.node.ledger.store, "snapshot", snapshot)
-    monkeypatch.setattr("node.node_services.DecodedSnapshot.block", None)
+    monkeypatch.setattr("node.api_adapters.DecodedSnapshot.block", None)
     await public.ask("headers?from_height=1&limit=3")
     assert sorted(read) == [0, 1, 2, 3, 4, 5]
     read.clear()

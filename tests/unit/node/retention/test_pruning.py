@@ -9,8 +9,8 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from network.provisioning.network_layout import create_network
+from node.api_adapters import DecodedSnapshot
 from node.config import KEEP_BLOCKS_COUNT, KEEP_BLOCKS_MIN_COUNT, config_to_toml, load_config
-from node.node_services import DecodedSnapshot
 from node.p2p.wire import BlockBatch, FinalizedRequest
 from node.peers.peer_requests import PeerRequests
 from node.retention.pruning import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from clients.wallet.recovery.slip39_shares import split_words
+from clients.wallet.recovery.slip39_shares import split_mnemonic
 from clients.wallet.store.keystore import GuardianSet
 from tests.unit.clients.wallet.page.conftest import PageHarness
 
@@ -15,7 +15,7 @@ async def test_the_page_tells_of_guardians_and_how_to_name_them(desk: PageHarnes
     assert first["at_ms"] is None
     assert second["sentence"].endswith("blockrobot wallet --profile ann guardians split" + " --guardian NAME" * 3)
     content = desk.session.wallet.store.content
-    shares = split_words(content.words, 2, 3)
+    shares = split_mnemonic(content.words, 2, 3)
     content.guardian_sets.append(GuardianSet(1_800_000_000_000, 2, ["Ann", "Ben", "Cleo"], 4711, 0, 2))
     overview = await desk.page.get("/api/overview")
     line, cut_short, stay = overview["guardians"]

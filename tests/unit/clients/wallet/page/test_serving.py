@@ -26,7 +26,7 @@ from clients.wallet.page.jobs import TOLD
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
-from clients.wallet.refusals import load
+from clients.wallet.text_catalogue import load
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, PageHarness
 from tests.wallet_page_client import WalletPage

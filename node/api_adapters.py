@@ -1,4 +1,4 @@
-"""Implements the Protocols of `node.api.services` over the node."""
+"""Implements the Protocols of `node.api.ports` over the node."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
 from node.api.explorer_documents import RoundDocument
-from node.api.services import Clock
+from node.api.ports import Clock
 from node.consensus.engine import Engine
 from node.execution.block_executor import ExecutedBlock
 from node.ledger.ledger_writer import FinalityFeed

@@ -15,8 +15,8 @@ import msgspec
 from clients.wallet.ledger.id_prefix import VISIT, resolve_id_prefix
 from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
-from clients.wallet.refusals import refusal
 from clients.wallet.store.keystore import KnownVisit
+from clients.wallet.text_catalogue import refusal
 from consensus.bounded_text import read_json_as
 from consensus.errors import BlockRobotError
 from consensus.rights.purposes import require_published

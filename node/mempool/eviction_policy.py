@@ -28,7 +28,7 @@ class EvictionPlan(Generic[W]):
         self._freed: tuple[Counter[bytes], ...] = tuple(Counter() for _ in lanes)
         self._txids: dict[bytes, None] = {}
 
-    def make(self, account: Account, own_bytes: int, *, is_first: bool) -> Collection[bytes]:
+    def choose(self, account: Account, own_bytes: int, *, is_first: bool) -> Collection[bytes]:
         """Return txids to evict. Raises MEMPOOL_FULL.
 
         `own_bytes`: the account's waiting total; `is_first`: the newcomer alone.

@@ -18,6 +18,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from node.api import ApiServices, create_api
 from node.api.server import serve_api
+from node.api_adapters import EngineRounds, WallClock
 from node.components import Environment, NodeComponents, begin_ledger
 from node.config import OPERATOR_HOST, READING_TOKEN_FILE_NAME, NodeConfig, load_genesis, load_key
 from node.consensus.engine import Outbox
@@ -34,7 +35,6 @@ from node.execution.sandboxed_contracts import open_contracts
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.limits.disk_reserve import DiskReserve
 from node.mempool.transaction_intake import ClientPool
-from node.node_services import EngineRounds, WallClock
 from node.operator_listener import create_operator_listener, serve_operator
 from node.p2p.connection_acceptor import bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
