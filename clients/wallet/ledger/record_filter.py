@@ -6,6 +6,7 @@ import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from clients.wallet.ledger.id_prefix import RECORD, resolve_id_prefix
 from clients.wallet.ledger.visit_audit import audit_visit
 from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
@@ -111,22 +112,21 @@ async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[Re
 
 
 async def refuse_erased(opened: Wallet, reports: Sequence[VisitReport], record_ids: Sequence[str]) -> None:
-    """Raises CLIP_ERASED, with the time, for a name that only erased records have."""
+    """Raises CLIP_ERASED, with the time, for a name that only an erased record has; NAME_AMBIGUOUS if several have it."""
     there = [entry.record_id.hex() for report in reports for entry in report.records]
+    erased = {record_id.hex(): report for report in reports for record_id in report.erased_ids}
     for start in filter(None, map(str.lower, record_ids)):
-        if any(known.startswith(start) for known in there):
+        found = [name for name in erased if name.startswith(start)]
+        if not found or any(known.startswith(start) for known in there):
             continue
-        for report in reports:
-            for record_id in report.erased_ids:
-                if record_id.hex().startswith(start):
-                    trail = await audit_visit(opened, report.visit)
-                    asked = [
-                        entry.time_ms
-                        for entry in trail
-                        if entry.kind == "erasure_requested"
-                        and entry.record_id == record_id
-                        and not entry.data["frames"]
-                    ]
-                    if asked:
-                        raise refusal("CLIP_ERASED", "erased_by_you", name=start, moment=format_time(asked[0]))
-                    raise refusal("CLIP_ERASED", "erased_in_time", name=start)
+        name = list(erased)[resolve_id_prefix(RECORD, list(erased), start)]
+        trail = await audit_visit(opened, erased[name].visit)
+        asked = [
+            entry.time_ms
+            for entry in trail
+            if entry.kind == "erasure_requested" and entry.record_id == bytes.fromhex(name) and not entry.data["frames"]
+        ]
+        shown = max(start, name[:12], key=len)
+        if asked:
+            raise refusal("CLIP_ERASED", "erased_by_you", name=shown, moment=format_time(asked[0]))
+        raise refusal("CLIP_ERASED", "erased_in_time", name=shown)

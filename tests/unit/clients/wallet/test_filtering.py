@@ -6,6 +6,7 @@ import datetime
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import click
@@ -18,7 +19,7 @@ from clients.wallet.cli import filter_options
 from clients.wallet.cli.filter_options import read_days, read_filter, read_minutes
 from clients.wallet.cli.main import wallet
 from clients.wallet.commands import records_commands
-from clients.wallet.ledger.record_filter import Filter, select
+from clients.wallet.ledger.record_filter import Filter, refuse_erased, select
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.presentation.translations import LANGUAGES
 from clients.wallet.store.keystore import KnownVisit
@@ -233,3 +234,11 @@ def filtering_console(width: int) -> Any:
 def test_parts_of_the_day_cover_it_once() -> None:
     hours = sorted(filter_options.PARTS_OF_DAY.values())
     assert [first for first, _ in hours] + [24] == [0] + [end for _, end in hours]
+
+
+async def test_a_start_that_several_erased_records_share_says_of_none_that_it_was_erased() -> None:
+    erased: Any = SimpleNamespace(records=(), erased_ids=(bytes.fromhex("a1" * 32), bytes.fromhex("a2" * 32)))
+    opened: Any = None
+    with pytest.raises(BlockRobotError, match=r"^NAME_AMBIGUOUS:"):
+        await refuse_erased(opened, [erased], ["A"])
+    await refuse_erased(opened, [erased], ["b", ""])
