@@ -80,7 +80,7 @@ class Genesis(Wire, frozen=True):
     contracts: tuple[ContractEntry, ...]
     purposes: tuple[str, ...]
     state_root: bytes
-    contract_language: int = 4
+    contract_language: int = 5
 
     @property
     def chain_id(self) -> bytes:

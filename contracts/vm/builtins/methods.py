@@ -154,8 +154,9 @@ def _strip_set(text: Any, characters: Any) -> Any:
 
 
 def _piece_gas(characters: Any) -> int:
-    is_plain = type(characters) is bytes or characters.isascii()
-    return 5 if is_plain else 5 + (len(characters) >> STRIP_SHIFT)
+    if type(characters) is bytes:
+        return 5
+    return 10 if characters.isascii() else 10 + (len(characters) >> STRIP_SHIFT)
 
 
 def _strip_left(runtime: Runtime, text: Any, characters: Any) -> Any:

@@ -12,7 +12,7 @@ import msgspec
 
 from contracts.vm.model.faults import EVENT_BUDGET, MEMORY_BUDGET, OUT_OF_GAS, VIEW_WRITES, WRITE_BUDGET, Fault
 
-LANGUAGE_VERSION = 4
+LANGUAGE_VERSION = 5
 """The version of the language: whatever changes a result or a charge raises it, and chains of another one are refused."""
 
 MEMORY_MAX_BYTES = 8 * 1024 * 1024

@@ -69,6 +69,7 @@ PROGRAMS: tuple[Program, ...] = (
         "x = '\\u0101' * 10000\n"
         "y = 'abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789\\u0101'\nwhile True:\n    z = x.strip(y)",
     ),
+    body("strip-one-letter-by-many", SPENT, "x = '1' * 6000\ny = x[:64]\nwhile True:\n    z = x.strip(y)"),
     body("strip-too-many-characters", "VALUE_ERROR", "return 'abc'.strip('a' * 1000)"),
     body("test-letters", SPENT, "x = 'a' * 10 ** 6\nwhile x.isalpha() and x.islower() and x.isalnum():\n    pass"),
     body("starts-with-itself", SPENT, "x = 'a' * 10 ** 6\ny = 'a' * 10 ** 6\nwhile x.startswith(y):\n    pass"),
