@@ -17,8 +17,6 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
 
-import cv2
-
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 _EXIT_BY_SIGNAL = 128
 
@@ -71,6 +69,8 @@ def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
 
 def _one_thread() -> None:
     """Processes are the parallelism."""
+    import cv2  # noqa: PLC0415 - benches without workers need none of it
+
     os.environ["OMP_NUM_THREADS"] = "1"
     cv2.setNumThreads(1)
 

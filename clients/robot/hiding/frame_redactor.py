@@ -199,7 +199,7 @@ class FrameRedactor:
         for hider in self._hiders:
             found = hider.find_people(depth, place, at_ms)
             if found is not None:
-                self._lose_when_replaced(place)
+                self._lose_when_axes_change(place)
                 seen.blank = hider.is_blank
                 if self._motion is not None and not hider.is_blank:
                     self._motion.confirm(at_ms)
@@ -207,7 +207,7 @@ class FrameRedactor:
                 return
         seen.moved = True
 
-    def _lose_when_replaced(self, place: RobotPlace | None) -> None:
+    def _lose_when_axes_change(self, place: RobotPlace | None) -> None:
         """Nobody is followed from places in the odometry's frame to places before the camera, or back."""
         if self._is_placed is not None and self._is_placed != (place is not None):
             self._lose_everybody()
