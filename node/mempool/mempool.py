@@ -6,6 +6,7 @@ large accounts lose their newest.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
@@ -25,6 +26,8 @@ SENDER_MAX_BYTES = 4 * 1024 * 1024
 SHARED_DIVISOR = 16
 """What part of the room of an account that many keys share one of them may take."""
 RESERVED_DIVISOR = 10
+BLOCK_SHARE_COUNT = 64
+"""So many transactions of one account in a block at most: full blocks take longer, for everybody."""
 
 
 @dataclass(slots=True)
@@ -284,20 +287,22 @@ class Mempool:
     ) -> list[Transaction]:
         """Choose transactions for a block; they stay until final. `exclude`: the branch's txids.
 
-        Up to a tenth from the reserved lane first, then round robin.
+        Up to a tenth from the reserved lane first, then round robin, `BLOCK_SHARE_COUNT` of an account at most.
         """
         taken: list[Transaction] = []
         chosen: set[bytes] = set()
+        shares: Counter[bytes] = Counter()
         self._fill(
             (self._reserved,),
             taken,
             chosen,
+            shares,
             max(1, max_count // RESERVED_DIVISOR),
             max_bytes // RESERVED_DIVISOR,
             timestamp_ms,
             exclude,
         )
-        self._fill((self._reserved, self._ordinary), taken, chosen, max_count, max_bytes, timestamp_ms, exclude)
+        self._fill((self._reserved, self._ordinary), taken, chosen, shares, max_count, max_bytes, timestamp_ms, exclude)
         return taken
 
     def _fill(
@@ -305,6 +310,7 @@ class Mempool:
         lanes: tuple[Lane[_Entry], ...],
         taken: list[Transaction],
         chosen: set[bytes],
+        shares: Counter[bytes],
         max_count: int,
         max_bytes: int,
         timestamp_ms: int,
@@ -320,6 +326,8 @@ class Mempool:
             for lane, account, queue in turns:
                 if len(taken) >= max_count:
                     break
+                if shares[account] >= BLOCK_SHARE_COUNT:
+                    continue
                 for entry in queue:
                     transaction = entry.transaction
                     txid = transaction.txid
@@ -330,6 +338,7 @@ class Mempool:
                     taken.append(transaction)
                     chosen.add(txid)
                     size += len(transaction.wire)
+                    shares[account] += 1
                     served.append((lane, account))
                     remaining.append((lane, account, queue))
                     break

@@ -41,8 +41,8 @@ SESSION_ALLOWANCE = Allowance(us_per_s=50_000, burst_us=250_000)
 VISIT_KEYS_ALLOWANCE = Allowance(us_per_s=100_000, burst_us=500_000)
 VISIT_KEY_ALLOWANCE = Allowance(us_per_s=2 * TRANSACTION_SCREENING_US, burst_us=8 * TRANSACTION_SCREENING_US)
 """What each of the visit keys at one address may have looked at when the others have used up what they share."""
-SENDER_ALLOWANCE = Allowance(us_per_s=150_000, burst_us=300_000)
-"""Some 1,000 transactions a second, whoever brings them."""
+SENDER_ALLOWANCE = Allowance(us_per_s=60_000, burst_us=300_000)
+"""Some 400 transactions a second at each node, whoever brings them."""
 TRIAL_ALLOWANCE = Allowance(us_per_s=2 * EC_OPERATION_US, burst_us=8 * EC_OPERATION_US)
 """What a sender may have checked behind an address that others used up."""
 

@@ -15,7 +15,7 @@ from consensus.state.layout import RESERVED_CALLS, RESERVED_CONTRACTS
 from contracts.execution.sender_admission import Account
 from contracts.lifecycle.registry import load_contracts
 from node.limits.account_byte_limiter import ACCOUNT_BYTES_PER_S, AccountByteLimiter
-from node.mempool.mempool import Mempool
+from node.mempool.mempool import BLOCK_SHARE_COUNT, Mempool
 from node.mempool.transaction_cache import TransactionCache
 from tests.unit.node.mempool.pool_setup import NOW_MS, make_pool, sender, take_all, transaction
 
@@ -192,6 +192,17 @@ def test_senders_take_turns_and_whoever_was_served_last_goes_to_the_end_of_the_l
     first = take_all(pool, max_count=2)
     pool.remove([item.txid for item in first])
     assert take_all(pool, max_count=1)[0].body.sender == sender(2).public_key
+
+
+def test_one_account_takes_a_part_of_a_block_at_most_however_few_others_wait() -> None:
+    pool = make_pool()
+    contract = next(iter(RESERVED_CONTRACTS))
+    for number in range(BLOCK_SHARE_COUNT + 10):
+        pool.admit(transaction(number).wire, NOW_MS)
+        pool.admit(transaction(1_000 + number, contract=contract).wire, NOW_MS)
+    pool.admit(transaction(0, by=1).wire, NOW_MS)
+    taken = [item.body.sender for item in take_all(pool)]
+    assert (taken.count(sender(0).public_key), len(taken)) == (BLOCK_SHARE_COUNT, BLOCK_SHARE_COUNT + 1)
 
 
 def test_what_is_on_the_branch_or_has_expired_is_neither_taken_nor_kept() -> None:
