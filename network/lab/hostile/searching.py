@@ -358,7 +358,7 @@ def search(cpu_s: float, seed: int, on_progress: Callable[[str], None]) -> Searc
             reported_s = time.process_time()
             top = max((price for price, _ in best.values()), default=0.0)
             on_progress(
-                f"{spent / 60:.1f} min of CPU time: {done.tried} programs, the dearest {top:.1f} times the reference"
+                f"{spent / 60:.1f} min of CPU time: {done.tried} programs, the dearest {top:.1f} times the reference (measured once)"
             )
     done.cpu_s = time.process_time() - started
     return done
