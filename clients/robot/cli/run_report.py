@@ -10,7 +10,8 @@ from msgspec import UnsetType
 
 from clients.robot.consent.consent_view import ConsentCounts
 from clients.robot.hiding.match_evidence import Obstacle
-from clients.robot.hiding.withhold_reason import MergedBy
+from clients.robot.hiding.moving.driving_figures import DrivingFigures
+from clients.robot.hiding.withhold_reason import MergedBy, WithholdReason
 from clients.robot.pairing.rosters import UnknownTagCounts
 from clients.robot.recording.frame_answers import AmbiguousTag, FrameCounts, MergedTag
 from clients.robot.run.run_summary import RunIntake, RunProgress, RunSummary
@@ -87,6 +88,7 @@ def summary_lines(summary: RunSummary, silent: Sequence[str] = ()) -> Iterator[s
     yield from _antenna_lines(_counts(intake.antennas_unnamed))
     yield from _live_lines(intake)
     yield from _focal_lines(camera)
+    yield from _driving_lines(summary.driving, frames.withheld_reasons.get(WithholdReason.MOVED, 0))
 
 
 def _counts(found: dict[str, C] | UnsetType) -> dict[str, C]:
@@ -177,6 +179,32 @@ def _focal_lines(camera: CameraFigures) -> Iterator[str]:
         yield (
             f"The focal length ({camera.focal_px:g} pixels) came late: before that {count} frames were measured by "
             f"{FOCAL_DEFAULT_PX:g}."
+        )
+
+
+def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
+    if driving is None:
+        if moved:
+            yield (
+                f"{_count_of(moved, 'frame')} withheld because the robot was not where the empty scene was recorded. If it "
+                "drives, name its odometry in the topics file: docs/how-to/your-robot.md, `A robot that drives`."
+            )
+        return
+    if driving.camera_height_m is None:
+        yield "The empty scene shows no floor: without it, nothing is kept while the robot drives. Record one that does."
+        return
+    if not driving.places:
+        yield "No place of odometry came, so nothing was kept while the robot drove. Is the topic right?"
+        return
+    yield (
+        f"Without the empty scene (as while it drove): {_count_of(driving.frames, 'frame')}, {driving.kept} kept, which "
+        f"show their owner without the room. {_count_of(driving.places, 'place')} of odometry; the camera is "
+        f"{driving.camera_height_m:.2f} m above the floor and looks {driving.camera_pitch_deg:.0f} degrees down."
+    )
+    if driving.doubts:
+        yield (
+            f"{_count_of(driving.doubts, 'time')} the camera saw another motion than the odometry told, and nothing was "
+            "kept meanwhile: do the wheels slip, or was the robot pushed?"
         )
 
 

@@ -6,6 +6,7 @@ Silhouettes are cut out on arrival and whole frames never held; ambiguity means 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ from clients.robot.hiding.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.hider import FoundPeople, Hider
 from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.matcher import Matcher
+from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.moving.plan_bodies import camera_points
@@ -120,7 +122,9 @@ class FrameRedactor:
         self._tracker = Tracker()
         self._motion = OwnMotion() if driving is not None else None
         self._readings: deque[tuple[str, Sighting, bool]] = deque(maxlen=READINGS_WAITING_MAX_COUNT)
-        self.mount: Ground | None = None
+        self._mount: Ground | None = None
+        self._blank_frames_count = 0
+        self._blank_kept_count = 0
         self.use_focal_px(focal_px)
         self._seen: dict[int, _Seen] = {}
         self._pending: dict[str, deque[_Seen]] = {}
@@ -132,16 +136,30 @@ class FrameRedactor:
     def use_focal_px(self, focal_px: float) -> None:
         self._hiders: list[Hider] = [StandingHider(self._background, focal_px)]
         if self._driving is not None:
-            self.mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
-        if self._driving is not None and self.mount is not None and self._motion is not None:
+            self._mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
+        if self._mount is not None and self._motion is not None:
             shape = self._background.shape
             buffer_ms, motion = self._buffer_ms, self._motion
-            self._hiders.append(MovingHider(shape, focal_px, self.mount, buffer_ms=buffer_ms, motion=motion))
+            self._hiders.append(MovingHider(shape, focal_px, self._mount, buffer_ms=buffer_ms, motion=motion))
 
     def push_odometry(self, odometry: Odometry) -> None:
         """Dropped if the robot is not one that drives. In any order."""
         if self._motion is not None and self._driving is not None:
             self._motion.add(RobotPlace.of_camera(odometry, self._driving.ahead_m, self._driving.left_m))
+
+    def summarise_driving(self) -> DrivingFigures | None:
+        """None if the robot is not one that drives."""
+        if self._motion is None:
+            return None
+        mount = self._mount
+        return DrivingFigures(
+            places=self._motion.places_count,
+            doubts=self._motion.doubts_count,
+            frames=self._blank_frames_count,
+            kept=self._blank_kept_count,
+            camera_height_m=None if mount is None else round(mount.height_m, 2),
+            camera_pitch_deg=None if mount is None else round(math.degrees(mount.pitch), 1),
+        )
 
     @property
     def form(self) -> SampleForm:
@@ -201,6 +219,7 @@ class FrameRedactor:
             if found is not None:
                 self._lose_when_axes_change(place)
                 seen.blank = hider.is_blank
+                self._blank_frames_count += hider.is_blank
                 if self._motion is not None and not hider.is_blank:
                     self._motion.confirm(at_ms)
                 self._follow(seen, found)
@@ -340,6 +359,7 @@ class FrameRedactor:
         return WithheldFrame(seen.sequence, seen.captured_at_ms, alias, reason, evidence)
 
     def _keep(self, alias: str, seen: _Seen, number: int) -> KeptFrame:
+        self._blank_kept_count += seen.blank
         alone = len(seen.tracks) == 1 and not seen.merged and not seen.stray
         evidence_found = self.matcher.explain(alias, (number,))
         off = evidence_found if evidence_found is not None and evidence_found.is_off else None

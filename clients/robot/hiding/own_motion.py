@@ -49,6 +49,8 @@ class OwnMotion:
     """The robot's places over the last minute. A jump is a step that is faster than it can drive or turn."""
 
     def __init__(self) -> None:
+        self.places_count = 0
+        self.doubts_count = 0
         self.restart()
 
     def restart(self) -> None:
@@ -60,6 +62,7 @@ class OwnMotion:
 
     def add(self, place: RobotPlace) -> None:
         """Samples may come in any order; a second one for the same time is dropped."""
+        self.places_count += 1
         if not all(map(math.isfinite, (place.x_m, place.z_m, place.yaw))):
             return
         at = bisect_left(self._places, place.at_ms, key=lambda kept: kept.at_ms)
@@ -81,6 +84,7 @@ class OwnMotion:
 
     def doubt(self, first_ms: int, last_ms: int) -> None:
         """The camera saw between that the odometry is wrong. Nobody is followed past the end."""
+        self.doubts_count += 1
         self._doubts.append((first_ms, last_ms))
         insort(self._broken_ms, last_ms + 1)
         self._confirmed_ms = last_ms

@@ -7,6 +7,7 @@ from typing import Annotated
 from msgspec import UNSET, UnsetType
 
 from clients.robot.consent.consent_view import ConsentCounts
+from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.pairing.input_throttle import PipelineIntake
 from clients.robot.recording.frame_answers import (
     AmbiguousTag,
@@ -81,6 +82,9 @@ class RunSummary(Answer, frozen=True, kw_only=True):
     latency_ms: Annotated[RunLatencies, doc("How long frames, or records, took until they were final")]
     intake: Annotated[RunIntake, doc("What was found of the source")]
     camera: Annotated[CameraFigures, doc("The lens")]
+    driving: Annotated[
+        DrivingFigures | None, doc("What was seen without the empty scene; null if the topics file names no odometry")
+    ]
     records: Annotated[Count, doc("How many records are final")]
     stored_bytes: Annotated[Count, doc("How many bytes one custodian stores of them")]
     spool_peak_bytes: Annotated[Count, doc("The most that waited in the spool at once")]

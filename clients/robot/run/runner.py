@@ -20,8 +20,10 @@ from clients.robot.consent.consent_view import Consents, compute_stale_after_ms
 from clients.robot.consent.registry_reader import NetworkMajority, RegistryReader
 from clients.robot.delivery.delivery import Delivery
 from clients.robot.delivery.robot_network import COPIES_DEFAULT_COUNT, RobotNetwork
-from clients.robot.hiding.background import empty_bank, learn_background
+from clients.robot.hiding.background import Background, empty_bank, learn_background
 from clients.robot.hiding.frame_redactor import FrameRedactor
+from clients.robot.hiding.moving.driving_figures import DrivingFigures
+from clients.robot.hiding.moving.moving_hider import DrivingCamera
 from clients.robot.identity.robot_keys import load_identity
 from clients.robot.pairing.rosters import load_roster
 from clients.robot.recording.event_log import MESSAGE_REFUSED, EventLog
@@ -37,6 +39,7 @@ from clients.robot.sensing.camera_intrinsics import CameraFigures, CameraIntrins
 from clients.robot.sensing.input_checks import Inputs
 from clients.robot.sensing.sensor_events import RefusedMessage, SourceEvent
 from clients.robot.sources.live.live_source import LiveSource
+from clients.robot.sources.messages.topics import Topics
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.source import Source, StoppableClock
 from clients.sdk.network_client import NetworkClient, open_pinned_client
@@ -106,6 +109,13 @@ def _note_refused(refused: RefusedMessage, count: int, log: EventLog, now_ms: in
         log.write(now_ms, MESSAGE_REFUSED, case, reason=refused.reason, count=count)
 
 
+def _redactor_of(source: Source, background: Background) -> FrameRedactor:
+    topics = source.topics if isinstance(source, LiveSource | BagSource) else Topics()
+    odometry = topics.odometry
+    driving = None if odometry is None else DrivingCamera(None, odometry.camera_ahead_m, odometry.camera_left_m)
+    return FrameRedactor(background, driving=driving, time_of_flight=topics.time_of_flight)
+
+
 def _summarise_intake(source: Source, pipeline: Pipeline, inputs: Inputs) -> RunIntake:
     unnamed = source.antennas_unnamed if isinstance(source, LiveSource | BagSource) else None
     return extend(
@@ -170,7 +180,7 @@ class _Run:
         check_empty(empty)
         bank = tuple(empty_bank(published_frames(empty)))
         background = learn_background(empty)
-        redactor = FrameRedactor(background)
+        redactor = _redactor_of(source, background)
         lens = CameraIntrinsics(source, redactor.use_focal_px, live=isinstance(source, LiveSource))
         statistics = RunStatistics(window_ms=redactor.pairing.window_ms)
         open_visits = UnclosedVisitStore(self._folder / "open-visits", self._identity.spool)
@@ -222,9 +232,12 @@ class _Run:
                 await delivery.stop()
                 inputs.close()
             self._report_progress(statistics, last=True)
-        return self._summarise(statistics, _summarise_intake(source, pipeline, inputs), lens.summarise())
+        intake = _summarise_intake(source, pipeline, inputs)
+        return self._summarise(statistics, intake, lens.summarise(), redactor.summarise_driving())
 
-    def _summarise(self, statistics: RunStatistics, intake: RunIntake, camera: CameraFigures) -> RunSummary:
+    def _summarise(
+        self, statistics: RunStatistics, intake: RunIntake, camera: CameraFigures, driving: DrivingFigures | None
+    ) -> RunSummary:
         return RunSummary(
             roster_rows=len(self._consents),
             consents=self._consents.summarise(),
@@ -236,6 +249,7 @@ class _Run:
             latency_ms=statistics.summarise_latencies(),
             intake=intake,
             camera=camera,
+            driving=driving,
             records=statistics.records_final,
             stored_bytes=statistics.stored_bytes,
             spool_peak_bytes=self._spool.peak_bytes,

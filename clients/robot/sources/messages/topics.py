@@ -101,12 +101,13 @@ class LlrpReader:
 
 @dataclass(frozen=True, slots=True)
 class Topics:
-    """What to read. `clock` selects message or recording time; `focal_px` None: from the recording or unknown; `llrp`
-    is live-only.
+    """What to read. `clock` selects message or recording time; `focal_px` None: from the recording or unknown;
+    `time_of_flight`: how the camera measures; `llrp` is live-only.
     """
 
     depth: str = DEPTH_TOPIC
     focal_px: float | None = None
+    time_of_flight: bool = False
     empty: str = EMPTY_TOPIC
     tags: tuple[TagTopic, ...] = (TagTopic(SIGHTING_TOPIC, DETECTION_MAP, SIGHTING_TYPE),)
     rgb: str = ""
@@ -156,7 +157,7 @@ def parse_topics(text: str) -> Topics:
     except TextInvalidError as error:
         raise _wrong(f"The topics file is not valid TOML: {error}.") from error
     clock = table.word("clock", "stamp", get_args(ClockName))
-    depth, empty = table.table("depth", "topic", "focal_px"), table.table("empty", "topic")
+    depth, empty = table.table("depth", "topic", "focal_px", "time_of_flight"), table.table("empty", "topic")
     rgb = table.table("rgb", "topic", "registered")
     labels, audio = table.table("labels", *_names_of(LabelTopic)), table.table("audio", *_names_of(AudioTopic))
     odometry = table.table("odometry", *_names_of(OdometryTopic))
@@ -164,6 +165,7 @@ def parse_topics(text: str) -> Topics:
     topics = Topics(
         depth=(depth.text("topic", required=False) if depth else "") or DEPTH_TOPIC,
         focal_px=(depth.number("focal_px") or None) if depth else None,
+        time_of_flight=depth.flag("time_of_flight") if depth else False,
         empty=empty.text("topic") if empty else EMPTY_TOPIC,
         # Who has a reader of their own, and names no topic of readings, has none.
         tags=tuple(_tag_topic(row) for row in table.tables("tags", "topic", "type", *_names_of(TagMap)))

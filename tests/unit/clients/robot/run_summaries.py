@@ -35,6 +35,7 @@ def summary_of(frames: FrameCounts, **intake: Any) -> RunSummary:
         senses={},
         latency_ms=statistics.summarise_latencies(),
         intake=extend(RunIntake, replace(pipeline, unknown_tags=unknown), **intake),
+        driving=None,
         camera=CameraFigures(focal_px=525.0, focal_from="topics", frames_before=0),
         records=1,
         stored_bytes=1_000,

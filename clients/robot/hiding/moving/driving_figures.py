@@ -1,0 +1,20 @@
+"""What a run says of the time when its camera did not see the empty scene."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from clients.sdk.terminal.json_answers import Answer, Count, doc
+
+
+class DrivingFigures(Answer, frozen=True, kw_only=True):
+    """How people were hidden without the empty scene, by odometry."""
+
+    places: Annotated[Count, doc("Places of odometry that came")]
+    doubts: Annotated[Count, doc("How often the camera saw that the odometry was wrong")]
+    frames: Annotated[Count, doc("Frames in which people were looked for without the empty scene")]
+    kept: Annotated[Count, doc("Pictures of these that show their owner, without the room")]
+    camera_height_m: Annotated[
+        float | None, doc("Of the camera above the floor; null if the empty scene shows no floor: then none is kept")
+    ]
+    camera_pitch_deg: Annotated[float | None, doc("How far the camera looks down, in degrees; null as above")]

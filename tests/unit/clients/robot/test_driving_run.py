@@ -1,0 +1,93 @@
+"""A run of a robot that drives: who is known from when it stood is recorded on the way, without the room."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from clients.robot.cli.run_report import summary_lines
+from clients.robot.hiding.moving.driving_figures import DrivingFigures
+from clients.robot.run.run_summary import RunSummary
+from clients.robot.sources.messages.topics import Topics, load_topics
+from clients.robot.sources.recordings.bag_source import BagSource
+from clients.robot.synthetic.driving.drive_file import DRIVE_TOPICS_FILE, load_shipped_scene
+from clients.robot.synthetic.scenario_bag import make_bag
+from consensus.records.envelopes import open_data_key, open_frame
+from consensus.records.renditions import NO_BACKGROUND, decode_rendition
+from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
+from tests.unit.clients.robot.test_pipeline import ANN, UID
+from tests.unit.clients.robot.test_replay_start import Start, begin
+
+FIGURES = DrivingFigures(places=900, doubts=0, frames=40, kept=30, camera_height_m=1.2, camera_pitch_deg=4.0)
+
+Play = Callable[[Topics], tuple[RunSummary, list[bool]]]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    drive = load_shipped_scene("demo-drive")
+    return make_bag(drive, {"patient-b": UID}, tmp_path_factory.mktemp("bags"), workers=1)
+
+
+@pytest.fixture
+def play(tmp_path: Path, bag: Path, monkeypatch: pytest.MonkeyPatch, inline_threads: None) -> Play:
+    """Return a run's summary, and of each recorded picture whether it shows the room."""
+
+    def played(topics: Topics) -> tuple[RunSummary, list[bool]]:
+        found: list[tuple[RunSummary, list[bool]]] = []
+
+        async def story(start: Start) -> None:
+            start.registry.block()
+            start.registry.idle = False
+            summary = await start.run.work(BagSource(bag, topics=topics))
+            found.append((summary, _rooms_in(start)))
+
+        begin(tmp_path, bag, monkeypatch, story)
+        return found[0]
+
+    return played
+
+
+def _rooms_in(start: Start) -> list[bool]:
+    rooms = []
+    for record_id, upload in start.network.uploads.items():
+        for index, (ciphertext, sealed_key) in enumerate(zip(upload.ciphertexts, upload.sealed_keys, strict=True)):
+            plaintext = open_frame(open_data_key(bytes(ANN), sealed_key), record_id, index, ciphertext)
+            rooms.append(decode_rendition(plaintext).background_id != NO_BACKGROUND)
+    return rooms
+
+
+def test_with_odometry_people_are_kept_on_the_way_and_the_records_say_that_they_show_no_room(play: Play) -> None:
+    summary, rooms = play(load_topics(DRIVE_TOPICS_FILE))
+    driving = summary.driving
+    assert driving is not None
+    assert driving.camera_height_m == pytest.approx(1.2, abs=0.2)
+    assert (driving.places > 0, driving.doubts) == (True, 0)
+    assert 0 < rooms.count(False) == driving.kept <= driving.frames
+    assert len(rooms) == summary.frames.kept > driving.kept, "and with the room while it stood"
+    assert summary.frames.lost == 0
+
+
+def test_without_odometry_nothing_is_kept_on_the_way_and_the_end_says_what_would_help(play: Play) -> None:
+    summary, rooms = play(Topics())
+    assert summary.driving is None
+    assert all(rooms)
+    assert summary.frames.withheld_reasons["moved"] > 0
+    assert any("name its odometry" in line for line in summary_lines(summary))
+
+
+@pytest.mark.parametrize(
+    ("figures", "told"),
+    [
+        (FIGURES, ["40 frames, 30 kept", "1.20 m above the floor"]),
+        (msgspec.structs.replace(FIGURES, doubts=2), ["2 times the camera saw another motion"]),
+        (msgspec.structs.replace(FIGURES, places=0), ["No place of odometry came"]),
+        (msgspec.structs.replace(FIGURES, camera_height_m=None), ["shows no floor"]),
+    ],
+)
+def test_the_end_says_how_it_went_without_the_empty_scene(figures: DrivingFigures, told: list[str]) -> None:
+    said = "\n".join(summary_lines(msgspec.structs.replace(summary_of(FRAMES), driving=figures)))
+    assert all(words in said for words in told)
