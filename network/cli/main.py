@@ -76,7 +76,7 @@ _COMMANDS = {
     ),
     "experiment": LazyCommand(
         "network.cli.measure.experiment_commands:experiment",
-        "Run the paper's experiments, and make the same tables from anybody's event log.",
+        "Run the paper's experiments and one of ours, and make the same tables from anybody's event log.",
     ),
     "privacy": LazyCommand(
         "network.cli.measure.privacy_commands:privacy", "Attack our own ledger, and see what it gives away."

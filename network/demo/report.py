@@ -64,6 +64,7 @@ def _page(summary: DemoSummary, state: DemoState) -> str:
     sections = [
         Section("What was checked", _tiles(summary) + _checks_table(summary.checks)),
         Section("What each patient sees", f"<p>Only themselves, on the recorded empty corridor.</p>{_pictures(state)}"),
+        Section("While the robot drives", f"<p>Only themselves: the room is not shown.</p>{_on_the_way(state)}"),
         Section("What the robot kept", _figures_table(summary)),
         Section("Patient A's audit trail", _trail(state), new_sheet=True),
     ]
@@ -109,6 +110,17 @@ def _pictures(state: DemoState) -> str:
             label = f"{name_person(patient)}, frame {read_robot_frame(path.name)}"
             alternative = f"{label}: their silhouette alone on the recorded empty corridor, distance in colours"
             figures.append(picture(path.read_bytes(), alternative=alternative, caption=label))
+    return gallery(figures) if figures else "<p>There are no pictures.</p>"
+
+
+def _on_the_way(state: DemoState) -> str:
+    found = state.on_the_way
+    step = max(1, len(found) // PICTURES_A_PERSON_COUNT)
+    figures = []
+    for path in found[::step][:PICTURES_A_PERSON_COUNT]:
+        label = f"Frame {read_robot_frame(path.name)}"
+        alternative = f"{label}: patient B's silhouette alone on nothing, distance in colours"
+        figures.append(picture(path.read_bytes(), alternative=alternative, caption=label))
     return gallery(figures) if figures else "<p>There are no pictures.</p>"
 
 

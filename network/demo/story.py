@@ -11,8 +11,10 @@ from typing import Any
 
 from clients.bundle.bundle_answers import VerifyBundleAnswer
 from clients.robot.run.run_summary import RunSummary
+from clients.robot.synthetic.driving.drive_file import DRIVE_TOPICS_FILE, load_shipped_scene
 from clients.robot.synthetic.scenario import Scenario, published_run_1
-from clients.robot.synthetic.scenario_bag import load_or_draw_tags, make_bag
+from clients.robot.synthetic.scenario_bag import Scene, load_or_draw_tags, make_bag
+from clients.sdk.pictures.picture_names import read_robot_frame
 from clients.wallet.answers.record_answers import (
     AuditAnswer,
     AuditEvent,
@@ -43,6 +45,7 @@ EXPORTED_COUNT = 3
 _TRANSACTIONS_METRIC = "blockrobot_transactions_finalized_total"
 PURPOSE = "demo"
 PATIENTS = ("patient-a", "patient-b")
+DRIVEN, DRIVES_FROM_FRAME = "patient-b", 70
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,7 @@ class DemoState:
     kill: LeaderKill | None = None
     records: dict[str, list[RecordRow]] = field(default_factory=dict)
     pictures: dict[str, list[Path]] = field(default_factory=dict)
+    on_the_way: list[Path] = field(default_factory=list)
     audit: list[AuditEvent] = field(default_factory=list)
     blocks: int = 0
     transactions: int = 0
@@ -78,6 +82,7 @@ class Demo:
         self.checks = checks
         self.state = DemoState()
         self.scenario: Scenario = published_run_1()
+        self.drive: Scene = load_shipped_scene("demo-drive")
         self._on_progress = on_progress
         self._notice_version = 0
         self.stage = Stage(options.out, store=options.store, base_port=options.base_port, purpose=PURPOSE)
@@ -101,7 +106,7 @@ class Demo:
             ("a stored byte is changed", self.tamper),
             ("patient A erases", self.erase),
             ("the trail is read", self.read_trail),
-            ("patient B takes data along", self.take_along),
+            ("patient B takes data along, and the robot drives", self.drive_and_take_along),
         ]
         for name, step in steps:
             self._on_progress(name)
@@ -124,6 +129,33 @@ class Demo:
         bag = await asyncio.to_thread(make_bag, self.scenario, self._tags, self.options.cache, progress=progress)
         self._on_progress(f"the recording is there ({time.monotonic() - started:.0f} s)")
         return bag
+
+    async def drive_and_take_along(self) -> None:
+        """The one is done by the robot, the other by a wallet and a stranger."""
+        await asyncio.gather(self.drive_along(), self.take_along())
+
+    async def drive_along(self) -> None:
+        bag = await asyncio.to_thread(make_bag, self.drive, self._tags, self.options.cache)
+        arguments = [*self.stage.robot_arguments(), "replay", str(bag), "--purpose", PURPOSE]
+        arguments += ["--topics", str(DRIVE_TOPICS_FILE), "--approve-as", self.stage.organisation]
+        arguments += ["--events", str(self.options.out / "drive-events.jsonl")]
+        summary = await LongCommand(arguments, RunSummary, lambda _: None).run(RECORDING_TIMEOUT_S)
+        driving, known = summary.driving, {row.record_id for row in self.state.records[DRIVEN]}
+        listed = await self.stage.wallet(DRIVEN, RecordsAnswer, "records")
+        new = [row.record_id for visit in listed.visits for row in visit.records if row.record_id not in known]
+        out = self.options.out / "pictures" / "on-the-way"
+        await self.stage.wallet(DRIVEN, ViewAnswer, "view", *new, "--out", str(out), "--purpose", "own-access")
+        pictures = sorted(out.glob("*/*[0-9].png"))
+        self.state.on_the_way = [path for path in pictures if read_robot_frame(path.name) >= DRIVES_FROM_FRAME]
+        worst, judged = await asyncio.to_thread(
+            worst_foreign_share, self.drive, sorted(out.glob("*/*.depth.png")), DRIVEN
+        )
+        self.checks.add(
+            "while the robot drives, a person whom it knows is recorded, alone and without the room",
+            ok=driving is not None and driving.kept > 0 and judged > 0 and worst <= FOREIGN_PIXELS_MAX_SHARE,
+            detail=f"{driving.kept if driving else 0} of {driving.frames if driving else 0} frames of ten seconds; "
+            f"{judged} judged with others in view: at most {100 * worst:.3f} % of their pixels in any",
+        )
 
     async def start_network(self) -> None:
         started = time.monotonic()

@@ -1,11 +1,11 @@
-"""The four experiments: people, scenario and published run to compare with."""
+"""The experiments: people, scenario and published run to compare with. The first four are the paper's."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import resources
 
-from clients.robot.synthetic.scenario import Scenario, parse_scenario
+from clients.robot.synthetic.driving.drive_file import load_shipped_scene
+from clients.robot.synthetic.scenario_bag import Scene
 from network.experiments.published_figures import RUN_1, RUN_2, PublishedRun
 
 
@@ -16,7 +16,7 @@ class Experiment:
     number: int
     title: str
     question: str
-    scenario_file: str
+    scenario: str
     people: tuple[str, ...]
     corrupts: bool
     beside: PublishedRun
@@ -25,9 +25,8 @@ class Experiment:
     def name(self) -> str:
         return f"experiment-{self.number}"
 
-    def load_scenario(self) -> Scenario:
-        file = resources.files("clients.robot") / "scenarios" / self.scenario_file
-        return parse_scenario(file.read_text(encoding="utf-8"))
+    def load_scene(self) -> Scene:
+        return load_shipped_scene(self.scenario)
 
 
 EXPERIMENTS = (
@@ -35,7 +34,7 @@ EXPERIMENTS = (
         1,
         "One person",
         "Does a person get the frames in which they were, all of them, and nobody else any?",
-        "experiment-1.toml",
+        "experiment-1",
         ("patient-a", "patient-b"),
         corrupts=False,
         beside=RUN_1,
@@ -44,7 +43,7 @@ EXPERIMENTS = (
         2,
         "One person, and data corrupted off-chain",
         "Is a change to what is stored beside the chain found, and only that?",
-        "experiment-1.toml",
+        "experiment-1",
         ("patient-a", "patient-b"),
         corrupts=True,
         beside=RUN_1,
@@ -53,7 +52,7 @@ EXPERIMENTS = (
         3,
         "Two people, one after the other",
         "Does each get their own frames, also where the time around their tag's reading reaches into the other's?",
-        "experiment-3.toml",
+        "experiment-3",
         ("patient-a", "patient-b"),
         corrupts=False,
         beside=RUN_2,
@@ -62,7 +61,16 @@ EXPERIMENTS = (
         4,
         "Two people at once, among four tags",
         "Does each see themselves alone while others stand in the same picture?",
-        "experiment-4.toml",
+        "experiment-4",
+        ("patient-a", "patient-b"),
+        corrupts=False,
+        beside=RUN_2,
+    ),
+    Experiment(
+        5,
+        "The robot drives through two rooms and a corridor",
+        "Are people also recorded where the robot has no empty scene, each by themselves?",
+        "experiment-5",
         ("patient-a", "patient-b"),
         corrupts=False,
         beside=RUN_2,

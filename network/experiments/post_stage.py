@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
 
-from clients.robot.synthetic.scenario import Scenario
+from clients.robot.synthetic.scenario_bag import Scene, scenario_of
 from clients.sdk.pictures.picture_names import read_robot_frame
 from clients.wallet.answers.record_answers import (
     AuditAnswer,
@@ -44,10 +44,11 @@ class PostStage:
     """Checks every wallet's access, also to others' records."""
 
     def __init__(
-        self, stage: Stage, scenario: Scenario, pictures: Path, checks: CheckList, on_progress: Callable[[str], None]
+        self, stage: Stage, scene: Scene, pictures: Path, checks: CheckList, on_progress: Callable[[str], None]
     ) -> None:
         self._stage = stage
-        self._scenario = scenario
+        self._scene = scene
+        self._scenario = scenario_of(scene)
         self._pictures = pictures
         self._checks = checks
         self._on_progress = on_progress
@@ -109,7 +110,7 @@ class PostStage:
             detail=f"{len(sequences - covered)} of {len(sequences)} pictures outside their tag's time, "
             f"{len(absent)} of moments when they were not there",
         )
-        worst, judged = await asyncio.to_thread(worst_foreign_share, self._scenario, found.depths, alias)
+        worst, judged = await asyncio.to_thread(worst_foreign_share, self._scene, found.depths, alias)
         self._checks.add(
             f"{name_person(alias)}'s pictures show nobody else",
             ok=worst <= FOREIGN_PIXELS_MAX_SHARE and (judged > 0 or not self._met_others(alias, sequences)),

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from clients.robot.synthetic.scenario import Scenario
+from clients.robot.synthetic.scenario_bag import Scene, scenario_of
 from consensus.errors import BlockRobotError
 from network.bench.conditions import Result, measure_conditions
 from network.demo.checks import Check, CheckList
@@ -37,19 +37,21 @@ class RunOptions:
 
 
 async def run_experiments(
-    chosen: Sequence[tuple[Experiment, Scenario]], options: RunOptions
+    chosen: Sequence[tuple[Experiment, Scene]], options: RunOptions
 ) -> tuple[Result[dict[str, OutcomeFigures | float]], list[Outcome]]:
     """Run experiments; return the result, which has figures of each and the `seconds` of all, and outcomes.
 
     Raises FOLDER_NOT_EMPTY. Stops everything it started, also on Ctrl-C, SIGTERM, SIGHUP, or by the guard if killed.
     """
     _cancel_on_signals()
-    conditions = measure_conditions(nodes=NODES_COUNT, scenarios={item.name: s.digest[:16] for item, s in chosen})
+    conditions = measure_conditions(
+        nodes=NODES_COUNT, scenarios={item.name: scenario_of(scene).digest[:16] for item, scene in chosen}
+    )
     outcomes = []
     with reserved_folder(options.out), Guard() as guard:
         started = time.monotonic()
-        for experiment, scenario in chosen:
-            outcomes.append(await _run_one(experiment, scenario, options, guard))
+        for experiment, scene in chosen:
+            outcomes.append(await _run_one(experiment, scene, options, guard))
         seconds = round(time.monotonic() - started, 1)
         figures = {outcome.experiment.name: outcome.figures() for outcome in outcomes}
         conditions["drawn_by"] = _drawn_by(outcomes, options.out)
@@ -69,7 +71,7 @@ def _cancel_on_signals() -> None:
         loop.add_signal_handler(number, task.cancel)
 
 
-async def _run_one(experiment: Experiment, scenario: Scenario, options: RunOptions, guard: Guard) -> Outcome:
+async def _run_one(experiment: Experiment, scene: Scene, options: RunOptions, guard: Guard) -> Outcome:
     folder = await asyncio.to_thread(make_experiment_folder, options.out, experiment.name)
 
     def listen(check: Check) -> None:
@@ -77,7 +79,7 @@ async def _run_one(experiment: Experiment, scenario: Scenario, options: RunOptio
 
     run = ExperimentRun(
         experiment,
-        scenario,
+        scene,
         folder,
         cache=options.cache,
         base_port=options.base_port,

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from clients.robot.synthetic.scenario import Scenario
+from clients.robot.synthetic.scenario_bag import scenario_of
 from network.bench.fresh_network import find_base_port
 from network.demo.checks import Check
 from network.experiments.definitions import EXPERIMENTS, Experiment
@@ -22,7 +23,7 @@ EXPERIMENT = EXPERIMENTS[1]
 
 def shortened(seconds: float) -> Scenario:
     """The scenario's first seconds, with the readings that fall into them."""
-    whole = EXPERIMENT.load_scenario()
+    whole = scenario_of(EXPERIMENT.load_scene())
     people = tuple(
         replace(person, readings_s=tuple(at for at in person.readings_s if at < seconds)) for person in whole.people
     )

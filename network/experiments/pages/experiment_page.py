@@ -151,7 +151,7 @@ def _side_by_side(outcome: Outcome, figures: RunFigures) -> str:
     rows = [[text(name), show_value(value), show_value(theirs.get(name))] for name, value in figure_rows(figures)]
     return table("Figures of both runs", ["Figure", "ours", "theirs"], rows) + quiet(
         f"Theirs: {text(SOURCE)}. A dash: the log does not tell. Our readings are more than the published ones, "
-        "since hiding needs distance and facing; the frames that they cover are not."
+        "since hiding needs distance and facing."
     )
 
 
@@ -185,7 +185,7 @@ def _pictures(outcome: Outcome) -> str:
 
 def _figure(alias: str, path: Path) -> str:
     label = f"{name_person(alias)}, frame {read_robot_frame(path.name)}"
-    alternative = f"{label}: one silhouette alone on the recorded empty corridor, distance in colours"
+    alternative = f"{label}: one silhouette and nobody else, distance in colours"
     return picture(path.read_bytes(), alternative=alternative, caption=label)
 
 

@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from clients.robot.recording.frame_answers import FrameCounts
+from clients.robot.synthetic.scenario_bag import scenario_of
 from network.demo.checks import CheckList
 from network.demo.scene_truth import covered_frames
 from network.experiments.comparison import work_out
@@ -17,7 +18,7 @@ from network.experiments.pages.event_table import EventTable, LoggedEvent
 from network.experiments.run_one import ExperimentRun, are_covered_frames, frames_by_tag
 
 EXPERIMENT = EXPERIMENTS[2]
-SCENARIO = EXPERIMENT.load_scenario()
+SCENARIO = scenario_of(EXPERIMENT.load_scene())
 OWN = {alias: covered_frames(SCENARIO, alias) for alias in EXPERIMENT.people}
 FIRST, SECOND = EXPERIMENT.people
 

@@ -56,7 +56,7 @@ def test_run_refuses_a_foreign_folder_before_anything_is_started(log: Path) -> N
     assert [path.name for path in log.parent.iterdir()] == ["events.jsonl"]
 
 
-@pytest.mark.parametrize(("number", "names"), [("3", [3]), ("all", [1, 2, 3, 4])])
+@pytest.mark.parametrize(("number", "names"), [("3", [3]), ("all", [1, 2, 3, 4, 5])])
 def test_run_takes_one_experiment_or_all_and_its_exit_code_is_the_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: str, names: list[int]
 ) -> None:

@@ -143,7 +143,9 @@ def test_the_guard_leaves_all_to_a_run_that_ends_by_itself(monkeypatch: pytest.M
 
 
 def scenario_of(number: int) -> Scenario:
-    return EXPERIMENTS[number - 1].load_scenario()
+    scene = EXPERIMENTS[number - 1].load_scene()
+    assert isinstance(scene, Scenario)
+    return scene
 
 
 def test_the_experiments_are_those_of_the_published_runs_and_their_figures_have_the_names_of_ours() -> None:

@@ -76,8 +76,8 @@ def house(monkeypatch: pytest.MonkeyPatch) -> WalletsStandIn:
 def look(house: WalletsStandIn, folder: Path, *, kept: int = 2, corrupt: bool = False, number: int = 3) -> list[str]:
     """Go through the post-stage of an experiment (the third); return the names of the checks that failed."""
     checks = CheckList(listener=lambda check: None)
-    scenario = EXPERIMENTS[number - 1].load_scenario()
-    stage = PostStage(cast(Stage, house), scenario, folder, checks, lambda line: None)
+    scene = EXPERIMENTS[number - 1].load_scene()
+    stage = PostStage(cast(Stage, house), scene, folder, checks, lambda line: None)
 
     async def go() -> None:
         found: dict[str, WalletContents] = await stage.look(PEOPLE, kept)
@@ -136,7 +136,7 @@ def test_a_stranger_who_is_served_is_told(house: WalletsStandIn, tmp_path: Path)
 def test_whoever_was_not_in_the_scene_must_have_nothing(house: WalletsStandIn, tmp_path: Path) -> None:
     house.pictures["patient-z"] = []
     checks = CheckList(listener=lambda check: None)
-    stage = PostStage(cast(Stage, house), EXPERIMENTS[2].load_scenario(), tmp_path, checks, lambda line: None)
+    stage = PostStage(cast(Stage, house), EXPERIMENTS[2].load_scene(), tmp_path, checks, lambda line: None)
     asyncio.run(stage.look(("patient-z",), 0))
     assert checks.ok
     house.pictures["patient-z"] = [1]
