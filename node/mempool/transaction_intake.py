@@ -53,6 +53,7 @@ log = structlog.get_logger(__name__)
 
 _UNSIGNED = frozenset({"SIGNATURE_INVALID", "SIGNATURE_HIGH_S"})
 _NOT_ADMITTED = "SENDER_NOT_ADMITTED"
+_SENDER_LIMIT = "SENDER_LIMIT"
 _KNOW_MEMBERS = frozenset({"own", "peer"})  # sources to which it is no secret who is a member
 _ALLOWANCES: dict[SourceKind, Allowance] = {
     "own": Allowance(us_per_s=1_000_000, burst_us=10_000_000),
@@ -355,6 +356,8 @@ class TransactionIntake:
                 _, is_new = self._mempool.insert(item)
             except BlockRobotError as refusal:
                 error = refusal
+                if refusal.code == _SENDER_LIMIT and source != OWN:
+                    self._on_over_budget(f"member {payer_of(item).hex()}", refusal)
         if error is not None and source.kind not in _KNOW_MEMBERS:
             error = redact_for_clients(error)
         return Outcome(transaction.wire, transaction, is_new, error)

@@ -133,6 +133,19 @@ def test_false_signatures_in_a_members_name_are_checked_only_within_the_budget_o
     assert set(over) == {str(STRANGER)}
 
 
+def test_who_fills_their_part_of_the_pool_is_named_and_nobody_in_whose_name_it_is_tried() -> None:
+    over: list[str] = []
+
+    async def story(intake: TransactionIntake) -> None:
+        await _submit(intake, STRANGER, [transaction(number).wire for number in range(3)])
+        await _submit(intake, STRANGER, [forged(10)])
+        assert over == []
+        assert _codes(await _submit(intake, STRANGER, [transaction(3).wire])) == {"SENDER_LIMIT"}
+
+    _run(make_pool(sender_max_count=3), story, over)
+    assert over == [f"member {sender(0).public_key.hex()}"]
+
+
 def test_a_member_whose_name_is_abused_is_not_charged_and_goes_on_elsewhere() -> None:
     async def story(intake: TransactionIntake) -> None:
         batch = [forged(number) for number in range(200)]
