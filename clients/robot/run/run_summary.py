@@ -83,7 +83,8 @@ class RunSummary(Answer, frozen=True, kw_only=True):
     intake: Annotated[RunIntake, doc("What was found of the source")]
     camera: Annotated[CameraFigures, doc("The lens")]
     driving: Annotated[
-        DrivingFigures | None, doc("What was seen without the empty scene; null if the topics file names no odometry")
+        DrivingFigures | None,
+        doc("What was seen without the empty scene; null without `odometry.keep` in the topics file"),
     ]
     records: Annotated[Count, doc("How many records are final")]
     stored_bytes: Annotated[Count, doc("How many bytes one custodian stores of them")]

@@ -76,6 +76,7 @@ class OdometryTopic:
     """Where the robot says that it is: nav_msgs/Odometry, or from `parent` to `child` in tf messages.
 
     `camera_ahead_m`, `camera_left_m`: of the camera from what the odometry speaks of, mostly the middle of its wheels.
+    `keep`: whether people are kept while the robot drives.
     """
 
     topic: str
@@ -83,6 +84,7 @@ class OdometryTopic:
     child: str = ""
     camera_ahead_m: float = 0.0
     camera_left_m: float = 0.0
+    keep: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,6 +313,7 @@ def _odometry(table: _Table) -> OdometryTopic:
         child=table.text("child", required=False),
         camera_ahead_m=table.offset_m("camera_ahead_m"),
         camera_left_m=table.offset_m("camera_left_m"),
+        keep=table.flag("keep"),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -11,7 +12,7 @@ import pytest
 from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.run.run_summary import RunSummary
-from clients.robot.sources.messages.topics import Topics, load_topics
+from clients.robot.sources.messages.topics import OdometryTopic, Topics, load_topics
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.driving.drive_file import DRIVE_TOPICS_FILE, load_shipped_scene
 from clients.robot.synthetic.scenario_bag import make_bag
@@ -71,12 +72,15 @@ def test_with_odometry_people_are_kept_on_the_way_and_the_records_say_that_they_
     assert summary.frames.lost == 0
 
 
-def test_without_odometry_nothing_is_kept_on_the_way_and_the_end_says_what_would_help(play: Play) -> None:
-    summary, rooms = play(Topics())
+@pytest.mark.parametrize("topics", [Topics(), replace(Topics(), odometry=OdometryTopic("/odom"))])
+def test_unless_it_is_asked_for_nothing_is_kept_on_the_way_and_the_end_says_what_would_help(
+    play: Play, topics: Topics
+) -> None:
+    summary, rooms = play(topics)
     assert summary.driving is None
     assert all(rooms)
     assert summary.frames.withheld_reasons["moved"] > 0
-    assert any("name its odometry" in line for line in summary_lines(summary))
+    assert any("A robot that drives" in line for line in summary_lines(summary))
 
 
 @pytest.mark.parametrize(
