@@ -55,6 +55,7 @@ class LoadRobot:
     """A registered robot with an open visit and a one-node client."""
 
     key: PrivateKey
+    handle: bytes
     owner: bytes
     bucket_ms: int
     client: NetworkClient
@@ -182,4 +183,4 @@ class FreshNetwork:
         bucket_ms = now_ms - now_ms % TIME_BUCKET_MS
         arguments = [visit.owner, visit.ephemeral, visit.view_tag, bucket_ms, PURPOSE]
         await client.call(key, "records", "open_visit", arguments)
-        return LoadRobot(key=key, owner=visit.owner, bucket_ms=bucket_ms, client=client)
+        return LoadRobot(key=key, handle=card.handle, owner=visit.owner, bucket_ms=bucket_ms, client=client)

@@ -219,7 +219,7 @@ async def _describe(scene: _Scene, options: FloodOptions, kind: str, own: int) -
     if options.identity == "node":
         return _Attacker((node.name, f"peer {node.name}"), orders)
     own_names = () if options.identity == "stranger" else (f"session {robot.key.public_key.hex()}",)
-    return _Attacker((f"loopback {OWN_ADDRESS}", *own_names, f"member {robot.key.public_key.hex()}"), orders)
+    return _Attacker((f"loopback {OWN_ADDRESS}", *own_names, f"member {robot.handle.hex()}"), orders)
 
 
 async def _attack(orders: Orders) -> Sent:
