@@ -11,7 +11,7 @@ from msgspec import Struct
 from clients.robot.recording.frame_answers import FrameCounts, RunLatencies
 from clients.sdk.pictures.picture_names import read_robot_frame
 from network.demo.checks import Check, CheckList
-from network.demo.story import DemoState
+from network.demo.story import DRIVEN, DemoState
 from network.demo.words import EVENTS, FRAMES, LATENCIES, name_person, quantiles_text, reasons_text
 from network.report_page import Section, badge, build_report, gallery, picture, table, text, tiles
 
@@ -105,23 +105,23 @@ def _figures_table(summary: DemoSummary) -> str:
 def _pictures(state: DemoState) -> str:
     figures = []
     for patient, pictures in state.pictures.items():
-        step = max(1, len(pictures) // PICTURES_A_PERSON_COUNT)
-        for path in pictures[::step][:PICTURES_A_PERSON_COUNT]:
-            label = f"{name_person(patient)}, frame {read_robot_frame(path.name)}"
-            alternative = f"{label}: their silhouette alone on the recorded empty corridor, distance in colours"
-            figures.append(picture(path.read_bytes(), alternative=alternative, caption=label))
+        figures += _some(pictures, f"{name_person(patient)}, frame", "on the recorded empty corridor")
     return gallery(figures) if figures else "<p>There are no pictures.</p>"
 
 
 def _on_the_way(state: DemoState) -> str:
-    found = state.on_the_way
-    step = max(1, len(found) // PICTURES_A_PERSON_COUNT)
-    figures = []
-    for path in found[::step][:PICTURES_A_PERSON_COUNT]:
-        label = f"Frame {read_robot_frame(path.name)}"
-        alternative = f"{label}: patient B's silhouette alone on nothing, distance in colours"
-        figures.append(picture(path.read_bytes(), alternative=alternative, caption=label))
+    figures = _some(state.on_the_way, f"{name_person(DRIVEN)}, on the way, frame", "on nothing")
     return gallery(figures) if figures else "<p>There are no pictures.</p>"
+
+
+def _some(pictures: list[Path], label: str, where: str) -> list[str]:
+    step = max(1, len(pictures) // PICTURES_A_PERSON_COUNT)
+    figures = []
+    for path in pictures[::step][:PICTURES_A_PERSON_COUNT]:
+        caption = f"{label} {read_robot_frame(path.name)}"
+        alternative = f"{caption}: their silhouette alone {where}, distance in colours"
+        figures.append(picture(path.read_bytes(), alternative=alternative, caption=caption))
+    return figures
 
 
 def _trail(state: DemoState) -> str:

@@ -45,7 +45,7 @@ EXPORTED_COUNT = 3
 _TRANSACTIONS_METRIC = "blockrobot_transactions_finalized_total"
 PURPOSE = "demo"
 PATIENTS = ("patient-a", "patient-b")
-DRIVEN, DRIVES_FROM_FRAME = "patient-b", 70
+DRIVEN, DRIVES_FROM_FRAME = "patient-b", 70  # as demo-drive.toml has it
 
 
 @dataclass(frozen=True, slots=True)

@@ -186,7 +186,7 @@ def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
     if driving is None:
         if moved:
             yield (
-                f"{_count_of(moved, 'frame')} withheld because the robot was not where the empty scene was recorded. What "
+                f"{_count_of(moved, 'frame')} withheld: the robot was not where the empty scene was recorded. What "
                 "could be kept of a robot that drives: docs/how-to/your-robot.md, `A robot that drives`."
             )
         return

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import resources
 from itertools import pairwise
@@ -15,6 +17,7 @@ import numpy as np
 from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 
+SHIPPED_FOLDER = Path(str(resources.files("clients.robot"))) / "scenarios"
 SCENARIO_FILE_MAX_BYTES = 256 * 1024
 DURATION_MAX_S = 3600.0
 PEOPLE_MAX_COUNT = 16
@@ -266,9 +269,17 @@ def _beside(person: Person, leader: Person) -> Person:
 
 def parse_scenario(text: str) -> Scenario:
     """From TOML. Raises CONFIGURATION_INVALID at the first error."""
+    with named_faults():
+        scenario = _scenario(read_toml_text(text), hashlib.sha256(text.encode()).hexdigest())
+    check_scenario(scenario)
+    return scenario
+
+
+@contextlib.contextmanager
+def named_faults() -> Iterator[None]:
+    """Raise CONFIGURATION_INVALID for what is no TOML, missing, or of the wrong kind."""
     try:
-        table = read_toml_text(text)
-        scenario = _scenario(table, hashlib.sha256(text.encode()).hexdigest())
+        yield
     except TextInvalidError as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The scenario is not valid TOML: {error}.") from error
     except KeyError as error:
@@ -277,8 +288,6 @@ def parse_scenario(text: str) -> Scenario:
         raise BlockRobotError(
             "CONFIGURATION_INVALID", f"The scenario has a value of the wrong kind: {error}."
         ) from error
-    check_scenario(scenario)
-    return scenario
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -294,8 +303,7 @@ def load_scenario(path: Path) -> Scenario:
 
 def published_run_1() -> Scenario:
     """The bundled scenario: the prototype's first published run."""
-    file = resources.files("clients.robot") / "scenarios" / "published-run-1.toml"
-    return parse_scenario(file.read_text(encoding="utf-8"))
+    return parse_scenario((SHIPPED_FOLDER / "published-run-1.toml").read_text(encoding="utf-8"))
 
 
 def _scenario(table: dict[str, Any], digest: str) -> Scenario:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from importlib import resources
-from pathlib import Path
 from typing import Any, cast, get_args
 
 import numpy as np
@@ -14,7 +12,7 @@ from clients.robot.synthetic.driving.drive import Drive, Mount
 from clients.robot.synthetic.driving.furniture import KINDS, Piece, Shape, make_shape
 from clients.robot.synthetic.driving.robot_motion import WOBBLE_MAX_RAD, Wobble, drive_along, move_track
 from clients.robot.synthetic.driving.room import Opening, Room, Wall
-from clients.robot.synthetic.scenario import Scenario, check_scenario, parse_scenario
+from clients.robot.synthetic.scenario import SHIPPED_FOLDER, Scenario, check_scenario, named_faults, parse_scenario
 from consensus.bounded_text import read_toml_text
 from consensus.errors import BlockRobotError
 
@@ -23,8 +21,6 @@ PIECES_MAX_COUNT = 31  # what a label of the truth can number
 
 _STEADY = Wobble(pitch=((WOBBLE_MAX_RAD / 4, 1.3, 0.0),), roll=((WOBBLE_MAX_RAD / 6, 1.7, 0.5),))
 
-
-SHIPPED_FOLDER = Path(str(resources.files("clients.robot"))) / "scenarios"
 DRIVE_TOPICS_FILE = SHIPPED_FOLDER / "drive-topics.toml"
 
 
@@ -39,14 +35,8 @@ def parse_scene(text: str) -> Scenario | Drive:
     table = read_toml_text(text)
     if "room" not in table:
         return scenario
-    try:
+    with named_faults():
         return _drive(scenario, table)
-    except KeyError as error:
-        raise BlockRobotError("CONFIGURATION_INVALID", f"The scenario lacks {error.args[0]!r}.") from error
-    except (TypeError, ValueError, AttributeError) as error:
-        raise BlockRobotError(
-            "CONFIGURATION_INVALID", f"The scenario has a value of the wrong kind: {error}."
-        ) from error
 
 
 def _drive(scenario: Scenario, table: dict[str, Any]) -> Drive:
