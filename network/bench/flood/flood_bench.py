@@ -29,12 +29,23 @@ from network.cluster import fetch_status
 from network.doctor.examination import examine_network
 
 BATCH_COUNT = 256
-
-
 RECORDS_COUNT = 4_096
-
-
 BUSY_PAUSE_S = 0.5
+NODES_COUNT = 4
+INTERVAL_S = 0.05
+STATUS_INTERVAL_S = 0.1
+STATUS_TIMEOUT_S = 30.0
+QUIET_S = 4.0
+REST_S = 2.0
+AFTER_S = 3.0
+UNDECIDED_S = 0.5  # calls of the last moments may not be final yet
+LOST_AFTER_S = 60.0
+FINALITY_RATIO_GOAL = 5.0
+STATUS_GOAL_MS = 1_000.0
+NORMAL_RATIO_GOAL = 2.0
+NOISE_MS = 50.0
+"""So much later than in quiet is no sign of anything, on a machine that does other things too."""
+FLOODS_OF_NETWORK_COUNT = 8
 
 
 async def fill_blocks(robots: Sequence[LoadRobot]) -> CostlyTargets:
@@ -68,22 +79,6 @@ async def _ask(robot: LoadRobot, path: str, kind: type[D], query: dict[str, str 
     return read_answer(await client.ask_node(client.nodes[0], "GET", path, key=robot.key, query=query), kind)
 
 
-NODES_COUNT = 4
-INTERVAL_S = 0.05
-STATUS_INTERVAL_S = 0.1
-STATUS_TIMEOUT_S = 30.0
-QUIET_S = 4.0
-REST_S = 2.0
-AFTER_S = 3.0
-LOST_AFTER_S = 60.0
-FINALITY_RATIO_GOAL = 5.0
-STATUS_GOAL_MS = 1_000.0
-NORMAL_RATIO_GOAL = 2.0
-NOISE_MS = 50.0
-"""So much later than in quiet is no sign of anything, on a machine that does other things too."""
-FLOODS_OF_NETWORK_COUNT = 8
-
-
 @dataclass(frozen=True, slots=True)
 class FloodOptions:
     """Who floods with which kinds (`all`: every possible one), and for how long each."""
@@ -95,15 +90,15 @@ class FloodOptions:
 
 @dataclass(slots=True)
 class _Latencies:
-    """Latency per call; pending calls count up to now."""
+    """Latency per call; pending calls count up to `until_s`."""
 
     started_s: list[float] = field(default_factory=list)
     final_s: dict[int, float] = field(default_factory=dict)
+    until_s: float = 0.0
 
     def between(self, from_s: float, until_s: float) -> list[float]:
-        now_s = time.perf_counter()
         return [
-            (self.final_s.get(place, now_s) - started_s) * 1000
+            (self.final_s.get(place, self.until_s) - started_s) * 1000
             for place, started_s in enumerate(self.started_s)
             if from_s <= started_s < until_s
         ]
@@ -126,7 +121,6 @@ class _Watch:
         self._calls: set[asyncio.Task[None]] = set()
         self.calls = _Latencies()
         self.status: list[tuple[float, float]] = []
-        self.named: set[str] = set()
 
     async def __aenter__(self) -> _Watch:
         await self._follower.__aenter__()
@@ -169,10 +163,8 @@ class _Watch:
 
     async def _ask_one(self, session: aiohttp.ClientSession, name: str) -> None:
         started_s = time.perf_counter()
-        status = await fetch_status(session, self._network.cluster.config(name))
+        await fetch_status(session, self._network.cluster.config(name))
         self.status.append((started_s, (time.perf_counter() - started_s) * 1000))
-        for row in (row for key in ("over_budget", "cut_off_peers") for row in status.get(key, [])) if status else ():
-            self.named.add(str(row["peer"]))
 
     def status_ms(self, from_s: float, until_s: float) -> list[float]:
         return [took_ms for started_s, took_ms in self.status if from_s <= started_s < until_s]
@@ -281,52 +273,78 @@ class FloodResult(Result[FloodFigures], kw_only=True):
     floods: list[Flood]
 
 
-async def _measure(scene: _Scene, options: FloodOptions, kind: str, own: int) -> Flood:
+@dataclass(frozen=True, slots=True)
+class _Played:
+    """One flood as it was seen. `quiet_ms`: of the calls before it."""
+
+    kind: str
+    calls: _Latencies
+    quiet_ms: list[float]
+    attack_s: tuple[float, float]
+    status_ms: list[float]
+    in_log: bool
+    by_doctor: bool
+    sent: Sent
+    load: float
+
+    def judge(self, quiet_ms: float) -> Flood:
+        """`quiet_ms`: late calls' latency in quiet, of the whole run: a few seconds before a flood are noise."""
+        (from_s, until_s), seen_until_s = self.attack_s, self.calls.until_s - UNDECIDED_S
+        under = self.calls.between(from_s, until_s)
+        after_ms = percentile(self.calls.between(until_s + REST_S, seen_until_s), 0.95)
+        normal_ms = NORMAL_RATIO_GOAL * quiet_ms + NOISE_MS
+        recovered_s = self.calls.recovered_s(until_s, seen_until_s, normal_ms)
+        under_ms = percentile(under, 0.95)
+        ratio, status_max_ms = round(under_ms / max(quiet_ms, 0.1), 2), round(max(self.status_ms, default=0.0), 1)
+        return Flood(
+            kind=self.kind,
+            quiet_p95_ms=round(quiet_ms, 1),
+            attack_p95_ms=round(under_ms, 1),
+            attack_max_ms=round(max(under, default=0.0), 1),
+            ratio=ratio,
+            status_p95_ms=round(percentile(self.status_ms, 0.95), 1),
+            status_max_ms=status_max_ms,
+            after_p95_ms=round(after_ms, 1),
+            recovered_s=None if recovered_s is None else round(recovered_s, 2),
+            named_in_log=self.in_log,
+            named_by_doctor=self.by_doctor,
+            sent=self.sent,
+            goals=FloodGoals(
+                finality=ratio <= FINALITY_RATIO_GOAL,
+                status=status_max_ms <= STATUS_GOAL_MS,
+                named=(self.in_log and self.by_doctor) or (under_ms <= normal_ms and not self.sent.refused),
+                normal_after=after_ms <= normal_ms,
+            ),
+            load=self.load,
+        )
+
+
+async def _play(scene: _Scene, options: FloodOptions, kind: str, own: int) -> _Played:
     network = scene.network
     async with _Watch(network, scene.watched) as watch:
         await asyncio.sleep(1.0)
         quiet_from_s = time.perf_counter()
         await asyncio.sleep(QUIET_S)
         attacker = await _describe(scene, options, kind, own)
-        watch.named.clear()
         attack_from_s = time.perf_counter()
         sent = await _attack(attacker.orders)
         attack_until_s = time.perf_counter()
         await asyncio.sleep(REST_S + AFTER_S)
-        after_from_s, now_s = attack_until_s + REST_S, time.perf_counter() - 0.5
-        quiet = percentile(watch.calls.between(quiet_from_s, attack_from_s), 0.95)
-        under = watch.calls.between(attack_from_s, attack_until_s)
-        after = percentile(watch.calls.between(after_from_s, now_s), 0.95)
-        status = watch.status_ms(attack_from_s, attack_until_s)
-        normal_ms = NORMAL_RATIO_GOAL * quiet + NOISE_MS
-        recovered_s = watch.calls.recovered_s(attack_until_s, now_s, normal_ms)
+        watch.calls.until_s = time.perf_counter()
         findings = await asyncio.to_thread(examine_network, network.cluster.folder)
         logs = await asyncio.to_thread(_read_logs, network)
-    details = " ".join(finding.detail for finding in findings.findings)
-    under_ms = percentile(under, 0.95)
-    ratio, status_max_ms = round(under_ms / max(quiet, 0.1), 2), round(max(status, default=0.0), 1)
-    in_log, by_doctor = (any(name in text for name in attacker.names) for text in (logs, details))
-    return Flood(
-        kind=kind,
-        quiet_p95_ms=round(quiet, 1),
-        attack_p95_ms=round(under_ms, 1),
-        attack_max_ms=round(max(under, default=0.0), 1),
-        ratio=ratio,
-        status_p95_ms=round(percentile(status, 0.95), 1),
-        status_max_ms=status_max_ms,
-        after_p95_ms=round(after, 1),
-        recovered_s=None if recovered_s is None else round(recovered_s, 2),
-        named_in_log=in_log,
-        named_by_doctor=by_doctor,
-        sent=sent,
-        goals=FloodGoals(
-            finality=ratio <= FINALITY_RATIO_GOAL,
-            status=status_max_ms <= STATUS_GOAL_MS,
-            named=(in_log and by_doctor) or (under_ms <= normal_ms and not sent.refused),
-            normal_after=after <= normal_ms,
-        ),
-        load=round(os.getloadavg()[0], 2),
-    )
+        details = " ".join(finding.detail for finding in findings.findings)
+        return _Played(
+            kind=kind,
+            calls=watch.calls,
+            quiet_ms=watch.calls.between(quiet_from_s, attack_from_s),
+            attack_s=(attack_from_s, attack_until_s),
+            status_ms=watch.status_ms(attack_from_s, attack_until_s),
+            in_log=any(name in logs for name in attacker.names),
+            by_doctor=any(name in details for name in attacker.names),
+            sent=sent,
+            load=round(os.getloadavg()[0], 2),
+        )
 
 
 def _read_logs(network: FreshNetwork) -> str:
@@ -349,7 +367,8 @@ async def run_flood_benchmark(options: FloodOptions, on_progress: Callable[[str]
     """As a node, each kind uses another never started node's certificate."""
     kinds = choose_kinds(options)
     conditions = measure_conditions(nodes=NODES_COUNT, identity=options.identity, seconds=options.seconds)
-    rows: list[Flood] = []
+    played: list[_Played] = []
+    quiet_ms: list[float] = []
     for first in range(0, len(kinds), FLOODS_OF_NETWORK_COUNT):
         group = kinds[first : first + FLOODS_OF_NETWORK_COUNT]
         stolen = len(group) if group[0] in FRAMES and options.identity == "node" else 0
@@ -357,9 +376,11 @@ async def run_flood_benchmark(options: FloodOptions, on_progress: Callable[[str]
             watched, attacker, *filling = await network.enrol_robots(4)
             scene = _Scene(network, watched, attacker, await fill_blocks(filling))
             for own, kind in enumerate(group):
-                row = await _measure(scene, options, kind, own)
-                rows.append(row)
+                played.append(await _play(scene, options, kind, own))
+                quiet_ms += played[-1].quiet_ms
+                row = played[-1].judge(percentile(quiet_ms, 0.95))
                 on_progress(f"{kind}: finality {row.ratio} times as late, /status {row.status_max_ms} ms at most")
+    rows = [one.judge(percentile(quiet_ms, 0.95)) for one in played]
     met = [(row.kind, msgspec.structs.asdict(row.goals)) for row in rows]
     figures = FloodFigures(
         worst_ratio=max(row.ratio for row in rows),
