@@ -1,15 +1,9 @@
 """Access: an owner asks or shares, custodians release or refuse, the owner judges. Must never let a release stand without a
 request, nor name whom records are shared with.
 
-access/id -> {owner, records, purpose, time, released, refused}, the id being the request's txid and an empty list of
-records the whole visit; one by a grantee has the `grant` too. verdict/record id -> {verdict, frames, time};
-release/id+custodian+record id -> True.
-
-grant/id -> {owner, records, grantee, ephemeral, view_tag, member_hash, purpose, until_ms, ended_ms, time, height, status,
-noticed, notices}, the id being its txid, `status` active or revoked, `noticed` the records of which the grantee said that they
-hold no copy any more; grant-number/n -> id; grant-count -> n; open-grants/owner -> {id: until_ms}. The grantee's key G is a one-time key,
-found by scanning as visits are; who they are stands in a salted hash. Nothing stands under G itself: whoever uses it names
-the grant. So nobody who sees a key on its way can spend it, neither for another grant nor for a visit.
+A grantee's key is a one-time key, found by scanning as visits are; who they are stands in a salted hash. Nothing stands
+under that key itself: whoever uses it names the grant. So nobody who sees a key on its way can spend it, neither for
+another grant nor for a visit. What it keeps: docs/reference/state.md.
 """
 
 KEY_BYTES = 33

@@ -1,11 +1,8 @@
 """What happened to each visit, in order. Must never take a word but from the contracts that decide.
 
-entry/O+n -> {record_id, kind, time, height, data}; count/O -> n; day/contract/O or grant, or officers/O -> [day, how
-many words of that day]. Counts are per visit, so visits never contend.
-
-What an owner, a grantee on a grant, or an officer may say without end is counted by the day, so that no key makes a trail, or the state,
-grow as it likes. What ends something (an erasure, a transfer, a revocation) and what others have to confirm is never refused
-here.
+Entries and counts are per visit, so visits never contend. What an owner, a grantee on a grant, or an officer may say
+without end is counted by the day, so that no key makes a trail, or the state, grow as it likes. What ends something (an
+erasure, a transfer, a revocation) and what others have to confirm is never refused here. What it keeps: docs/reference/state.md.
 """
 
 WRITERS = ("records", "access", "erasure", "officers", "rights")

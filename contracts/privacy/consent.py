@@ -1,20 +1,10 @@
 """Who may be recorded, for what, by which sensor and until when, as each person says it. Must never let another speak,
 but for who acts for them by a mandate, within it, and never beyond their own last word.
 
-of/handle -> {purpose: {sensor: [step, ...]}}; changes -> how often anything here changed. A step is [height, status,
-since_ms, from_ms, until_ms, mandate]: from that height on the status (`given`, `refused`, `withdrawn`, `objected`) holds.
-`mandate` is the id of the mandate under which it was said, or empty: they said it themselves.
-`since_ms` is the chain's time when a no was said, or since when a consent has held without a break; `from_ms` and
-`until_ms` are the period in which pictures may be taken (0: no bound). A row has at most what holds now and one word
-that is still to come.
-own/handle -> {sensor: {purpose: word}}: what they said last themselves, whatever others said since, the purpose `` being all
-that are not named. A word is nil, a no, or [height, from_ms, until_ms], how far their yes goes. said/handle -> the height of the block of their last word. notice/organisation -> {version, hash, height, time} of what it
-tells people before anything is recorded, as it is in force; notice-text/u32 version + organisation -> the same with the
-`document`, for every version that there ever was.
-
 A no holds from the next block on. A giving holds from the height that it names, or GIVING_AFTER_BLOCKS after its block.
 It names the newest final block that they knew when they signed it, and counts only while they have said nothing since: a
-giving that somebody held back does not undo a later word. A no always counts, also where nothing was given.
+giving that somebody held back does not undo a later word. A no always counts, also where nothing was given. A row has at
+most what holds now and one word that is still to come. What it keeps: docs/reference/state.md.
 """
 
 HANDLE_BYTES = 32

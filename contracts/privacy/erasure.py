@@ -1,7 +1,6 @@
 """Erasure: an owner asks, every custodian destroys and signs a receipt. Must never call erased what one still holds.
 
-erasure/id -> {owner, records, frames, custodians, receipts, status, time}, the id being the request's txid; a receipt is
-{destroyed_frames, remains, remains_until_ms, digest, time} under the custodian's key.
+What it keeps: docs/reference/state.md.
 """
 
 ID_BYTES = 32

@@ -1,12 +1,7 @@
 """Who is who: members, their handles and roles, organisations and custodians. Must never learn a tag's UID.
 
 A handle is a random name that a registrar drew for a card. It is registered once, by whoever holds the card's one-time
-key, under a registrar's voucher.
-
-member/M -> {handle, role, org, spend, view, sealing, status, since}; handle/H -> M; short-handle/first 10 bytes of H -> H; org/name -> {admins, registrars};
-admin/M, registrar/M -> org; removed/name -> when (ms) an organisation was last removed; custodian/M -> {name, org};
-custodians -> sorted list; robot-name/M -> {name, place, organisation, time}; purpose/code -> True; changes -> how often a member's keys or status changed. What a member
-consents to is in the contract `consent` alone.
+key, under a registrar's voucher. What a member consents to is in the contract `consent` alone. What it keeps: docs/reference/state.md.
 """
 
 KEY_BYTES = 33

@@ -2,15 +2,7 @@
 
 Must never let anybody act outside a mandate's time, its acts and its two persons, nor represent against the own will.
 Persons are handles, whatever keys they have had. The papers stay off the chain, and so does the reason: it would be a
-word about somebody's health, for ever. The chain has a salted hash of both.
-
-mandate/id -> {number, handle, representative, org, papers, acts, until_ms, status, proposer, approver, proposed_ms,
-approved_ms, accepted_ms, ends_ms, ended_ms, ended_by}, the id being the txid that proposed it, `handle` the represented
-person's, `until_ms` the first moment at which it holds no more, and `ends_ms` the moment up to which the next of the two
-others has to agree; mandate-number/n -> id; mandate-count -> n; of/handle -> the id of the one that is proposed,
-approved or active; act/id+n -> {kind, time, height, txid, data}; act-count/id -> n: what was done under it; day/id ->
-[day, how many acts of that day]; proposals/officer's handle -> [day, how many proposals of that day]; person/handle+n
--> id, person-count/handle -> n: in which mandates a person was ever named.
+word about somebody's health, for ever. The chain has a salted hash of both. What it keeps: docs/reference/state.md.
 """
 
 HANDLE_BYTES = 32

@@ -2,12 +2,7 @@
 
 Must never act on the word of one person alone. The chain cannot say whose visits those are: others of that robot and
 that span may go with them, so the span is short, the number of visits is bounded, and each visit's audit says who did it.
-
-proposal/id -> {number, robot, org, from_ms, until_ms, reason, visits_max, visits, records, status, proposer, approver,
-proposed_ms, approved_ms, ends_ms}, the id being the txid that proposed it, until_ms the first moment that is no more of
-the span, and ends_ms the moment up to which it is to be approved, and later to be carried out; proposal-number/n -> id;
-proposal-count -> n; touched/id+O -> True for every visit of which records were erased under it; day/officer's handle ->
-[day, how many proposals of that day].
+What it keeps: docs/reference/state.md.
 """
 
 KEY_BYTES = 33

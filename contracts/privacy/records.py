@@ -1,20 +1,10 @@
 """Visits and records: what robots recorded, of whom only one-time owner keys tell. Must never hold a member key of a subject.
 
-visit/O -> {robot, ephemeral, view_tag, bucket_ms, purpose, status, record_count, height, sequence}; record/id -> {owner,
-robot, commitment_root, ciphertext_root, sealed_metadata, bucket_ms, expires_at_ms, height, txid, status, erased_frames,
-awaited}; announcement/n -> [O, R, view_tag, bucket_ms, robot]; announcement-count -> n; of-visit/O+id -> True
-while the record is active; asked-frames/id -> sorted numbers of the frames whose erasure was asked for.
-
-A visit can be transferred to a new owner key, after a theft. Whatever is kept of it stays under its first key O, its
-root: current/O -> {owner, transfers} names the key that decides now, root/K -> O leads there from each later key K, and
-K is announced with the root as a sixth part.
-
-empty-frames/robot -> [[sha256, approver, time], ...]: the pictures of the empty scene that a robot may publish.
-empty-frame/sha256 -> for how many robots it is approved.
+A visit can be transferred to a new owner key, after a theft. Whatever is kept of it stays under its first key, its root.
 
 A record's status goes active -> erasing -> erased (asked for), or active -> expired -> erased (by itself). From "expired"
 or "erased" on its roots and metadata are gone. `awaited` lists who has yet to report its expiry: those who were custodians
-at the first report, since who comes later finds nothing of it any more. Who is no custodian any more is not waited for.
+at the first report, since who comes later finds nothing of it any more. What it keeps: docs/reference/state.md.
 """
 
 KEY_BYTES = 33

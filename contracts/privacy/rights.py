@@ -1,12 +1,7 @@
 """Rights of the recorded person, and what data protection officers do of them. Must never name a member beside a visit.
 
-restriction/O -> {ground, whole, whole_since_ms, until_ms, records, time}; objection/O -> {purpose: since_ms};
-correction/O+n -> {records, kind, commitment, previous, txid, time, height}; correction-count/O -> n; quarantine/O -> the
-breach's id; breach/id -> {number, owner, robot, org, kind, status, risk, opened_ms, due_ms, assessed, notified, closed},
-the id being the txid that opened it; breach-number/n -> id; breach-count -> n.
-
 What a person says of a visit is signed with the visit's owner key; only an objection to being recorded at all, which is
-about no visit, with their member key. A restriction is lifted by nobody else, and a quarantine by an officer alone.
+about no visit, with their member key. A restriction is lifted by nobody else, and a quarantine by an officer alone. What it keeps: docs/reference/state.md.
 """
 
 KEY_BYTES = 33

@@ -1,19 +1,12 @@
 """Which contracts the network runs, in which version, as the organisations decide. Must never run what was not approved.
 
-due -> [{kind, name, version, from_height, from_ms}]: changes that the machine carries out at the beginning of a block,
-before any transaction (see the reference). It keeps the table of contracts and the trials itself, out of reach of any
-version of this contract, and writes copies here: table -> {name: [version, source hash, enabled, since height]}, and
-trials -> [{kind, name, version, source_hash, from_height, from_ms}], `version` being the one that comes back.
-versions/name -> how many there are; version/name/u32 -> {source_hash, size_bytes, entries, migrates, note, organisation,
-proposal_id, approved_height, status, since_height, failure}; source/hash -> {parts, size_bytes}; source/hash/u32 -> one
-part; uploads/org -> [{source_hash, parts, places}], at most four; upload/org/hash/u32 -> one part; verdict/org/hash ->
-[what is wrong, facts], as the compiler said. The sources that ship with BlockRobot are not in the state: genesis names
-them.
+The machine carries out what is due at the beginning of a block. It keeps the table of contracts and the trials itself, out
+of reach of any version of this contract, and writes copies here. The sources that ship with BlockRobot are not in the
+state: genesis names them. What it keeps: docs/reference/state.md.
 
 A source comes in parts, each paid for when it comes, since the price of compiling all of it would not fit into one call.
 It is compiled in a call that does nothing else, after its hash was compared, and whose result stays whatever it is: so
 that each upload buys one compiling and no more.
-Proposals are in `membership`; a majority decides, as of everything.
 """
 
 HASH_BYTES = 32

@@ -1,15 +1,8 @@
 """The organisations of the network and their nodes, as they decide together. Must never let one decide for the others.
 
-org/name -> {name, ca_certificate, status, since_height}; node/name -> {name, organisation, host, p2p_port, api_url,
-producer_key, producer_possession, custodian_key, status, since_height}; revoked/org/serial -> {height}; key/K -> the node
-that holds or held it; organisations, nodes -> sorted names of the active; nodes-of/org -> names of its active;
-keys-number/org -> how often it got keys; proposal/txid -> {contract, kind, arguments, organisation, approvals,
-keys_numbers, time, expires_ms, height, status, closed_height}; open -> [[txid, organisation, expires_ms]]; closed -> txids
-of the last 32 that are open no more.
-
 A proposal takes effect in the block in which a majority of the active organisations stands behind it. Each organisation
 has one voice, whichever of its admins speaks; a voice is good as long as the keys that gave it: who is added anew, or
-gets new keys, has to speak again. What a proposal must look like is the contract `forms`'s to say.
+gets new keys, has to speak again. What a proposal must look like is the contract `forms`'s to say. What it keeps: docs/reference/state.md.
 """
 
 ID_BYTES = 32

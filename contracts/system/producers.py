@@ -1,13 +1,9 @@
 """Who produces blocks, and by which settings. Must never leave the chain without a producer that leads.
 
-epoch -> {number, producers, leaderless, settings, height}; candidate/key -> {name, organisation, votes, removals, status,
-since_ms, ready_height, ready_ms, ready_root, suspended_height, reinstated_epoch, evidence, successor}; keys -> the
-candidates that are not removed; max_producers -> int; accused/key+epoch+round -> True.
-
 A candidate enters the schedule once a majority of the active organisations votes for it and it said not long ago that it
 is ready. It keeps its seat while one organisation at least votes for it, no majority wants it removed, and no more than
 `max_producers` others have more votes. Evidence suspends it; a new majority of votes reinstates it. Who leaves the network
-takes its votes along; who gets new keys keeps only its votes for those that have a seat.
+takes its votes along; who gets new keys keeps only its votes for those that have a seat. What it keeps: docs/reference/state.md.
 """
 
 KEY_BYTES = 33
