@@ -28,6 +28,8 @@ GRANTEE_ENTRIES = frozenset({"request_granted", "noticed"})
 PRODUCER_ENTRIES = frozenset({"ready", "accuse"})
 NOT_ADMITTED = "SENDER_NOT_ADMITTED"
 _REGISTER_ARGUMENTS_COUNT = 10
+_GRANTEES_OF = b"grantees of "
+_OFFICES = (b"admin of ", b"custodian of ", b"registrar of ")
 _RECOVERED_KEPT_COUNT = 256
 
 
@@ -53,7 +55,7 @@ def _is_grantees_matter(state: Reader, transaction: Transaction, now_ms: int) ->
 
 
 def name_grantees(owner: bytes) -> bytes:
-    return b"grantees of " + owner
+    return _GRANTEES_OF + owner
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,18 @@ def name_key(state: Reader, key: bytes) -> bytes:
     if is_candidate(state, key):
         return key
     return decided_root(state, key) or key
+
+
+def describe_account(account: Account) -> str:
+    """Return in words for an operator whose account it is: of a visit, an office, a member (by handle) or another key."""
+    name = account.name
+    if account.is_shared:
+        return f"grantees of visit {name.removeprefix(_GRANTEES_OF).hex()}"
+    if account.is_of_visit:
+        return f"visit {name.hex()}"
+    if name.startswith(_OFFICES):
+        return name.decode()
+    return f"member {name.hex()}" if len(name) == HASH_SIZE_BYTES else f"key {name.hex()}"
 
 
 def _name_origin(state: Reader, root: bytes) -> bytes:

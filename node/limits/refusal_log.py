@@ -21,7 +21,6 @@ log = structlog.get_logger(__name__)
 
 @dataclass(slots=True)
 class _Refusal:
-    code: str
     detail: str
     since_ms: int
     last_ms: int
@@ -31,7 +30,7 @@ class _Refusal:
 
 @dataclass(slots=True)
 class _Kind:
-    refusals: dict[str, _Refusal] = field(default_factory=dict)
+    refusals: dict[tuple[str, str], _Refusal] = field(default_factory=dict)  # by peer and code
     since_ms: int = 0
     lines_count: int = 0
     left_out_count: int = 0
@@ -46,7 +45,7 @@ class _Kind:
 
 
 class RefusalLog:
-    """Newest refusal per claimed peer name, until that peer connects."""
+    """Refusals by claimed peer name and code, until that peer connects."""
 
     def __init__(self, event: str) -> None:
         self._event = event
@@ -54,17 +53,17 @@ class RefusalLog:
 
     def note(self, peer: str, error: BlockRobotError, now_ms: int, kind_name: str = "") -> None:
         kind = self._kinds.setdefault(kind_name, _Kind())
-        known = kind.refusals.get(peer)
-        if known is not None and known.code == error.code:
+        known = kind.refusals.get((peer, error.code))
+        if known is not None:
             known.detail, known.last_ms = error.detail, now_ms
             known.count += 1
             if now_ms - known.logged_ms < REPEAT_LOG_MS:
                 return
             known.logged_ms = now_ms
         else:
-            if known is None and len(kind.refusals) >= REFUSALS_KEPT_COUNT:
+            if len(kind.refusals) >= REFUSALS_KEPT_COUNT:
                 del kind.refusals[next(iter(kind.refusals))]
-            kind.refusals[peer] = _Refusal(error.code, error.detail, now_ms, now_ms, now_ms)
+            kind.refusals[peer, error.code] = _Refusal(error.detail, now_ms, now_ms, now_ms)
         if kind.may_log(now_ms):
             left_out = {"left_out": kind.left_out_count} if kind.left_out_count else {}
             kind.left_out_count = 0
@@ -74,18 +73,21 @@ class RefusalLog:
 
     def forget(self, peer: str) -> None:
         for kind in self._kinds.values():
-            kind.refusals.pop(peer, None)
+            for known in [key for key in kind.refusals if key[0] == peer]:
+                del kind.refusals[known]
 
     def describe(self, now_ms: int) -> list[dict[str, Any]]:
         return [
             {
                 "peer": peer,
-                "code": refusal.code,
+                "code": code,
                 "detail": refusal.detail,
-                "next_step": CATALOGUE[refusal.code].next_step,
+                "next_step": CATALOGUE[code].next_step,
                 "since_ms": refusal.since_ms,
                 "count": refusal.count,
             }
-            for peer, refusal in sorted(item for kind in self._kinds.values() for item in kind.refusals.items())
+            for (peer, code), refusal in sorted(
+                (item for kind in self._kinds.values() for item in kind.refusals.items()), key=lambda item: item[0]
+            )
             if now_ms - refusal.last_ms <= REFUSAL_STANDS_MS
         ]

@@ -7,12 +7,12 @@ large accounts lose their newest.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 
 from consensus.chain.transaction import Transaction, decode_transaction
 from consensus.errors import BlockRobotError
-from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from consensus.limits import BLOCK_TRANSACTIONS_MAX_COUNT, TRANSACTION_LIFETIME_MAX_MS
 from consensus.state.layout import RESERVED_CALLS, RESERVED_CONTRACTS
 from contracts.execution.sender_admission import Account
 from node.limits.account_byte_limiter import AccountByteLimiter
@@ -26,8 +26,10 @@ SENDER_MAX_BYTES = 4 * 1024 * 1024
 SHARED_DIVISOR = 16
 """What part of the room of an account that many keys share one of them may take."""
 RESERVED_DIVISOR = 10
-BLOCK_SHARE_COUNT = 64
+BLOCK_SHARE_COUNT = BLOCK_TRANSACTIONS_MAX_COUNT // 4
 """So many transactions of one account in a block at most: full blocks take longer, for everybody."""
+BLOCK_SHARE_OF_ORIGIN_COUNT = 2 * BLOCK_SHARE_COUNT
+"""The same for all visits that one robot opened, some of which may be under keys of its own."""
 
 
 @dataclass(slots=True)
@@ -289,62 +291,10 @@ class Mempool:
 
         Up to a tenth from the reserved lane first, then round robin, `BLOCK_SHARE_COUNT` of an account at most.
         """
-        taken: list[Transaction] = []
-        chosen: set[bytes] = set()
-        shares: Counter[bytes] = Counter()
-        self._fill(
-            (self._reserved,),
-            taken,
-            chosen,
-            shares,
-            max(1, max_count // RESERVED_DIVISOR),
-            max_bytes // RESERVED_DIVISOR,
-            timestamp_ms,
-            exclude,
-        )
-        self._fill((self._reserved, self._ordinary), taken, chosen, shares, max_count, max_bytes, timestamp_ms, exclude)
-        return taken
-
-    def _fill(
-        self,
-        lanes: tuple[Lane[_Entry], ...],
-        taken: list[Transaction],
-        chosen: set[bytes],
-        shares: Counter[bytes],
-        max_count: int,
-        max_bytes: int,
-        timestamp_ms: int,
-        exclude: Collection[bytes],
-    ) -> None:
-        size = sum(len(transaction.wire) for transaction in taken)
-        turns = [
-            (lane, account, iter(list(queue.values()))) for lane in lanes for account, queue in lane.queues.items()
-        ]
-        served: list[tuple[Lane[_Entry], bytes]] = []
-        while turns and len(taken) < max_count:
-            remaining = []
-            for lane, account, queue in turns:
-                if len(taken) >= max_count:
-                    break
-                if shares[account] >= BLOCK_SHARE_COUNT:
-                    continue
-                for entry in queue:
-                    transaction = entry.transaction
-                    txid = transaction.txid
-                    if txid in exclude or txid in chosen or not _is_timely(transaction, timestamp_ms):
-                        continue
-                    if size + len(transaction.wire) > max_bytes:
-                        continue
-                    taken.append(transaction)
-                    chosen.add(txid)
-                    size += len(transaction.wire)
-                    shares[account] += 1
-                    served.append((lane, account))
-                    remaining.append((lane, account, queue))
-                    break
-            turns = remaining
-        for lane, account in served:
-            lane.queues.move_to_end(account)
+        selection = _Selection(timestamp_ms, exclude)
+        selection.fill((self._reserved,), max(1, max_count // RESERVED_DIVISOR), max_bytes // RESERVED_DIVISOR)
+        selection.fill((self._reserved, self._ordinary), max_count, max_bytes)
+        return list(selection.chosen.values())
 
     def note_block(self, *, is_roomy: bool) -> None:
         """`is_roomy`: the certified block had room left."""
@@ -357,6 +307,53 @@ class Mempool:
             entry.roomy_blocks_at_start > newest and txid not in exclude
             for txid, entry in reversed(self._entries.items())
         )
+
+
+@dataclass(slots=True)
+class _Selection:
+    """What a block gets so far, by txid; `shares`: how many of an account, and of all visits of one origin."""
+
+    timestamp_ms: int
+    exclude: Collection[bytes]
+    chosen: dict[bytes, Transaction] = field(default_factory=dict)
+    shares: Counter[bytes] = field(default_factory=Counter)
+    size_bytes: int = 0
+
+    def fill(self, lanes: Sequence[Lane[_Entry]], max_count: int, max_bytes: int) -> None:
+        """Accounts take turns; who was served goes to the end of their lane."""
+        turns = [
+            (lane, account, iter(list(queue.values()))) for lane in lanes for account, queue in lane.queues.items()
+        ]
+        served: list[tuple[Lane[_Entry], bytes]] = []
+        while turns and len(self.chosen) < max_count:
+            remaining = []
+            for lane, account, queue in turns:
+                if len(self.chosen) >= max_count:
+                    break
+                entry = next((one for one in queue if self._takes(one, max_bytes)), None)
+                if entry is not None:
+                    self._add(entry)
+                    served.append((lane, account))
+                    remaining.append((lane, account, queue))
+            turns = remaining
+        for lane, account in served:
+            lane.queues.move_to_end(account)
+
+    def _takes(self, entry: _Entry, max_bytes: int) -> bool:
+        transaction, origin = entry.transaction, entry.payer.origin
+        return (
+            self.shares[entry.account] < BLOCK_SHARE_COUNT
+            and (not origin or self.shares[origin] < BLOCK_SHARE_OF_ORIGIN_COUNT)
+            and transaction.txid not in self.exclude
+            and transaction.txid not in self.chosen
+            and self.size_bytes + entry.size_bytes <= max_bytes
+            and _is_timely(transaction, self.timestamp_ms)
+        )
+
+    def _add(self, entry: _Entry) -> None:
+        self.chosen[entry.transaction.txid] = entry.transaction
+        self.size_bytes += entry.size_bytes
+        self.shares.update([entry.account, *([entry.payer.origin] if entry.payer.origin else [])])
 
 
 def _is_timely(transaction: Transaction, timestamp_ms: int) -> bool:

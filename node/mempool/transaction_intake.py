@@ -16,7 +16,7 @@ import structlog
 
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from contracts.execution.sender_admission import is_registration
+from contracts.execution.sender_admission import describe_account, is_registration
 from node.limits.token_buckets import OWN, Allowance, Charge, Source, SourceKind, TokenBuckets, over_budget
 from node.limits.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool, Screened
@@ -43,6 +43,8 @@ VISIT_KEY_ALLOWANCE = Allowance(us_per_s=2 * TRANSACTION_SCREENING_US, burst_us=
 """What each of the visit keys at one address may have looked at when the others have used up what they share."""
 SENDER_ALLOWANCE = Allowance(us_per_s=60_000, burst_us=300_000)
 """Some 400 transactions a second at each node, whoever brings them."""
+ORIGIN_ALLOWANCE = Allowance(us_per_s=120_000, burst_us=600_000)
+"""The same for all visits that one robot opened, some of which may be under keys of its own."""
 TRIAL_ALLOWANCE = Allowance(us_per_s=2 * EC_OPERATION_US, burst_us=8 * EC_OPERATION_US)
 """What a sender may have checked behind an address that others used up."""
 
@@ -53,7 +55,7 @@ log = structlog.get_logger(__name__)
 
 _UNSIGNED = frozenset({"SIGNATURE_INVALID", "SIGNATURE_HIGH_S"})
 _NOT_ADMITTED = "SENDER_NOT_ADMITTED"
-_SENDER_LIMIT = "SENDER_LIMIT"
+_OWN_FAULTS = frozenset({"SENDER_LIMIT", "RATE_LIMITED"})  # of whoever signed too much
 _KNOW_MEMBERS = frozenset({"own", "peer"})  # sources to which it is no secret who is a member
 _ALLOWANCES: dict[SourceKind, Allowance] = {
     "own": Allowance(us_per_s=1_000_000, burst_us=10_000_000),
@@ -109,7 +111,7 @@ class _Paid:
 
     item: Screened
     by_bringer: list[Charge]
-    by_sender: Charge | None = None
+    by_sender: list[Charge] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -144,6 +146,7 @@ class TransactionIntake:
         self._on_over_budget = on_over_budget
         self._sources: TokenBuckets[Source] = TokenBuckets(lambda source: _ALLOWANCES[source.kind], self._loop.time)
         self._senders: TokenBuckets[bytes] = TokenBuckets(lambda _sender: SENDER_ALLOWANCE, self._loop.time)
+        self._origins: TokenBuckets[bytes] = TokenBuckets(lambda _origin: ORIGIN_ALLOWANCE, self._loop.time)
         self._parts: TokenBuckets[Source] = TokenBuckets(lambda _part: VISIT_KEY_ALLOWANCE, self._loop.time)
         self._trials: TokenBuckets[tuple[Source, bytes]] = TokenBuckets(lambda _pair: TRIAL_ALLOWANCE, self._loop.time)
         self._rings: tuple[OrderedDict[Source, _Queue], ...] = (OrderedDict(), OrderedDict())
@@ -308,11 +311,11 @@ class TransactionIntake:
         elif not is_verified and not cost_us:
             cost_us = EC_OPERATION_US
             if source != OWN:
-                paid.by_sender = self._pay_as_sender(payer_of(item))
+                paid.by_sender = self._pay_as_sender(item)
                 try:
                     receipts.append(self._pay_for_signature(source, payer_of(item)))
                 except BlockRobotError:
-                    paid.by_sender.give_back()
+                    _give_back(paid.by_sender)
                     raise
         return paid, cost_us
 
@@ -322,9 +325,18 @@ class TransactionIntake:
             charge = self._parts.take(source, cost_us)
         return charge or self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
 
-    def _pay_as_sender(self, sender: bytes) -> Charge:
-        charge = self._senders.take(sender, EC_OPERATION_US + TRANSACTION_SCREENING_US)
-        return charge or self._refuse(f"member {sender.hex()}", self._senders.wait_s(sender, EC_OPERATION_US))
+    def _pay_as_sender(self, item: Screened) -> list[Charge]:
+        account, payer, cost_us = item.account, payer_of(item), EC_OPERATION_US + TRANSACTION_SCREENING_US
+        charges: list[Charge] = []
+        for buckets, name in ((self._senders, payer), (self._origins, account.origin)):
+            charge = buckets.take(name, cost_us) if name else None
+            if charge is not None:
+                charges.append(charge)
+            elif name:
+                _give_back(charges)
+                who = f"grantee {payer.hex()}" if account.is_shared else describe_account(account)
+                self._refuse(who, buckets.wait_s(name, cost_us))
+        return charges
 
     def _pay_for_signature(self, source: Source, sender: bytes) -> Charge:
         """Charge the source, or the sender's small budget behind an exhausted address."""
@@ -348,16 +360,16 @@ class TransactionIntake:
             if is_signed:
                 for charge in paid.by_bringer:
                     charge.give_back()
-            elif paid.by_sender is not None:
-                paid.by_sender.give_back()
+            else:
+                _give_back(paid.by_sender)
         is_new = False
         if is_signed:
             try:
                 _, is_new = self._mempool.insert(item)
             except BlockRobotError as refusal:
                 error = refusal
-                if refusal.code == _SENDER_LIMIT and source != OWN:
-                    self._on_over_budget(f"member {payer_of(item).hex()}", refusal)
+                if refusal.code in _OWN_FAULTS and source != OWN:
+                    self._on_over_budget(describe_account(item.account), refusal)
         if error is not None and source.kind not in _KNOW_MEMBERS:
             error = redact_for_clients(error)
         return Outcome(transaction.wire, transaction, is_new, error)
@@ -371,6 +383,11 @@ def redact_for_clients(error: BlockRobotError) -> BlockRobotError:
 def payer_of(item: Screened) -> bytes:
     """Return the signature's payer: an account whatever its key, or a shared key."""
     return item.transaction.body.sender if item.account.is_shared else item.account.name
+
+
+def _give_back(charges: list[Charge]) -> None:
+    for charge in charges:
+        charge.give_back()
 
 
 def _check(item: Screened) -> BlockRobotError | None:

@@ -32,3 +32,13 @@ def test_a_flood_from_ever_new_addresses_makes_no_flood_of_lines() -> None:
     assert len(lines) == LINES_OF_KIND_MAX_COUNT + 2
     assert lines[-2]["peer"] == "peer node-2"
     assert lines[-1]["left_out"] == 1_000 - LINES_OF_KIND_MAX_COUNT
+
+
+def test_refusals_for_two_reasons_in_turn_are_counted_each_and_logged_once() -> None:
+    refusals = RefusalLog("over_budget")
+    with capture_logs() as lines:
+        for number in range(100):
+            refusals.note("member ab", BlockRobotError(("RATE_LIMITED", "SENDER_LIMIT")[number % 2]), number, "member")
+    assert len(lines) == 2
+    told = [(row["code"], row["count"], row["since_ms"]) for row in refusals.describe(100)]
+    assert told == [("RATE_LIMITED", 50, 0), ("SENDER_LIMIT", 50, 1)]

@@ -16,11 +16,19 @@ from consensus.chain.transaction import Transaction, TransactionWire
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import recover
-from contracts.execution.sender_admission import find_admission_error
+from contracts.execution.sender_admission import Account, describe_account, find_admission_error, name_grantees
+from node.limits.account_byte_limiter import AccountByteLimiter
 from node.limits.token_buckets import Source, SourceKind
 from node.limits.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool
-from node.mempool.transaction_intake import LOOPBACK_ALLOWANCE, PEER_ALLOWANCE, Outcome, TransactionIntake
+from node.mempool.transaction_intake import (
+    LOOPBACK_ALLOWANCE,
+    ORIGIN_ALLOWANCE,
+    PEER_ALLOWANCE,
+    SENDER_ALLOWANCE,
+    Outcome,
+    TransactionIntake,
+)
 from tests.unit.node.mempool.pool_setup import NOW_MS, make_pool, sender, transaction
 from tests.virtual_time import in_virtual_time
 
@@ -143,7 +151,67 @@ def test_who_fills_their_part_of_the_pool_is_named_and_nobody_in_whose_name_it_i
         assert _codes(await _submit(intake, STRANGER, [transaction(3).wire])) == {"SENDER_LIMIT"}
 
     _run(make_pool(sender_max_count=3), story, over)
-    assert over == [f"member {sender(0).public_key.hex()}"]
+    assert over == [f"key {sender(0).public_key.hex()}"]
+
+
+def test_who_comes_last_to_a_shared_part_is_not_named_for_what_others_filled() -> None:
+    over: list[str] = []
+    shared = Account(name_grantees(b"\x02" * 33), is_of_visit=True, origin=b"visits of a robot", is_shared=True)
+
+    async def story(intake: TransactionIntake) -> None:
+        for by in range(16):
+            await _submit(intake, STRANGER, [transaction(number, by=by).wire for number in range(4)])
+        assert _codes(await _submit(intake, STRANGER, [transaction(0, by=99).wire])) == {"SENDER_LIMIT"}
+
+    _run(make_pool(sender_max_count=64, account_of=lambda _: shared), story, over)
+    assert over == [f"grantees of visit {'02' * 33}"]
+
+
+def test_many_visits_of_one_robot_have_no_more_than_twice_the_budget_of_one() -> None:
+    over: list[str] = []
+
+    def account_of(item: Transaction) -> Account:
+        return Account(item.body.sender, is_of_visit=True, origin=b"visits of a robot")
+
+    async def story(intake: TransactionIntake) -> None:
+        for by in range(6):
+            wires = [transaction(number, by=by).wire for number in range(1_000)]
+            for first in range(0, len(wires), 200):
+                await _submit(intake, Source("loopback", f"127.0.{by}.{first // 200}"), wires[first : first + 200])
+
+    pool = make_pool(sender_max_count=100_000, account_of=account_of)
+    _run(pool, story, over)
+    cost_us = EC_OPERATION_US + TRANSACTION_SCREENING_US
+    assert SENDER_ALLOWANCE.burst_us / cost_us < len(pool) <= ORIGIN_ALLOWANCE.burst_us / cost_us + 10
+    assert {who.partition(" ")[0] for who in over} == {"visit"}
+
+
+def test_who_uses_up_their_bytes_is_named() -> None:
+    over: list[str] = []
+    limiter = AccountByteLimiter(bytes_per_s=1, burst_bytes=3 * len(transaction(0).wire))
+
+    async def story(intake: TransactionIntake) -> None:
+        assert _codes(await _submit(intake, STRANGER, [transaction(number).wire for number in range(4)])) == {
+            "",
+            "RATE_LIMITED",
+        }
+
+    _run(make_pool(byte_budgets=limiter), story, over)
+    assert over == [f"key {sender(0).public_key.hex()}"]
+
+
+@pytest.mark.parametrize(
+    ("account", "said"),
+    [
+        (Account(b"\x07" * 32), "member " + "07" * 32),
+        (Account(b"\x02" * 33), "key " + "02" * 33),
+        (Account(b"\x02" * 33, is_of_visit=True), "visit " + "02" * 33),
+        (Account(name_grantees(b"\x02" * 33), is_of_visit=True, is_shared=True), "grantees of visit " + "02" * 33),
+        (Account(b"registrar of a-hospital-of-that-"), "registrar of a-hospital-of-that-"),
+    ],
+)
+def test_an_account_is_told_in_words(account: Account, said: str) -> None:
+    assert describe_account(account) == said
 
 
 def test_a_member_whose_name_is_abused_is_not_charged_and_goes_on_elsewhere() -> None:
@@ -246,7 +314,7 @@ def test_one_member_is_held_to_his_own_budget_wherever_he_sends_from() -> None:
 
     over: list[str] = []
     _run(make_pool(sender_max_count=100_000), story, over)
-    assert set(over) == {f"member {sender(0).public_key.hex()}"}
+    assert set(over) == {f"key {sender(0).public_key.hex()}"}
 
 
 def test_a_loud_source_holds_nobody_up_for_more_than_a_few_slices() -> None:

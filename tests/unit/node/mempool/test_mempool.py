@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from consensus.chain.transaction import TransactionWire
+from consensus.chain.transaction import Transaction, TransactionWire
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_SIZE_MAX_BYTES, TRANSACTION_LIFETIME_MAX_MS, TRANSACTION_SIZE_MAX_BYTES
 from consensus.primitives.encoding import encode
@@ -15,7 +15,7 @@ from consensus.state.layout import RESERVED_CALLS, RESERVED_CONTRACTS
 from contracts.execution.sender_admission import Account
 from contracts.lifecycle.registry import load_contracts
 from node.limits.account_byte_limiter import ACCOUNT_BYTES_PER_S, AccountByteLimiter
-from node.mempool.mempool import BLOCK_SHARE_COUNT, Mempool
+from node.mempool.mempool import BLOCK_SHARE_COUNT, BLOCK_SHARE_OF_ORIGIN_COUNT, Mempool
 from node.mempool.transaction_cache import TransactionCache
 from tests.unit.node.mempool.pool_setup import NOW_MS, make_pool, sender, take_all, transaction
 
@@ -203,6 +203,23 @@ def test_one_account_takes_a_part_of_a_block_at_most_however_few_others_wait() -
     pool.admit(transaction(0, by=1).wire, NOW_MS)
     taken = [item.body.sender for item in take_all(pool)]
     assert (taken.count(sender(0).public_key), len(taken)) == (BLOCK_SHARE_COUNT, BLOCK_SHARE_COUNT + 1)
+
+
+def test_all_visits_that_one_robot_opened_take_a_part_of_a_block_at_most() -> None:
+    def account_of(item: Transaction) -> Account:
+        key = item.body.sender
+        return (
+            Account(key) if key == sender(9).public_key else Account(key, is_of_visit=True, origin=b"visits of a robot")
+        )
+
+    pool = make_pool(account_of=account_of)
+    for by in range(4):
+        for number in range(BLOCK_SHARE_COUNT):
+            pool.admit(transaction(number, by=by).wire, NOW_MS)
+    pool.admit(transaction(0, by=9).wire, NOW_MS)
+    taken = [item.body.sender for item in take_all(pool)]
+    assert len(taken) == BLOCK_SHARE_OF_ORIGIN_COUNT + 1
+    assert sender(9).public_key in taken
 
 
 def test_what_is_on_the_branch_or_has_expired_is_neither_taken_nor_kept() -> None:
