@@ -45,7 +45,8 @@ EXPORTED_COUNT = 3
 _TRANSACTIONS_METRIC = "blockrobot_transactions_finalized_total"
 PURPOSE = "demo"
 PATIENTS = ("patient-a", "patient-b")
-DRIVEN, DRIVES_FROM_FRAME = "patient-b", 70  # as demo-drive.toml has it
+DRIVEN = "patient-b"
+DRIVES_FROM_FRAME = 70  # a second after demo-drive.toml lets the robot start: the empty scene fits no more
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +145,20 @@ class Demo:
         listed = await self.stage.wallet(DRIVEN, RecordsAnswer, "records")
         new = [row.record_id for visit in listed.visits for row in visit.records if row.record_id not in known]
         out = self.options.out / "pictures" / "on-the-way"
-        await self.stage.wallet(DRIVEN, ViewAnswer, "view", *new, "--out", str(out), "--purpose", "own-access")
-        pictures = sorted(out.glob("*/*[0-9].png"))
-        self.state.on_the_way = [path for path in pictures if read_robot_frame(path.name) >= DRIVES_FROM_FRAME]
-        worst, judged = await asyncio.to_thread(
-            worst_foreign_share, self.drive, sorted(out.glob("*/*.depth.png")), DRIVEN
+        viewed = await self.stage.wallet(DRIVEN, ViewAnswer, "view", *new, "--out", str(out), "--purpose", "own-access")
+        self.state.on_the_way, depths = (
+            [path for path in sorted(out.glob(kind)) if read_robot_frame(path.name) >= DRIVES_FROM_FRAME]
+            for kind in ("*/*[0-9].png", "*/*.depth.png")
         )
+        worst, judged = await asyncio.to_thread(worst_foreign_share, self.drive, depths, DRIVEN)
+        without_room = "ROOM_NOT_RECORDED" in {room.code for room in viewed.missing_rooms}
         self.checks.add(
             "while the robot drives, a person whom it knows is recorded, alone and without the room",
-            ok=driving is not None and driving.kept > 0 and judged > 0 and worst <= FOREIGN_PIXELS_MAX_SHARE,
+            ok=driving is not None
+            and driving.kept >= len(depths) > 0
+            and without_room
+            and judged > 0
+            and worst <= FOREIGN_PIXELS_MAX_SHARE,
             detail=f"{driving.kept if driving else 0} of {driving.frames if driving else 0} frames of ten seconds; "
             f"{judged} judged with others in view: at most {100 * worst:.3f} % of their pixels in any",
         )

@@ -156,7 +156,8 @@ KINDS: dict[str, FindingKind] = _table(
         "OVER_BUDGET",
         "warning",
         "Somebody asks a node for more work than they may cause; the others go on.",
-        "Find out who that is (an address, a member's handle, a visit, a peer); suspend the member or block the address if need be.",
+        "Find out who that is (an address, a member's handle, a visit, a peer); suspend the member or block the address "
+        "if need be.",
     ),
     FindingKind(
         "PEER_REFUSED",

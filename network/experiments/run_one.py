@@ -243,14 +243,14 @@ class ExperimentRun:
         self._check_driving(summary)
 
     def _check_driving(self, summary: RunSummary) -> None:
-        driving = summary.driving
-        if driving is None:
+        if not isinstance(self.outcome.scene, Drive):
             return
+        driving = summary.driving
+        kept, frames, places = (driving.kept, driving.frames, driving.places) if driving else (0, 0, 0)
         self._checks.add(
             "people are recorded on the way too, alone and without the room",
-            ok=driving.kept > 0,
-            detail=f"{driving.kept} pictures of {driving.frames} frames without an empty scene, by {driving.places} places "
-            "of odometry",
+            ok=kept > 0,
+            detail=f"{kept} pictures of {frames} frames without an empty scene, by {places} places of odometry",
         )
 
     def _check_frames(self, reading: Reading, frames: FrameCounts) -> None:

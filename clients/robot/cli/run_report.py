@@ -194,18 +194,31 @@ def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
         yield "The empty scene shows no floor: without it, nothing is kept while the robot drives. Record one that does."
         return
     if not driving.places:
-        yield "No place of odometry came, so nothing was kept while the robot drove. Is the topic right?"
+        yield (
+            "No place of odometry came, so nobody was kept at all: a tag is bound only while odometry says that the robot "
+            "stands. Is the topic right?"
+        )
         return
     yield (
         f"Without the empty scene (as while it drove): {_count_of(driving.frames, 'frame')}, {driving.kept} kept, which "
         f"show their owner without the room. {_count_of(driving.places, 'place')} of odometry; the camera is "
-        f"{driving.camera_height_m:.2f} m above the floor and looks {driving.camera_pitch_deg:.0f} degrees down."
+        f"{driving.camera_height_m:.2f} m above the floor and looks {_pitch_of(driving)}."
     )
+    if driving.unplaced_readings:
+        yield (
+            f"{_count_of(driving.unplaced_readings, 'reading')} bound nobody: no odometry told in time whether the robot "
+            "stood then."
+        )
     if driving.doubts:
         yield (
             f"{_count_of(driving.doubts, 'time')} the camera saw another motion than the odometry told, and nothing was "
             "kept meanwhile: do the wheels slip, or was the robot pushed?"
         )
+
+
+def _pitch_of(driving: DrivingFigures) -> str:
+    pitch_deg = round(driving.camera_pitch_deg or 0.0)
+    return f"{abs(pitch_deg)} degrees {'down' if pitch_deg >= 0 else 'up'}"
 
 
 def _unknown_lines(unknown: UnknownTagCounts) -> Iterator[str]:

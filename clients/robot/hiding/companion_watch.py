@@ -13,7 +13,7 @@ SAME_M, SAME_PER_M = 0.45, 0.04
 FORGET_AFTER_MS = 1_000
 POOL_MS = 700.0
 SETTLED_MS = 500
-ODDS_LIMIT = 8.0
+LOG_ODDS_LIMIT = 8.0
 CLEAR_BELOW = 1.5  # log-odds under the threshold at which a pool that was over it is clear again
 
 
@@ -52,7 +52,7 @@ class CompanionWatch:
         return silhouette
 
     def _pool_of(self, silhouette: Silhouette, free: list[_Pool], at_ms: int) -> _Pool:
-        odds = max(-ODDS_LIMIT, min(ODDS_LIMIT, silhouette.companion_odds))
+        odds = max(-LOG_ODDS_LIMIT, min(LOG_ODDS_LIMIT, silhouette.companion_odds))
         near = [(math.hypot(pool.x_m - silhouette.x_m, pool.z_m - silhouette.z_m), i) for i, pool in enumerate(free)]
         distance, place = min(near, default=(math.inf, -1))
         if distance > SAME_M + SAME_PER_M * silhouette.z_m:

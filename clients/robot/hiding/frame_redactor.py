@@ -34,7 +34,7 @@ from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16
 BUFFER_DEFAULT_MS = 10_000
 FORGET_EVERY_MS = 5_000
 READINGS_WAITING_MAX_COUNT = 4_096
-UNKNOWN_MAX_MS = 2_000  # after a reading: so long the odometry may take to tell whether the robot stood
+UNKNOWN_MAX_MS = 2_000  # of frames after a reading: so long the odometry may take to tell whether the robot stood
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,11 +125,12 @@ class FrameRedactor:
         self._mount: Ground | None = None
         self._blank_frames_count = 0
         self._blank_kept_count = 0
+        self._unplaced_readings_count = 0
         self.use_focal_px(focal_px)
         self._seen: dict[int, _Seen] = {}
         self._pending: dict[str, deque[_Seen]] = {}
         self._newest_ms: int | None = None
-        self._place: RobotPlace | None = None
+        self._placed_by_ms: int | None = None  # the newest sample by which a frame was placed: a jump may come late
         self._is_placed: bool | None = None  # whether people were last followed in the odometry's frame
         self._forgot_ms = 0
 
@@ -157,6 +158,7 @@ class FrameRedactor:
             doubts=self._motion.doubts_count,
             frames=self._blank_frames_count,
             kept=self._blank_kept_count,
+            unplaced_readings=self._unplaced_readings_count,
             camera_height_m=None if mount is None else round(mount.height_m, 2),
             camera_pitch_deg=None if mount is None else round(math.degrees(mount.pitch), 1),
         )
@@ -238,9 +240,9 @@ class FrameRedactor:
             return None
         place = self._motion.place_at(at_ms)
         if place is not None:
-            if self._place is not None and not self._motion.is_continuous(self._place.at_ms, at_ms):
+            if self._placed_by_ms is not None and not self._motion.is_continuous(self._placed_by_ms, at_ms):
                 self._lose_everybody()
-            self._place = place
+            self._placed_by_ms = min(at_ms, self._motion.newest_ms or at_ms)
         return place
 
     def _follow(self, seen: _Seen, found: FoundPeople) -> None:
@@ -269,7 +271,7 @@ class FrameRedactor:
         """Distances tell people apart while the robot stands: its own motion would bind fast, and wrongly."""
         if self._motion is None:
             return
-        newest_ms = self._motion.newest_ms or 0
+        newest_ms = self._newest_ms or 0
         for _ in range(len(self._readings)):
             alias, sighting, known = self._readings.popleft()
             stood = self._motion.stands(sighting.middle_ms)
@@ -277,6 +279,8 @@ class FrameRedactor:
                 self.matcher.add_sighting(alias, sighting, known=known)
             elif stood is None and newest_ms < sighting.middle_ms + UNKNOWN_MAX_MS:
                 self._readings.append((alias, sighting, known))
+            else:
+                self._unplaced_readings_count += stood is None
 
     def _lose_everybody(self) -> None:
         self._tracker = self._tracker.successor()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, insort
+from bisect import bisect_left, bisect_right, insort
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 from clients.robot.sensing.sensor_events import Odometry
 
@@ -69,7 +70,7 @@ class OwnMotion:
         if at < len(self._places) and self._places[at].at_ms == place.at_ms:
             return
         insort(self._places, place)
-        for before, after in zip(self._places[max(0, at - 1) : at + 1], self._places[at : at + 2], strict=False):
+        for before, after in pairwise(self._places[max(0, at - 1) : at + 2]):
             if _is_jump(before, after):
                 insort(self._broken_ms, after.at_ms)
         if len(self._places) > SAMPLES_MAX_COUNT or self._places[0].at_ms < place.at_ms - 2 * KEPT_MS:
@@ -113,8 +114,13 @@ class OwnMotion:
         return RobotPlace(at_ms, x_m, z_m, one.yaw + share * _turned(one, two))
 
     def is_continuous(self, first_ms: int, last_ms: int) -> bool:
-        """Tell whether no jump lies between."""
-        return bisect_left(self._broken_ms, first_ms + 1) == bisect_left(self._broken_ms, last_ms + 1)
+        """Tell whether no jump and no gap of the samples lies between."""
+        if bisect_left(self._broken_ms, first_ms + 1) != bisect_left(self._broken_ms, last_ms + 1):
+            return False
+        first = bisect_right(self._places, first_ms, key=lambda kept: kept.at_ms)
+        last = bisect_left(self._places, last_ms, key=lambda kept: kept.at_ms)
+        around = self._places[max(0, first - 1) : last + 1]
+        return all(after.at_ms - before.at_ms <= GAP_MAX_MS for before, after in pairwise(around))
 
     def stands(self, at_ms: int) -> bool | None:
         """Tell whether the robot stood for a while before and after; None where that is not known (yet)."""

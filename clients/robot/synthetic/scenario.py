@@ -291,14 +291,20 @@ def named_faults() -> Iterator[None]:
 
 
 def load_scenario(path: Path) -> Scenario:
-    """Raises CONFIGURATION_INVALID."""
+    """Raises CONFIGURATION_INVALID, also for a file whose robot drives."""
     try:
         if path.stat().st_size > SCENARIO_FILE_MAX_BYTES:
             raise BlockRobotError("CONFIGURATION_INVALID", "The scenario file is too large.")
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The scenario {path.name} cannot be read.") from error
-    return parse_scenario(text)
+    scenario = parse_scenario(text)
+    if "room" in read_toml_text(text):
+        raise BlockRobotError(
+            "CONFIGURATION_INVALID",
+            f"The scenario {path.name} has a [room], and its robot drives: the demonstration and experiment 5 play such.",
+        )
+    return scenario
 
 
 def published_run_1() -> Scenario:
@@ -336,7 +342,7 @@ def _people(rows: list[dict[str, Any]]) -> tuple[Person, ...]:
     people = tuple(_person(row) for row in rows)
     for person in people:
         if not person.accompanies:
-            _check_times(person.alias, [point[0] for point in person.path], "path")
+            check_times(person.alias, [point[0] for point in person.path], "path")
     return joined(people)
 
 
@@ -434,15 +440,15 @@ def check_scenario(scenario: Scenario) -> None:
         if wrong:
             raise BlockRobotError("CONFIGURATION_INVALID", f"Scenario: {sentence}.")
     if environment.camera_path:
-        _check_times("the robot", [point[0] for point in environment.camera_path], "camera_path")
+        check_times("the robot", [point[0] for point in environment.camera_path], "camera_path")
     for person in scenario.people:
         _check_person(person)
 
 
 def _check_person(person: Person) -> None:
-    _check_times(person.alias, [point[0] for point in person.path], "path")
+    check_times(person.alias, [point[0] for point in person.path], "path")
     if person.facing:
-        _check_times(person.alias, [point[0] for point in person.facing], "facing_deg")
+        check_times(person.alias, [point[0] for point in person.facing], "facing_deg")
     ranges: tuple[tuple[str, float, float, float], ...] = (
         ("height_m", person.height_m, 0.5, 2.3),
         ("girth", person.girth, 0.5, 2.0),
@@ -462,7 +468,7 @@ def _check_person(person: Person) -> None:
         raise BlockRobotError("CONFIGURATION_INVALID", f"Scenario: {person.alias} is read while not there.")
 
 
-def _check_times(whose: str, times: list[float], what: str) -> None:
+def check_times(whose: str, times: list[float], what: str) -> None:
     if (
         len(times) < 2
         or not all(map(math.isfinite, times))

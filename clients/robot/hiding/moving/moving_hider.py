@@ -17,7 +17,7 @@ from clients.robot.hiding.moving.blank_cutouts import cut_body
 from clients.robot.hiding.moving.body_cues import BODY_CUES, Body, measure_bodies
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.plan_bodies import CELL_M, STEP_PX, LevelView, PlanView
-from clients.robot.hiding.moving.release_rule import FRAME_MIN_ODDS, TRACK_MIN_ODDS, ReleaseRule, Sighted
+from clients.robot.hiding.moving.release_rule import NEAR_MIN_LOG_ODDS, TRACK_MIN_LOG_ODDS, ReleaseRule, Sighted
 from clients.robot.hiding.moving.scan_match import ScanMatch
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
@@ -25,7 +25,7 @@ from clients.robot.sensing.sensor_events import Depth
 from consensus.bounded_text import read_json_text
 
 MODEL_FILES = {"person": "person-model.json", "pair": "pair-model.json", "thing": "thing-model.json"}
-THING_MIN_ODDS = 3.0
+THING_MIN_LOG_ODDS = 3.0
 RANGE_M = (1.0, 5.0)
 FREE_M = 0.3  # in plan, around a body that is shown
 NEARER_PX = 8
@@ -72,7 +72,7 @@ class SeenBody:
 
     @property
     def silhouette(self) -> Silhouette:
-        body, merged = self.body, min(self.sighted.person, self.sighted.alone) <= TRACK_MIN_ODDS
+        body, merged = self.body, min(self.sighted.person, self.sighted.alone) <= TRACK_MIN_LOG_ODDS
         return Silhouette(
             label=body.label,
             box=body.box,
@@ -123,7 +123,7 @@ class MovingHider:
         if place is None:
             return None
         view, seen = self.look(depth, place, at_ms)
-        people = [one for one in seen if one.thing_odds < THING_MIN_ODDS]
+        people = [one for one in seen if one.thing_odds < THING_MIN_LOG_ODDS]
         if not self._scans.agrees(view, [one.body.label for one in people], place):
             return None
         bodies = {one.body.label: one.body for one in people}
@@ -159,7 +159,7 @@ class MovingHider:
 
 
 def _obstacle(view: LevelView, body: Body, person_odds: float) -> str:
-    if person_odds <= FRAME_MIN_ODDS:
+    if person_odds <= NEAR_MIN_LOG_ODDS:
         return "unverified"
     if not RANGE_M[0] <= body.range_m <= RANGE_M[1] or body.nearest_m < RANGE_M[0] - 0.3:
         return "out-of-range"

@@ -25,7 +25,7 @@ FAR_CELLS_M = 3.5  # beyond, steps of disparity exceed a cell
 
 _NEAR_CELLS = np.ones((3, 3), np.uint8)
 _FAR_CELLS = np.ones((5, 5), np.uint8)
-_COLUMNS, _ROWS = round(2 * ASIDE_M / CELL_M), round(AHEAD_M / CELL_M) + 1
+_COLUMNS, _ROWS = round(2 * ASIDE_M / CELL_M) + 1, round(AHEAD_M / CELL_M) + 1  # a float at the edge may round up
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +82,7 @@ class PlanView:
         return view
 
     def _find_ground(self, ahead: Image) -> None:
-        rows = slice(ahead.shape[0] // 3, None)  # the camera is level within some degrees
+        rows = slice(ahead.shape[0] // 3, None)  # of floor there is enough in these
         z = ahead[rows]
         points = np.stack([z * self._ray_x, z * self._ray_y[rows], z], axis=-1).reshape(-1, 3)
         found = fit_ground(points, self.ground, self._mount)

@@ -9,17 +9,26 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-POOL_MS = 700.0
-POOL_MIN_ODDS, FRAME_MIN_ODDS, NEAR_MIN_ODDS, TRACK_MIN_ODDS = 1.0, -1.0, 0.0, -2.0
+POOL_MS = 700.0  # a frame so far away weighs 1/e
+POOL_MIN_LOG_ODDS = 1.0  # weighted over the buffer
 NEAR_MS = 1_000
-FRAMES_MIN_COUNT, FOLLOWED_MIN_MS = 4, 600
-ODDS_LIMIT = 8.0
-SAME_M, SAME_PER_M = 0.45, 0.04
+NEAR_MIN_LOG_ODDS = 0.0  # of each frame within NEAR_MS, that it is one person and nothing else
+TRACK_MIN_LOG_ODDS = -2.0  # of each frame of the buffer, of both kinds
+LOG_ODDS_LIMIT = 8.0  # so that one frame does not outweigh all others
+FRAMES_MIN_COUNT = 4
+FOLLOWED_MIN_MS = 600
+SAME_M = 0.45  # between two frames
+SAME_PER_M = 0.04  # more, for each metre away
 LOST_AFTER_MS = 1_000
-SPLIT_M = 0.7
-UNSEEN_MS, BESIDE_M, STRAYS_MPS, WALKS_MAX_MPS, SOMEBODY_MIN_ODDS = 2_000, 0.7, 0.3, 1.5, -3.0
-SPEED_MS = 600
-KEPT_MS, FORGET_EVERY_MS = 60_000, 5_000
+SPLIT_M = 0.7  # whoever appears so close may have been hidden in the other's silhouette
+UNSEEN_MS = 2_000  # so long somebody who went out of sight may still be close by
+BESIDE_M = 0.7  # two at that distance may be one silhouette
+STRAYS_MPS = 0.3  # from where their last speed would have taken them
+WALKS_MAX_MPS = 1.5
+SOMEBODY_MIN_LOG_ODDS = -3.0  # a body below that all the time is a thing
+SPEED_MS = 600  # measured over
+KEPT_MS = 60_000
+FORGET_EVERY_MS = 5_000
 _FAR = 1e6
 
 
@@ -75,8 +84,8 @@ class ReleaseRule:
             one.x_m, one.z_m = body.x_m, body.z_m
             one.times.append(at_ms)
             one.places.append((body.x_m, body.z_m))
-            one.person.append(max(-ODDS_LIMIT, min(ODDS_LIMIT, body.person)))
-            one.alone.append(max(-ODDS_LIMIT, min(ODDS_LIMIT, body.alone)))
+            one.person.append(max(-LOG_ODDS_LIMIT, min(LOG_ODDS_LIMIT, body.person)))
+            one.alone.append(max(-LOG_ODDS_LIMIT, min(LOG_ODDS_LIMIT, body.alone)))
         return numbers
 
     def allows(self, number: int, at_ms: int, buffer_ms: int) -> bool:
@@ -93,10 +102,9 @@ class ReleaseRule:
         now = int(away.argmin())
         return bool(
             away[now] == 0
-            and person[now] > FRAME_MIN_ODDS
-            and np.minimum(person, alone).min() > TRACK_MIN_ODDS
-            and person[away <= NEAR_MS].min() > NEAR_MIN_ODDS
-            and all(float(weights @ odds) > POOL_MIN_ODDS * float(weights.sum()) for odds in (person, alone))
+            and np.minimum(person, alone).min() > TRACK_MIN_LOG_ODDS
+            and person[away <= NEAR_MS].min() > NEAR_MIN_LOG_ODDS
+            and all(float(weights @ odds) > POOL_MIN_LOG_ODDS * float(weights.sum()) for odds in (person, alone))
             and not self._may_hide_another(number, one.places[first + now], at_ms)
         )
 
@@ -111,7 +119,7 @@ class ReleaseRule:
             for near in (after - 1, after):
                 if not 0 <= near < len(one.times) or abs(one.times[near] - at_ms) > UNSEEN_MS:
                     continue
-                likely = max(one.person[max(0, near - 2) : near + 3]) > SOMEBODY_MIN_ODDS
+                likely = max(one.person[max(0, near - 2) : near + 3]) > SOMEBODY_MIN_LOG_ODDS
                 if likely and _could_be_near(one, near, place, at_ms):
                     return True
         return False

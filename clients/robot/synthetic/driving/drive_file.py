@@ -12,7 +12,14 @@ from clients.robot.synthetic.driving.drive import Drive, Mount
 from clients.robot.synthetic.driving.furniture import KINDS, Piece, Shape, make_shape
 from clients.robot.synthetic.driving.robot_motion import WOBBLE_MAX_RAD, Wobble, drive_along, move_track
 from clients.robot.synthetic.driving.room import Opening, Room, Wall
-from clients.robot.synthetic.scenario import SHIPPED_FOLDER, Scenario, check_scenario, named_faults, parse_scenario
+from clients.robot.synthetic.scenario import (
+    SHIPPED_FOLDER,
+    Scenario,
+    check_scenario,
+    check_times,
+    named_faults,
+    parse_scenario,
+)
 from consensus.bounded_text import read_toml_text
 from consensus.errors import BlockRobotError
 
@@ -44,6 +51,7 @@ def _drive(scenario: Scenario, table: dict[str, Any]) -> Drive:
     if len(rows) > PIECES_MAX_COUNT:
         raise BlockRobotError("CONFIGURATION_INVALID", "Scenario: there is too much furniture.")
     knots = tuple((float(t), float(speed), math.radians(float(turn))) for t, speed, turn in robot["speeds"])
+    check_times("the robot", [knot[0] for knot in knots], "speeds")
     x, z, degrees = (float(part) for part in robot["start"])
     track = move_track(drive_along(knots, scenario.duration_s), x, z, math.radians(degrees))
     scenario = replace(scenario, environment=replace(scenario.environment, camera_path=track))

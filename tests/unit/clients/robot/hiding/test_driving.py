@@ -11,7 +11,7 @@ import pytest
 
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cutouts import EncodedCutout
-from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
+from clients.robot.hiding.frame_redactor import UNKNOWN_MAX_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.hider import FoundPeople, in_odometry
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera
@@ -61,6 +61,7 @@ class Ward:
     def __init__(self) -> None:
         self.people: Callable[[int], list[tuple[float, float]]] = lambda _: [(0.2, 3.5)]
         self.odometry: Callable[[int], Odometry | None] = lambda at_ms: Odometry(at_ms, true_z(at_ms), 0.0, 0.0)
+        self.odometry_late_ms = 0
         self.heard_from_ms = 0
         self.hidden_ms = range(0)
         self.allowed = True
@@ -73,7 +74,7 @@ class Ward:
         redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=DrivingCamera(Ground.of_mount(1.2, 0.0)))
         redactor._hiders = [ScriptedHider(self, is_blank=False), ScriptedHider(self, is_blank=True)]
         for at_ms in range(0, ENDS_MS, ODOMETRY_MS):
-            place = self.odometry(at_ms)
+            place = self.odometry(at_ms - self.odometry_late_ms)
             if place is not None:
                 redactor.push_odometry(place)
             if at_ms % READING_MS == 0 and at_ms >= self.heard_from_ms:
@@ -84,6 +85,7 @@ class Ward:
             if at_ms % FRAME_MS == 0:
                 self.outputs += redactor.push_frame(Frame(at_ms, at_ms // FRAME_MS, EMPTY))
         self.outputs += redactor.flush()
+        self.figures = redactor.summarise_driving()
         return self
 
     def kept(self, *, blank: bool) -> list[KeptFrame]:
@@ -125,7 +127,20 @@ def test_without_odometry_nothing_is_kept_on_the_way() -> None:
     ward.odometry = lambda _: None
     ward.play()
     assert not ward.kept(blank=True)
+    assert not ward.kept(blank=False)
     assert ward.withheld(DRIVES_MS)["moved"] >= 0.9 * DRIVING_COUNT
+    assert ward.figures is not None
+    assert ward.figures.unplaced_readings >= (ENDS_MS - UNKNOWN_MAX_MS) // READING_MS - 1
+
+
+def test_readings_after_the_odometry_broke_off_wait_no_longer_than_their_time() -> None:
+    redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=DrivingCamera(Ground.of_mount(1.2, 0.0)))
+    for at_ms in range(0, 20_000, FRAME_MS):
+        if at_ms < 1_000:
+            redactor.push_odometry(Odometry(at_ms, 0.0, 0.0, 0.0))
+        redactor.push_sighting("owner", Sighting(at_ms, at_ms, "", 1, Facing.FRONT, -50.0, 2.0, 0.2))
+        redactor.push_frame(Frame(at_ms, at_ms // FRAME_MS, EMPTY))
+        assert len(redactor._readings) <= UNKNOWN_MAX_MS // FRAME_MS + 1
 
 
 def test_a_gap_in_the_odometry_of_a_robot_that_stands_shows_nobody_elses_picture() -> None:
@@ -138,19 +153,28 @@ def test_a_gap_in_the_odometry_of_a_robot_that_stands_shows_nobody_elses_picture
     assert {kept.cutout.x for kept in ward.kept(blank=False)} == {1}
 
 
-def test_a_gap_in_the_odometry_withholds_what_falls_into_it() -> None:
+def test_nobody_is_followed_across_a_gap_in_the_odometry() -> None:
     gap = range(DRIVES_MS + 2_000, DRIVES_MS + 2_600)
     ward = Ward()
     ward.odometry = lambda at_ms: None if at_ms in gap else Odometry(at_ms, true_z(at_ms), 0.0, 0.0)
     ward.play()
-    dark = [kept for kept in ward.kept(blank=True) if gap.start + 300 <= kept.captured_at_ms < gap.stop]
-    assert not dark
-    assert ward.withheld(DRIVES_MS)["moved"] >= 3
+    assert ward.kept(blank=True)
+    assert ward.kept(blank=True)[-1].captured_at_ms < gap.start + 300
+    assert ward.withheld(gap.stop)["moved"] >= 0.9 * (ENDS_MS - gap.stop) // FRAME_MS
+
+
+def test_a_short_gap_in_the_odometry_ends_nothing() -> None:
+    gap = range(DRIVES_MS + 2_000, DRIVES_MS + 2_200)
+    ward = Ward()
+    ward.odometry = lambda at_ms: None if at_ms in gap else Odometry(at_ms, true_z(at_ms), 0.0, 0.0)
+    ward.play()
     assert ward.kept(blank=True)[-1].captured_at_ms > gap.stop + 1_000
 
 
+@pytest.mark.parametrize("late_ms", [0, 100, 150])
 @pytest.mark.parametrize("jump", [(0.3, 0.0), (1.0, 0.0), (0.0, 1.2)])
-def test_after_a_jump_of_the_odometry_nobody_is_known_any_more(jump: tuple[float, float]) -> None:
+def test_after_a_jump_of_the_odometry_nobody_is_known_any_more(jump: tuple[float, float], late_ms: int) -> None:
+    """Also if its sample comes after a frame that was placed by the samples before."""
     jumps_ms = DRIVES_MS + 3_000
     left_m, yaw = jump
 
@@ -160,9 +184,10 @@ def test_after_a_jump_of_the_odometry_nobody_is_known_any_more(jump: tuple[float
 
     ward = Ward()
     ward.odometry = spoilt
+    ward.odometry_late_ms = late_ms
     ward.play()
     assert ward.kept(blank=True)
-    assert max(kept.captured_at_ms for kept in ward.kept(blank=True)) < jumps_ms + FRAME_MS
+    assert max(kept.captured_at_ms for kept in ward.kept(blank=True)) < jumps_ms + late_ms + FRAME_MS
 
 
 def test_two_who_could_have_been_exchanged_on_the_way_are_both_withheld_from_then_on() -> None:

@@ -65,6 +65,21 @@ def test_a_jump_breaks_what_was_continuous(jump: RobotPlace) -> None:
     assert motion.stands(3_000) is None
 
 
+def test_a_jump_is_noticed_also_by_a_sample_that_comes_late_and_is_older_than_all() -> None:
+    motion = driven(RobotPlace(100, 5.0), RobotPlace(200, 5.0), RobotPlace(0, 0.0))
+    assert not motion.is_continuous(0, 150)
+    assert motion.is_continuous(100, 200)
+
+
+def test_a_gap_breaks_what_was_continuous_until_a_late_sample_fills_it() -> None:
+    motion = driven(*straight(1_000), *(RobotPlace(at_ms, 0.0, 0.5) for at_ms in range(1_400, 2_000, 100)))
+    assert not motion.is_continuous(900, 1_400)
+    assert motion.is_continuous(500, 1_000)
+    assert motion.is_continuous(1_400, 1_900)
+    motion.add(RobotPlace(1_200, 0.0, 0.5))
+    assert motion.is_continuous(900, 1_400)
+
+
 def test_numbers_that_are_none_are_not_taken() -> None:
     motion = driven(RobotPlace(0, math.nan), RobotPlace(0, 0.0, math.inf), *straight())
     place = motion.place_at(0)

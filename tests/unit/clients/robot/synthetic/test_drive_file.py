@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.drive_file import parse_scene
 from clients.robot.synthetic.driving.drive_render import DriveRenderer
-from clients.robot.synthetic.scenario import Scenario
+from clients.robot.synthetic.scenario import Scenario, load_scenario
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.conftest import SMALL
 
@@ -71,6 +72,7 @@ def test_the_picture_shows_the_person_the_partition_and_through_the_door_what_is
         ("start = [0.0, 1.0, 0.0]\n", "", "'start'"),
         ("start = [0.0, 1.0, 0.0]", "start = [0.0]", "wrong kind"),
         ("speeds = [[0.0, 0.0, 0.0]", 'speeds = [["now", 0.0, 0.0]', "wrong kind"),
+        ("speeds = [[0.0, 0.0, 0.0], ", "speeds = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], ", "rising time"),
         ("width_m = 2.0\n", "", "'width_m'"),
     ],
 )
@@ -78,3 +80,17 @@ def test_what_is_wrong_is_named(right: str, wrong: str, named: str) -> None:
     with pytest.raises(BlockRobotError, match=named) as refused:
         parse_scene(TEXT.replace(right, wrong))
     assert refused.value.code == "CONFIGURATION_INVALID"
+
+
+@pytest.mark.parametrize("speeds", ["[]", "[[0.0, 0.5, 0.0]]"])
+def test_a_way_needs_two_moments(speeds: str) -> None:
+    lines = [f"speeds = {speeds}" if line.startswith("speeds") else line for line in TEXT.splitlines()]
+    with pytest.raises(BlockRobotError, match="two or more points"):
+        parse_scene("\n".join(lines))
+
+
+def test_a_robot_that_is_to_stand_plays_no_drive(tmp_path: Path) -> None:
+    path = tmp_path / "drive.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    with pytest.raises(BlockRobotError, match=r"\[room\]"):
+        load_scenario(path)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import MovingHider
+from clients.robot.hiding.moving.plan_bodies import ASIDE_M, PlanView
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.synthetic.driving.draws import draw_drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer
@@ -40,3 +42,17 @@ def test_a_frame_is_given_up_when_the_room_moves_otherwise_than_said(share_said:
         assert motion.stands(at_ms) is not True
         assert not any(may_show() for may_show in asked.get(at_ms - 200, []))
     assert not motion.is_doubted(0, 1_000 - 500), "while it stood, nothing was wrong"
+
+
+def test_what_lies_on_the_edge_of_the_plan_is_looked_at_like_all_else() -> None:
+    edge = np.nextafter(np.float32(ASIDE_M), np.float32(0))
+    about = np.float32(ASIDE_M) / np.float32(6)
+    rays = [about]
+    for _ in range(8):
+        rays += [np.nextafter(rays[-1], np.float32(0))]
+    ray = next(ray for ray in rays if np.float32(6) * ray == edge)
+    middle = (640 - 1) / 2
+    view = PlanView((480, 640), float((636 - middle) / ray), Ground.of_mount(1.2, 0.0))
+    depth = np.zeros((480, 640), np.uint16)
+    depth[240, 636] = 6_000
+    assert view.look(depth).x[60, 159] == edge
