@@ -28,8 +28,6 @@ from network.bench.flood.flood_routes import CostlyTargets, http_flood
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, encode_frame
 
 HOST = "127.0.0.1"
-OWN_ADDRESS = "127.0.0.66"
-"""Another address than that of honest clients: budgets tell them apart."""
 RATE_MAX_BYTES_PER_S = 20_000_000
 CONNECTIONS_OF_NODE_COUNT = 16
 DRIP_INTERVAL_S = 1.0
@@ -42,6 +40,7 @@ class Orders(Struct, frozen=True, kw_only=True):
     """What to send, for how long, to whom, with which keys."""
 
     parent: int
+    address: str
     kind: str
     identity: Identity
     seconds: float
@@ -60,7 +59,7 @@ class Orders(Struct, frozen=True, kw_only=True):
 
 
 class Sent(Struct, frozen=True, kw_only=True):
-    """What the attacker sent, and how often it was refused."""
+    """What the attacker sent, and how often it was refused, or cut off."""
 
     sent_bytes: int = 0
     messages: int = 0
@@ -136,6 +135,7 @@ class _Attack:
             with contextlib.suppress(OSError, asyncio.CancelledError):
                 writer.write(encode_frame(FrameKind.HELLO, encode(hello)))
                 await self._send_all(messages, writer)
+            self.refused_count += self._goes_on
             swallowing.cancel()
             writer.close()
 
@@ -156,7 +156,9 @@ class _Attack:
         while self._goes_on:
             try:
                 async with asyncio.timeout(2):
-                    reader, writer = await asyncio.open_connection(HOST, port, ssl=context, local_addr=(OWN_ADDRESS, 0))
+                    reader, writer = await asyncio.open_connection(
+                        HOST, port, ssl=context, local_addr=(self.orders.address, 0)
+                    )
                     self.connections_count += 1
                     await reader.read(1)
                     writer.close()
@@ -172,7 +174,7 @@ class _Attack:
         bodies = pool_of(flood.body, self.target, 8)
         while self._goes_on:
             with contextlib.suppress(OSError, asyncio.IncompleteReadError, ValueError, TimeoutError):
-                reader, writer = await asyncio.open_connection(HOST, port, local_addr=(OWN_ADDRESS, 0))
+                reader, writer = await asyncio.open_connection(HOST, port, local_addr=(self.orders.address, 0))
                 self.connections_count += 1
                 try:
                     await self._ask(flood, token, bodies, reader, writer)

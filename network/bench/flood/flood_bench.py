@@ -19,17 +19,20 @@ from clients.sdk.node_answers import D, read_answer
 from consensus.api_documents import PAGE_MAX_COUNT, BlockAnswer, BlocksAnswer, BlockSummary
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
+from consensus.limits import BLOCK_TRANSACTIONS_MAX_COUNT
 from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.event_follower import FinalityFollower
-from network.bench.flood.flood_attacker import OWN_ADDRESS, Orders, Sent
-from network.bench.flood.flood_kinds import FRAMES, Identity
+from network.bench.flood.flood_attacker import Orders, Sent
+from network.bench.flood.flood_kinds import BATCH_COUNT, FRAMES, Identity
 from network.bench.flood.flood_routes import CostlyTargets, kinds_of
 from network.bench.fresh_network import FreshNetwork, LoadRobot
 from network.cluster import fetch_status
 from network.doctor.examination import examine_network
+from node.mempool.mempool import BLOCK_SHARE_COUNT
 
-BATCH_COUNT = 256
 RECORDS_COUNT = 4_096
+FILLING_COUNT = BLOCK_TRANSACTIONS_MAX_COUNT // BLOCK_SHARE_COUNT
+"""Robots that it takes to fill a block."""
 BUSY_PAUSE_S = 0.5
 NODES_COUNT = 4
 INTERVAL_S = 0.05
@@ -46,6 +49,8 @@ NORMAL_RATIO_GOAL = 2.0
 NOISE_MS = 50.0
 """So much later than in quiet is no sign of anything, on a machine that does other things too."""
 FLOODS_OF_NETWORK_COUNT = 8
+ATTACKERS_ADDRESS, FIRST_ADDRESS = "127.0.0.{}", 66
+"""Each flood's own, and not that of honest clients: budgets tell them apart, and so do logs."""
 
 
 async def fill_blocks(robots: Sequence[LoadRobot]) -> CostlyTargets:
@@ -180,18 +185,19 @@ class _Attacker:
 class _Scene:
     network: FreshNetwork
     watched: LoadRobot
-    attacker: LoadRobot
+    attackers: list[LoadRobot]
     landmarks: CostlyTargets
 
 
 async def _describe(scene: _Scene, options: FloodOptions, kind: str, own: int) -> _Attacker:
-    network, robot = scene.network, scene.attacker
+    network, robot, address = scene.network, scene.attackers[own], ATTACKERS_ADDRESS.format(FIRST_ADDRESS + own)
     cluster, genesis = network.cluster, network.genesis
     node = genesis.nodes[NODES_COUNT + own] if options.identity == "node" else genesis.nodes[0]
     async with aiohttp.ClientSession() as session:
         status = await fetch_status(session, cluster.config(cluster.names[0])) or {}
     orders = Orders(
         parent=os.getpid(),
+        address=address,
         kind=kind,
         identity=options.identity,
         seconds=options.seconds,
@@ -209,9 +215,9 @@ async def _describe(scene: _Scene, options: FloodOptions, kind: str, own: int) -
         p2p_ports=[cluster.config(name).p2p_port for name in cluster.names],
     )
     if options.identity == "node":
-        return _Attacker((node.name, f"peer {node.name}"), orders)
+        return _Attacker((f'"peer": "{node.name}"', f"peer {node.name}", f"cut {node.name} off"), orders)
     own_names = () if options.identity == "stranger" else (f"session {robot.key.public_key.hex()}",)
-    return _Attacker((f"loopback {OWN_ADDRESS}", *own_names, f"member {robot.handle.hex()}"), orders)
+    return _Attacker((f"loopback {address}", *own_names, f"member {robot.handle.hex()}"), orders)
 
 
 async def _attack(orders: Orders) -> Sent:
@@ -332,7 +338,7 @@ async def _play(scene: _Scene, options: FloodOptions, kind: str, own: int) -> _P
         await asyncio.sleep(REST_S + AFTER_S)
         watch.calls.until_s = time.perf_counter()
         findings = await asyncio.to_thread(examine_network, network.cluster.folder)
-        logs = await asyncio.to_thread(_read_logs, network)
+        logs = await asyncio.to_thread(_read_warnings, network)
         details = " ".join(finding.detail for finding in findings.findings)
         return _Played(
             kind=kind,
@@ -347,8 +353,9 @@ async def _play(scene: _Scene, options: FloodOptions, kind: str, own: int) -> _P
         )
 
 
-def _read_logs(network: FreshNetwork) -> str:
-    return " ".join(network.cluster.config(name).log_path.read_text() for name in network.cluster.names)
+def _read_warnings(network: FreshNetwork) -> str:
+    logs = (network.cluster.config(name).log_path.read_text() for name in network.cluster.names)
+    return " ".join(line for log in logs for line in log.splitlines() if '"level": "warning"' in line)
 
 
 def choose_kinds(options: FloodOptions) -> list[str]:
@@ -373,8 +380,9 @@ async def run_flood_benchmark(options: FloodOptions, on_progress: Callable[[str]
         group = kinds[first : first + FLOODS_OF_NETWORK_COUNT]
         stolen = len(group) if group[0] in FRAMES and options.identity == "node" else 0
         async with FreshNetwork(NODES_COUNT, stolen=stolen) as network:
-            watched, attacker, *filling = await network.enrol_robots(4)
-            scene = _Scene(network, watched, attacker, await fill_blocks(filling))
+            watched, *others = await network.enrol_robots(1 + FILLING_COUNT + len(group))
+            filling, attackers = others[:FILLING_COUNT], others[FILLING_COUNT:]
+            scene = _Scene(network, watched, attackers, await fill_blocks(filling))
             for own, kind in enumerate(group):
                 played.append(await _play(scene, options, kind, own))
                 quiet_ms += played[-1].quiet_ms

@@ -170,7 +170,7 @@ def _last_signed_answer(target: Target) -> bytes:
     return encode_frame(FrameKind.LAST_SIGNED_RESPONSE, encode(answer))
 
 
-def _words_request(target: Target) -> bytes:
+def _last_signed_request(target: Target) -> bytes:
     request = LastSignedRequest(epoch=target.epoch, asked_at_ms=time.time_ns() // 1_000_000)
     return encode_frame(FrameKind.LAST_SIGNED_REQUEST, encode(request))
 
@@ -215,7 +215,7 @@ FRAMES: dict[str, Callable[[Target], bytes]] = {
     "NOTICE": _notice,
     "EPOCH": _epoch,
     "HEIGHT": _height,
-    "LAST_SIGNED_REQUEST": _words_request,
+    "LAST_SIGNED_REQUEST": _last_signed_request,
     "LAST_SIGNED_RESPONSE": _last_signed_answer,
     "RESPONSE": _raw(FrameKind.RESPONSE, FRAME_MAX_BYTES[FrameKind.RESPONSE] // 8),
     "TRANSACTIONS": _batch(in_a_members_name),
