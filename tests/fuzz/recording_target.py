@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 from rosbags.typesys import get_types_from_msg
 
+from clients.robot.sensing.message_names import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TYPE
 from clients.robot.sources.messages import message_types
 from clients.robot.sources.messages.topics import SIGHTING_TOPIC
 from clients.robot.sources.recordings.bag_source import BagSource
-from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
-from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC
 from tests.fuzz.target import Target, refusing
 from tests.unit.clients.robot.sources.recordings import FORMATS, START_MS, Topic, image, record, stamp, storage_file
 

@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 from rosbags.typesys.store import Typestore
 
+from clients.robot.sensing.message_names import DEPTH_TOPIC, SIGHTING_DEFINITION, SIGHTING_TYPE, typestore
 from clients.robot.sources.messages.decoding import MessageReader, read_focal_px
 from clients.robot.sources.messages.message_types import LearntTypes, Message, MessageTypes
 from clients.robot.sources.messages.topics import SIGHTING_TOPIC, LabelTopic, Topics
-from clients.robot.synthetic.bag_messages import SIGHTING_DEFINITION, SIGHTING_TYPE, typestore
-from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC
 from tests.fuzz.target import Target, refusing
 from tests.unit.clients.robot.sources.recordings import START_MS, build, image, stamp
 

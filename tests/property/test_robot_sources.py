@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clients.robot.sensing.message_names import IMAGE_TYPE, SIGHTING_TYPE
 from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting
 from clients.robot.sources.messages.message_types import Message
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.sources.recordings.recording import Recording
-from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
+from clients.robot.synthetic.bag_messages import MessageCodec
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record, stamp, storage_file
 

@@ -17,8 +17,9 @@ import zenoh
 from rosbags.typesys import get_types_from_msg
 from zenoh.ext import Int64, z_serialize
 
+from clients.robot.sensing.message_names import IMAGE_TYPE, SIGHTING_TYPE
 from clients.robot.sensing.sensor_events import Facing, Sighting
-from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
+from clients.robot.synthetic.bag_messages import MessageCodec
 
 WAIT_S = 30.0
 FLUSH_S = 0.5

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from clients.robot.sensing.depth_noise import depth_sigma_m
 from clients.robot.sensing.sensor_events import Depth, check_depth
 from consensus.errors import BlockRobotError
 
@@ -54,9 +55,8 @@ def learn_background(frames: Sequence[Depth]) -> Background:
     place = np.where(steady, count - measured + measured // 2, np.minimum(count - measured, count - 1))
     depth = np.take_along_axis(stack, place[..., None], axis=-1)[..., 0]
     depth[measured == 0] = UNSEEN_MM
-    beyond = depth.astype(np.float32) / 1000 - 0.4
-    sigma = 1000 * (0.0012 + 0.0019 * beyond * beyond)
-    threshold = np.maximum(THRESHOLD_MIN_MM, SIGMA_FACTOR * sigma).astype(np.uint16)
+    sigma_mm = 1000 * depth_sigma_m(depth.astype(np.float32) / np.float32(1000))
+    threshold = np.maximum(THRESHOLD_MIN_MM, SIGMA_FACTOR * sigma_mm).astype(np.uint16)
     return Background(
         depth=depth,
         threshold=threshold,

@@ -6,35 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
+from clients.robot.sensing.message_names import IMAGE_TYPE, ODOMETRY_TYPE, SIGHTING_TYPE, typestore
 from clients.robot.sensing.sensor_events import NS_PER_MS, Depth, Odometry, Sighting
 
-IMAGE_TYPE = "sensor_msgs/msg/Image"
-ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
-SIGHTING_TYPE = "blockrobot_msgs/msg/RfidDetection"
-SIGHTING_DEFINITION = """\
-# One reading of an RFID tag. Times of first and last seen are the reader's; the header's stamp is the host's.
-std_msgs/Header header
-string epc
-uint32 antenna
-string antenna_facing
-float32 rssi
-float32 distance
-float32 distance_sigma
-builtin_interfaces/Time first_seen
-builtin_interfaces/Time last_seen
-uint32 read_count
-"""
 MS_PER_S = 1000
 _GEOMETRY = ("Point", "Pose", "PoseWithCovariance", "Quaternion", "Twist", "TwistWithCovariance", "Vector3")
-
-
-def typestore() -> Typestore:
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(SIGHTING_DEFINITION, SIGHTING_TYPE))
-    return store
 
 
 class MessageCodec:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from clients.robot.sensing.depth_noise import depth_sigma_m
 from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.camera import Image, Labels
 
-AXIAL_FLOOR_M = 0.0012
-AXIAL_SLOPE = 0.0019
-AXIAL_FROM_M = 0.4
 JITTER_PX = 0.45
 BASELINE_M = 0.075
 DISPARITY_STEPS_PER_PX = 8
@@ -60,8 +58,7 @@ class CameraNoise:
         moved = cv2.remap(depth, jitter, self._no_fractions, cv2.INTER_NEAREST).astype(np.float32, copy=False)
         if labels is not None:
             labels = cv2.remap(labels, jitter, self._no_fractions, cv2.INTER_NEAREST).astype(np.uint8, copy=False)
-        beyond = moved - np.float32(AXIAL_FROM_M)
-        sigma = np.float32(AXIAL_FLOOR_M) + np.float32(AXIAL_SLOPE) * beyond * beyond
+        sigma = depth_sigma_m(moved)
         noisy = moved + sigma * self._field(self._normal, rng)
         scale = self._disparity * DISPARITY_STEPS_PER_PX
         stepped = scale / np.rint(scale / np.maximum(noisy, np.float32(0.2)))

@@ -16,8 +16,17 @@ from pathlib import Path
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from clients.robot.sensing.message_names import (
+    DEPTH_TOPIC,
+    EMPTY_TOPIC,
+    IMAGE_TYPE,
+    ODOMETRY_TOPIC,
+    ODOMETRY_TYPE,
+    SIGHTING_TOPIC,
+    SIGHTING_TYPE,
+)
 from clients.robot.sensing.sensor_events import NS_PER_MS, Odometry, Sighting
-from clients.robot.synthetic.bag_messages import IMAGE_TYPE, ODOMETRY_TYPE, SIGHTING_TYPE, MessageCodec
+from clients.robot.synthetic.bag_messages import MessageCodec
 from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer
 from clients.robot.synthetic.render import RENDERER_VERSION, Renderer, readings
@@ -27,10 +36,6 @@ from clients.sdk.terminal.processes import is_process_alive
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 
-DEPTH_TOPIC = "/camera/depth/image_raw"
-EMPTY_TOPIC = "/camera/depth/empty"
-ODOMETRY_TOPIC = "/odom"
-SIGHTING_TOPIC = "/rfid/sightings"
 BAG_VERSION = 1
 RUN_START_MS = 1_579_278_405_650  # any instant will do: players move the timeline to the present
 EMPTY_LEAD_MS = 10_000

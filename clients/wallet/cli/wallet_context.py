@@ -27,8 +27,8 @@ from clients.wallet.presentation.former_text import member_gone_line
 from clients.wallet.presentation.invocation import with_command_prefix
 from clients.wallet.presentation.translations import WrongUsage, text
 from clients.wallet.store.keystore import Keystore
-from clients.wallet.store.passphrase_sources import read_from_keyring
 from clients.wallet.store.passphrase_strength import PASSPHRASE_MIN_LETTERS, count_letters, judge_passphrase
+from clients.wallet.store.system_keyring import read_from_keyring
 from clients.wallet.store.wallet_lock import claim_wallet, lock_or_read_only, require_wallet
 from clients.wallet.text_catalogue import refusal
 from consensus.chain.genesis import Genesis

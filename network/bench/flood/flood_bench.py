@@ -20,6 +20,7 @@ from consensus.api_documents import PAGE_MAX_COUNT, BlockAnswer, BlocksAnswer, B
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_TRANSACTIONS_MAX_COUNT
+from consensus.visible_text import split_lines
 from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.event_follower import FinalityFollower
 from network.bench.flood.flood_attacker import Orders, Sent
@@ -355,7 +356,7 @@ async def _play(scene: _Scene, options: FloodOptions, kind: str, own: int) -> _P
 
 def _read_warnings(network: FreshNetwork) -> str:
     logs = (network.cluster.config(name).log_path.read_text() for name in network.cluster.names)
-    return " ".join(line for log in logs for line in log.splitlines() if '"level": "warning"' in line)
+    return " ".join(line for log in logs for line in split_lines(log) if '"level": "warning"' in line)
 
 
 def choose_kinds(options: FloodOptions) -> list[str]:

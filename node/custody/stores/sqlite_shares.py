@@ -21,7 +21,6 @@ CREATE INDEX parts_by_slot ON parts (slot);
 CREATE INDEX shares_by_owner ON shares (owner, grant_id);
 """
 """The tables of shares."""
-"""What format 4 has besides."""
 
 _RECORD_ID_BYTES = 16
 _PAGE_ROWS_COUNT = 500

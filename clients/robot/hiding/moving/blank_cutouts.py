@@ -12,10 +12,11 @@ from clients.robot.hiding.moving.plan_bodies import (
     ASIDE_M,
     CELL_M,
     HIGHEST_M,
+    NOISE_SIGMAS,
     STEP_PX,
     LevelView,
-    depth_noise_m,
 )
+from clients.robot.sensing.depth_noise import depth_sigma_m
 from clients.robot.sensing.sensor_events import Depth
 
 MARGIN_PX = 4
@@ -40,7 +41,7 @@ def cut_body(depth: Depth, view: LevelView, body: Body, focal_px: float) -> Cuto
     row = (z.flat[at] / np.float32(CELL_M)).astype(np.int64)
     at = at[view.cells[row, column] == body.label]
     for wall in view.walls:
-        at = at[~wall.covers(x.flat[at], z.flat[at], depth_noise_m(ahead.flat[at]))]
+        at = at[~wall.covers(x.flat[at], z.flat[at], NOISE_SIGMAS * depth_sigma_m(ahead.flat[at]))]
     mask = np.zeros(pixels.shape, dtype=np.uint8)
     mask.flat[at] = 1
     return Cutout(x0, y0, np.where(_joined(mask, body, x0, y0), pixels, np.uint16(0)))

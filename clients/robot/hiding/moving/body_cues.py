@@ -13,7 +13,10 @@ from clients.robot.hiding.moving.plan_bodies import CELL_M, LevelView
 from clients.robot.sensing.sensor_events import Mask
 
 PIXELS_MIN_COUNT = 40
-AREA_M2, TOP_MIN_M, WIDTH_MAX_M, RANGE_MAX_M = (0.10, 1.7), 0.75, 1.7, 6.0
+AREA_M2 = (0.10, 1.7)
+TOP_MIN_M = 0.75  # lower: a chair, a child who crawls
+WIDTH_MAX_M = 1.7
+RANGE_MAX_M = 6.0
 HEAD_M, SHOULDERS_M, CHEST_M = (0.0, 0.22), (0.30, 0.50), (0.30, 0.75)  # below the top
 BODY_OFFSET_M = 0.10  # from the skin that the camera sees to the middle of the body
 FREE_OF_WALLS_M = 9.0

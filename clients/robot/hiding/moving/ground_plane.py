@@ -13,14 +13,22 @@ Points = npt.NDArray[np.float32]
 Vector = npt.NDArray[np.float64]
 
 NEAREST_M, FARTHEST_M = 0.4, 5.0
-CANDIDATE_M, CANDIDATE_PER_M = 0.06, 0.05
-INLIER_M, INLIER_PER_M = 0.025, 0.01
-POINTS_COUNT, HYPOTHESES_COUNT, ROUNDS_COUNT = 500, 40, 2
-TILT_MAX_RAD, HEIGHT_MAX_M = math.radians(4), 0.12
-INLIERS_MIN_COUNT, INLIERS_SPAN_M = 60, 0.6
-NEW_SHARE = 0.6
-MOUNT_TILT_MAX_RAD, MOUNT_HEIGHT_M, MOUNT_HYPOTHESES_COUNT = math.radians(30), (0.3, 2.2), 400
-MOUNT_POINTS_COUNT, MOUNT_INLIERS_MIN_SHARE, BELOW_MAX_SHARE = 2_000, 0.15, 0.02
+CANDIDATE_M, CANDIDATE_PER_M = 0.06, 0.05  # from the last plane, and more for each metre away
+INLIER_M, INLIER_PER_M = 0.025, 0.01  # from a plane that is tried
+POINTS_COUNT = 500
+HYPOTHESES_COUNT = 40
+ROUNDS_COUNT = 2  # of fitting anew to the inliers
+TILT_MAX_RAD = math.radians(4)  # from the mount, by a ramp, a threshold or a braking robot
+HEIGHT_MAX_M = 0.12
+INLIERS_MIN_COUNT = 60
+INLIERS_SPAN_M = 0.6  # a narrower strip of floor does not tell the tilt
+NEW_SHARE = 0.6  # of a frame's plane in the one that is used
+MOUNT_TILT_MAX_RAD = math.radians(30)
+MOUNT_HEIGHT_M = (0.3, 2.2)
+MOUNT_HYPOTHESES_COUNT = 400
+MOUNT_POINTS_COUNT = 2_000
+MOUNT_INLIERS_MIN_SHARE = 0.15
+BELOW_MAX_SHARE = 0.02  # of points below: with more it is no floor, but a table
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,17 +10,23 @@ import numpy.typing as npt
 
 from clients.robot.hiding.moving.ground_plane import Ground, Points, blend, fit_ground
 from clients.robot.hiding.moving.wall_lines import Wall, find_walls
+from clients.robot.sensing.depth_noise import depth_sigma_m
 from clients.robot.sensing.sensor_events import Depth
 
 Image = npt.NDArray[np.float32]
 Labels = npt.NDArray[np.int32]
 
 STEP_PX = 4  # of the camera's pixels, one is looked at in each direction
-CELL_M, ASIDE_M, AHEAD_M = 0.05, 5.0, 7.9
-LOWEST_M, HIGHEST_M = 0.10, 2.05
-FLOOR_M, FLOOR_PER_M = 0.04, 0.015
-AID_AREA_MAX_M2, AID_TOP_MAX_M, AID_AHEAD_M, AID_GAP_M, ALONE_M = 0.17, 1.05, 0.85, 0.35, 1.2
-POLE_BREADTH_M, AID_MIN_PX = 0.16, 6
+CELL_M = 0.05
+ASIDE_M, AHEAD_M = 5.0, 7.9  # how far the plan reaches
+LOWEST_M, HIGHEST_M = 0.10, 2.05  # above the floor: what counts as standing on it
+FLOOR_M, FLOOR_PER_M = 0.04, 0.015  # how thick the floor looks, and more for each metre away
+AID_AREA_MAX_M2, AID_TOP_MAX_M = 0.17, 1.05  # a rollator, or knees
+AID_AHEAD_M, AID_GAP_M = 0.85, 0.35  # before a body, and from it
+AID_MIN_PX = 6
+ALONE_M = 1.2  # nearer to two bodies, it could be anybody's
+POLE_BREADTH_M = 0.16
+NOISE_SIGMAS = 2  # so far a measured place is taken to be off
 FAR_CELLS_M = 3.5  # beyond, steps of disparity exceed a cell
 
 _NEAR_CELLS = np.ones((3, 3), np.uint8)
@@ -68,7 +74,7 @@ class PlanView:
             ahead * (self._ray_x * axis[0] + (self._ray_y * axis[1] + axis[2])) for axis in (right, up, forward)
         )
         height += np.float32(self.ground.height_m)
-        noise = depth_noise_m(ahead)
+        noise = NOISE_SIGMAS * depth_sigma_m(ahead)
         floor = np.maximum(np.float32(LOWEST_M), FLOOR_M + FLOOR_PER_M * ahead)
         above = (ahead > 0) & (height > floor) & (z > 0) & (z < AHEAD_M) & (np.abs(x) < ASIDE_M)
         body = above & (height < HIGHEST_M)
@@ -149,15 +155,6 @@ def camera_points(depth: Depth, focal_px: float) -> Points:
 def _rays(shape: tuple[int, int], focal_px: float) -> tuple[Image, Image]:
     down, across = ((np.arange(0, size, STEP_PX) - (size - 1) / 2) / focal_px for size in shape)
     return across.astype(np.float32)[None, :], down.astype(np.float32)[:, None]
-
-
-def depth_noise_m(ahead: Image) -> Image:
-    """Return twice the standard deviation of a structured-light camera's depth.
-
-    Its form is that of Nguyen, Izadi and Lovell (3DIMPVT 2012).
-    """
-    beyond = np.maximum(ahead - np.float32(0.4), 0)
-    return np.asarray(np.float32(0.0024) + np.float32(0.0038) * beyond * beyond, dtype=np.float32)
 
 
 def _join_cells(at: npt.NDArray[np.int64], x: Image, z: Image) -> tuple[Labels, Labels, npt.NDArray[np.uint8], int]:

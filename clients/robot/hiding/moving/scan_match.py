@@ -17,12 +17,15 @@ from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 
 CHECK_EVERY_MS = 500
 COMPARED_M, COMPARED_RAD, COMPARED_MS = 0.5, math.radians(12), 3_000  # so far from a frame, the next is compared with
-LOWEST_M, HIGHEST_M, NEAREST_M, FARTHEST_M, ASIDE_M = 0.3, 2.0, 0.5, 4.5, 3.0
+LOWEST_M, HIGHEST_M = 0.3, 2.0  # above the floor: what is compared
+NEAREST_M, FARTHEST_M, ASIDE_M = 0.5, 4.5, 3.0
 CELL_M = 0.05
 POINTS_MIN_COUNT, POINTS_MAX_COUNT = 80, 160
-AGREES_SHARE, BETTER_BY_SHARE, FOUND_MIN_SHARE = 0.85, 0.2, 0.5
+AGREES_SHARE = 0.85  # of points that lie on what was there before: the odometry is right
+FOUND_MIN_SHARE = 0.5  # at another place: fewer prove nothing
+BETTER_BY_SHARE = 0.2  # so many more than where the odometry says: it is wrong
 DRIFT_CELLS, DRIFT_RAD = 2, math.radians(4)  # what honest odometry may be off by, delay included
-SEARCHED_CELLS, SEARCHED_RAD = 12, math.radians(15)
+SEARCHED_CELLS, SEARCHED_RAD = 12, math.radians(15)  # around where the odometry says
 STEP_CELLS, STEP_RAD = 2, math.radians(1.5)
 
 Plan = npt.NDArray[np.float64]

@@ -11,9 +11,10 @@ import numpy.typing as npt
 Plan = npt.NDArray[np.float32]
 
 WALLS_MAX_COUNT, HYPOTHESES_COUNT, POINTS_COUNT = 3, 48, 600
-LOWEST_M, HIGHEST_M = 0.9, 2.4
-NEAR_M = 0.05
-BIN_M, LENGTH_MIN_M = 0.125, 1.6
+LOWEST_M, HIGHEST_M = 0.9, 2.4  # above the floor: of a wall more is seen there than of furniture
+NEAR_M = 0.05  # from the line
+BIN_M = 0.125  # along the line, for how much of it is filled
+LENGTH_MIN_M = 1.6
 FILLED_MIN_SHARE = 0.85  # with 0.6 two people abreast are taken for a wall
 INLIERS_MIN_COUNT = 40
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from clients.robot.sensing.message_names import IMAGE_TYPE
 from clients.robot.sensing.sensor_events import (
     NS_PER_MS,
     AudioClip,
@@ -32,7 +33,6 @@ from clients.robot.sources.messages.image_decoding import (
 from clients.robot.sources.messages.message_types import Message, MessageTypes
 from clients.robot.sources.messages.odometry_decoding import ODOMETRY_TYPES, TRANSFORM_TYPES, read_odometry
 from clients.robot.sources.messages.topics import AudioTopic, LabelTopic, Topics
-from clients.robot.synthetic.bag_messages import IMAGE_TYPE
 from consensus.errors import BlockRobotError
 
 LABEL_MAX_CHARS = 256

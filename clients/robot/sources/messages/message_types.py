@@ -16,8 +16,8 @@ from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodet
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from clients.robot.sensing.message_names import typestore
 from clients.robot.sources.messages.type_bounds import is_bounded
-from clients.robot.synthetic.bag_messages import typestore
 from consensus.errors import BlockRobotError
 
 DEFINITION_MAX_CHARS = 256 * 1024

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from clients.robot.sensing.message_names import ODOMETRY_TYPE
 from clients.robot.sensing.sensor_events import Odometry
 from clients.robot.sources.messages.field_map import header_ms
 from clients.robot.sources.messages.image_decoding import refuse
 from clients.robot.sources.messages.topics import OdometryTopic
-from clients.robot.synthetic.bag_messages import ODOMETRY_TYPE
 
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOMETRY_TYPES = (ODOMETRY_TYPE, *TRANSFORM_TYPES)

@@ -9,11 +9,10 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
+from clients.robot.sensing.message_names import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC, SIGHTING_TYPE
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M
 from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, RSSI_UNITS_DBM, TIME_UNITS_NS, TagMap, check_path
 from clients.robot.sources.messages.message_types import MessageTypes
-from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
-from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
 from clients.sdk.new_files import read_given_file
 from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError

@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from clients.robot.sensing.message_names import ODOMETRY_TYPE, SIGHTING_TYPE
 from clients.robot.sources.messages.decoding import IMAGE_TYPES, info_topic, read_focal_px
 from clients.robot.sources.messages.field_map import json_paths
 from clients.robot.sources.messages.image_decoding import (
@@ -23,7 +24,6 @@ from clients.robot.sources.messages.odometry_decoding import (
 )
 from clients.robot.sources.messages.topics import STRING_TYPE, Topics, own_paths, shown_fields
 from clients.robot.sources.recordings.recording import TopicFigures
-from clients.robot.synthetic.bag_messages import ODOMETRY_TYPE, SIGHTING_TYPE
 
 LISTED_MAX_COUNT = 12
 TF_SAMPLES_COUNT = 32

@@ -14,7 +14,7 @@ from clients.wallet.cli.wallet_context import read_passphrase
 from clients.wallet.presentation.invocation import called
 from clients.wallet.presentation.translations import text
 from clients.wallet.store.keystore import Keystore
-from clients.wallet.store.passphrase_sources import forget_in_keyring, load_keyring, store_in_keyring
+from clients.wallet.store.system_keyring import forget_in_keyring, load_keyring, store_in_keyring
 from clients.wallet.store.wallet_lock import require_wallet
 
 

@@ -12,11 +12,10 @@ import pytest
 
 from clients.robot.recording.frame_answers import FrameCounts
 from clients.robot.sensing.input_checks import REFUSED_IN_A_ROW_MAX_COUNT
+from clients.robot.sensing.message_names import DEPTH_TOPIC, EMPTY_TOPIC, IMAGE_TYPE, SIGHTING_TOPIC, SIGHTING_TYPE
 from clients.robot.sources.messages.topics import parse_topics
-from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE
 from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import parse_scenario
-from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record, storage_file
 from tests.unit.clients.robot.test_pipeline import Robot, roster
 from tests.unit.clients.robot.test_senses import SCENE, tag_messages

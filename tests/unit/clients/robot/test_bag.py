@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from clients.robot.sensing.message_names import DEPTH_TOPIC, IMAGE_TYPE, SIGHTING_TOPIC, SIGHTING_TYPE
 from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
 from clients.robot.sources.recordings.bag_source import BagSource
-from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
+from clients.robot.synthetic.bag_messages import MessageCodec
 from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Scenario
-from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, RUN_START_MS, SIGHTING_TOPIC, make_bag
+from clients.robot.synthetic.scenario_bag import RUN_START_MS, make_bag
 from consensus.errors import BlockRobotError
 
 UID = "E200000000000001"

@@ -135,7 +135,7 @@ def test_no_sentence_of_a_refusal_is_kept_that_nobody_says() -> None:
         )
     )
     trouble = ("took_nothing", "may_have", "may_still_have", "gave_nothing")
-    asked |= dict.fromkeys((f"because.keyring_{each}" for each in trouble), "passphrase_sources.py")
+    asked |= dict.fromkeys((f"because.keyring_{each}" for each in trouble), "system_keyring.py")
     asked |= dict.fromkeys(("because.guardian_set", "because.guardian_set_differs"), "shares.py")
     assert {key for key in load("en") if key.startswith(("because.", "usage."))} == {
         key for key in asked if key.startswith(("because.", "usage."))

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from clients.robot.synthetic.bag_messages import SIGHTING_DEFINITION, SIGHTING_TYPE
+from clients.robot.sensing.message_names import SIGHTING_DEFINITION, SIGHTING_TYPE
 
 FORMATS = ("ros1", "sqlite3", "mcap")
 START_MS = 1_700_000_000_000

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clients.robot.sensing.message_names import DEPTH_TOPIC, SIGHTING_TYPE, typestore
 from clients.robot.sensing.sensor_events import RefusedMessage
 from clients.robot.sources.messages.decoding import MessageReader, read_focal_px
 from clients.robot.sources.messages.message_types import LearntTypes, Message
 from clients.robot.sources.messages.topics import SIGHTING_TOPIC, Topics
 from clients.robot.sources.recordings.bag_source import BagSource
-from clients.robot.synthetic.bag_messages import SIGHTING_TYPE, typestore
-from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC
 from consensus.errors import BlockRobotError
 from tests.fuzz.target import refusing
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record, stamp, storage_file

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clients.robot.sensing.message_names import IMAGE_TYPE, SIGHTING_TYPE
 from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting, SourceEvent
 from clients.robot.sources.live import live_source
 from clients.robot.sources.live.live_feed import Listener
@@ -20,7 +21,7 @@ from clients.robot.sources.messages.message_types import Message
 from clients.robot.sources.messages.topics import Topics, parse_topics
 from clients.robot.sources.recordings.topic_listing import draft_topics, list_topics, next_steps
 from clients.robot.sources.source import StoppableClock
-from clients.robot.synthetic.bag_messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
+from clients.robot.synthetic.bag_messages import MessageCodec
 from consensus.errors import BlockRobotError
 
 DEPTH, TAGS, INFO = "/camera/depth/image_raw", "/rfid/sightings", "/camera/depth/camera_info"

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from clients.robot.cli.reading_warnings import warn_of_silence
+from clients.robot.sensing.message_names import DEPTH_TOPIC, EMPTY_TOPIC
 from clients.robot.sensing.sensor_events import Facing, Frame, RefusedMessage, Sighting
 from clients.robot.sources.messages.topics import Topics, parse_topics
 from clients.robot.sources.recordings.bag_source import BagSource, EmptyScene
-from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, EMPTY_TOPIC
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import FORMATS, START_MS, Topic, image, record, stamp
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clients.robot.sensing.message_names import DEPTH_TOPIC
 from clients.robot.sensing.sensor_events import AudioClip, ColourFrame, Label, RefusedMessage, SourceEvent
 from clients.robot.sources.messages.topics import parse_topics
 from clients.robot.sources.recordings.bag_source import BagSource
-from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC
 from tests.unit.clients.robot.sources.recordings import FORMATS, START_MS, Topic, image, record, stamp
 
 TYPES = {

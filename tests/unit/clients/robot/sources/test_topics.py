@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from clients.robot.sensing.message_names import DEPTH_TOPIC, SIGHTING_TOPIC, SIGHTING_TYPE
 from clients.robot.sources.messages.topics import (
     Topics,
     load_topics,
@@ -14,8 +15,6 @@ from clients.robot.sources.messages.topics import (
     with_rooted_names,
     with_topic,
 )
-from clients.robot.synthetic.bag_messages import SIGHTING_TYPE
-from clients.robot.synthetic.scenario_bag import DEPTH_TOPIC, SIGHTING_TOPIC
 from consensus.errors import BlockRobotError
 
 WHOLE = """

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clients.robot.sensing.message_names import ODOMETRY_TOPIC
 from clients.robot.sensing.sensor_events import Frame, Odometry, Sighting, SourceEvent
 from clients.robot.sources.messages.topics import OdometryTopic, Topics
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.driving.draws import draw_drive
 from clients.robot.synthetic.driving.drive import Drive
-from clients.robot.synthetic.scenario_bag import ODOMETRY_TOPIC, RUN_START_MS, make_bag
+from clients.robot.synthetic.scenario_bag import RUN_START_MS, make_bag
 
 
 @pytest.fixture(scope="module")
