@@ -24,7 +24,7 @@ class TextInvalidError(ValueError):
 def read_json_text(
     text: str | bytes, max_bytes: int = JSON_MAX_BYTES, *, parse_float: Callable[[str], Any] | None = None
 ) -> Any:
-    """Parse JSON within bounds. Raises TextInvalidError."""
+    """Raises TextInvalidError."""
     _require_size(text, max_bytes)
     try:
         value = json.loads(_decoded(text), parse_float=parse_float)
@@ -37,7 +37,7 @@ def read_json_text(
 
 
 def read_json_as(text: str | bytes, kind: type[T], max_bytes: int = JSON_MAX_BYTES) -> T:
-    """Parse JSON into a type with msgspec. Raises TextInvalidError."""
+    """Raises TextInvalidError."""
     _require_size(text, max_bytes)
     try:
         return msgspec.json.decode(text, type=kind)
@@ -48,7 +48,7 @@ def read_json_as(text: str | bytes, kind: type[T], max_bytes: int = JSON_MAX_BYT
 
 
 def read_toml_text(text: str | bytes, max_bytes: int = TOML_MAX_BYTES) -> dict[str, Any]:
-    """Parse TOML within bounds. Raises TextInvalidError."""
+    """Raises TextInvalidError."""
     _require_size(text, max_bytes)
     whole = _decoded(text)
     if any(line.count(".") > LINE_DOTS_MAX_COUNT for line in whole.split("\n")):

@@ -104,7 +104,7 @@ def _play_refused(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_vectors(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return a folder's documents by file name. Raises VECTORS_MISSING."""
+    """By file name. Raises VECTORS_MISSING."""
     documents = {path.name: read_json_text(path.read_text("utf-8")) for path in sorted(folder.glob("*.json"))}
     if not documents:
         raise BlockRobotError("VECTORS_MISSING", f"There are no vectors in {folder}.")

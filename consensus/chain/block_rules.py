@@ -101,7 +101,7 @@ def is_fit_for_parent(header: Header, parent: Header) -> bool:
 
 
 def check_body(block: Block, header: Header) -> None:
-    """Check the body against the header. Raises BLOCK_INVALID or ENCODING_*."""
+    """Raises BLOCK_INVALID or ENCODING_*."""
     _require(len(block.transactions) <= BLOCK_TRANSACTIONS_MAX_COUNT, "The block has too many transactions.")
     _require(sum(map(len, block.transactions)) <= BLOCK_SIZE_MAX_BYTES, "The block is too large.")
     txids = [compute_txid(decode(wire, TransactionWire).body) for wire in block.transactions]

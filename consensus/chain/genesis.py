@@ -100,7 +100,7 @@ class Genesis(Wire, frozen=True):
         return tuple(node for node in self.nodes if node.custodian_key)
 
     def node(self, name: str) -> NodeEntry:
-        """Return the node of this name. Raises GENESIS_INVALID."""
+        """Raises GENESIS_INVALID."""
         for node in self.nodes:
             if node.name == name:
                 return node
@@ -171,7 +171,7 @@ def _from_hex(kind: Any, value: Any) -> Any:
 
 
 def genesis_from_json(text: str) -> Genesis:
-    """Parse a genesis file. Raises GENESIS_INVALID."""
+    """Raises GENESIS_INVALID."""
     try:
         raw = read_json_text(text)
         fields = dict(zip(Genesis.__struct_fields__, _named(Genesis, raw), strict=True))

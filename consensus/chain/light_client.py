@@ -1,8 +1,4 @@
-"""The light client: proves headers and values without trusting nodes.
-
-Finality needs a certified next-round child (R8), values a state proof (R19). Pinning prevents rollback (R20); epochs
-are followed in order (R26).
-"""
+"""The light client: proves headers and values without trusting nodes (R8, R19, R20, R26)."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Schedule:
 
     @classmethod
     def of(cls, epoch: Epoch) -> Schedule:
-        """Return an epoch's schedule. Raises GENESIS_INVALID if there is none."""
+        """Raises GENESIS_INVALID if there is none."""
         return cls(epoch.number, epoch.producers, epoch.settings.blocks_per_turn, epoch.leaderless)
 
     @property

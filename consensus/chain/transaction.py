@@ -48,7 +48,7 @@ class Transaction:
     body_bytes: bytes
 
     def arguments(self) -> list[Any]:
-        """Return the positional arguments. Raises ENCODING_*."""
+        """Raises ENCODING_*."""
         arguments = decode_value(self.body.args)
         if not isinstance(arguments, list):
             raise BlockRobotError("ENCODING_INVALID", "The arguments are not a list.")

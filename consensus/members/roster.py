@@ -69,7 +69,7 @@ def roster_tag(key: bytes, uid: str) -> bytes:
 
 
 def seal_roster(roster: Roster, registrar: PrivateKey, robot_sealing: bytes) -> bytes:
-    """Sign and seal the roster to the robot's X25519 key. Raises ROSTER_INVALID."""
+    """To the robot's X25519 key. Raises ROSTER_INVALID."""
     _check_form(roster)
     data = encode(roster)
     return seal_to(robot_sealing, encode(SignedRoster(roster=data, signature=registrar.sign(ROSTER_TAG, data))))

@@ -1,7 +1,4 @@
-"""Merkle trees over 32-byte leaves.
-
-Leaves and nodes have different tags, the count is hashed in, unpaired nodes are promoted: roots are unique.
-"""
+"""Merkle trees over 32-byte leaves; roots are unique."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The state trie for verifiers: radix 16 over SHA-256(flat key).
-
-Pages exist at the root and where keys share a nibble path; lone keys are inline. A page is `leaf bitmap (u16) | branch
-bitmap (u16) | slots`: leaf `SHA-256(key) | value hash`, branch the child's hash.
-"""
+"""The state trie for verifiers: radix 16 over SHA-256(flat key); pages as in docs/reference/formats.md."""
 
 from __future__ import annotations
 

@@ -189,7 +189,7 @@ class SigningGuard:
 
 
 def _carried(lockout: SigningLockout | None, epoch: int, *, same_producers: bool) -> SigningLockout | None:
-    """R36: carry a lockout into this epoch; with changed producers or unknown rounds ask again."""
+    """R36: with changed producers or unknown rounds ask again."""
     if lockout is None or lockout.epoch >= epoch:
         return lockout
     is_bounded = same_producers and lockout.above_round is not None

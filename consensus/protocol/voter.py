@@ -64,7 +64,7 @@ class Voter:
             )
 
     def may_sign(self, round_number: int) -> bool:
-        """R4, R40: whether signing is allowed, with nothing possibly signed in this or later rounds."""
+        """R4, R40: nothing may have been signed in this or later rounds."""
         spoken_round = max(self.last_voted_round, self.signing_guard.signs_above_round)
         return self.index is not None and not self._is_barred and round_number > spoken_round
 

@@ -67,7 +67,7 @@ def _check_leaves(leaves: list[bytes]) -> None:
 
 
 def check_clip_upload(upload: ClipUpload) -> None:
-    """Check sizes and counts against protocol limits. Raises UPLOAD_INVALID."""
+    """Raises UPLOAD_INVALID."""
     count = len(upload.ciphertexts)
     if len(upload.record_id) != RECORD_ID_BYTES or len(upload.txid) != HASH_SIZE_BYTES:
         raise _refuse("A record id has 16 bytes and a txid 32.")

@@ -37,7 +37,7 @@ def ciphertext_leaf(index: int, ciphertext_hash: bytes, sealed_key_hash: bytes) 
 
 
 def ciphertext_leaves(ciphertexts: Sequence[bytes], sealed_keys: Sequence[bytes]) -> list[bytes]:
-    """Return a clip's ciphertext leaves. Raises UPLOAD_INVALID for unequal lengths."""
+    """Raises UPLOAD_INVALID for unequal lengths."""
     if len(ciphertexts) != len(sealed_keys):
         raise BlockRobotError(
             "UPLOAD_INVALID", f"There are {len(ciphertexts)} ciphertexts but {len(sealed_keys)} sealed keys."

@@ -23,10 +23,7 @@ MOMENT_MAX_MS = 253_370_764_800_000
 
 
 class RecordMetadata(Wire, frozen=True):
-    """One record's metadata; times are the robot's ms, `withheld` counts frames by reason.
-
-    `previous_hash` is the previous record's `compute_metadata_hash`, 32 zero bytes for the first.
-    """
+    """One record's metadata; times are the robot's ms, `withheld` counts frames by reason."""
 
     sensor: str
     started_at_ms: int

@@ -1,7 +1,6 @@
 """One-time owner keys of visits (ERC-5564's scheme with tagged SHA-256).
 
-The robot draws r; R = rG, s = H(chain, robot, rV), O = S + H(s)G, one-byte view tag; r and s are forgotten. Owners find
-visits by vR = rV.
+The robot forgets r and s.
 """
 
 from __future__ import annotations

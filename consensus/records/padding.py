@@ -1,4 +1,4 @@
-"""Stepped padding: 4-byte length, plaintext, zeros; steps grow by a quarter, unpadding is strict."""
+"""Stepped padding, undone strictly."""
 
 from __future__ import annotations
 

@@ -23,11 +23,8 @@ NO_BACKGROUND = bytes(HASH_SIZE_BYTES)
 class Rendition(Wire, frozen=True):
     """One frame as its owner may see it; times are the robot's wall clock.
 
-    `pixels`: 16-bit PNG (millimetres) of the box at (x, y), 0 outside the owner; empty means withheld. `width` x
-    `height`: whole frame; `background_id`: empty frame's PNG SHA-256, or `NO_BACKGROUND` where the robot drove.
-
-    Other senses have `NO_BACKGROUND` there: `png-rgba` (box), `jpeg` (whole), `label` (JSON), `wav`; the last two are 1 x
-    1 without box.
+    Fields as in docs/reference/formats.md; `background_id` is `NO_BACKGROUND` where the robot drove, and for other
+    senses.
     """
 
     version: int

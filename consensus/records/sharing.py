@@ -40,9 +40,7 @@ class KeyPart(Wire, frozen=True):
 
 
 class GrantUpload(Wire, frozen=True):
-    """A record's package and one custodian's parts; `grant_txid` is the grant id, `valid_until_ms` its transaction's
-    expiry.
-    """
+    """A record's package and one custodian's parts; `grant_txid` is the grant id."""
 
     grant_txid: bytes
     valid_until_ms: int
@@ -233,7 +231,7 @@ def _check_parts(parts: Sequence[KeyPart]) -> None:
 
 
 def check_grant_upload(upload: GrantUpload) -> None:
-    """Check sizes and counts. Raises UPLOAD_INVALID."""
+    """Raises UPLOAD_INVALID."""
     if len(upload.record_id) != RECORD_ID_BYTES or len(upload.grant_txid) != HASH_SIZE_BYTES:
         raise _refuse("A record id has 16 bytes and a txid 32.")
     if not 0 < len(upload.package) <= PACKAGE_MAX_BYTES:
@@ -244,7 +242,7 @@ def check_grant_upload(upload: GrantUpload) -> None:
 
 
 def check_shared_parts(download: SharedDownload) -> None:
-    """Check package and parts before use. Raises UPLOAD_INVALID."""
+    """Raises UPLOAD_INVALID."""
     if not 0 < len(download.package) <= PACKAGE_MAX_BYTES:
         raise _refuse(f"A package has 1 to {PACKAGE_MAX_BYTES} bytes.")
     _check_parts(download.parts)

@@ -135,7 +135,7 @@ def notice_digest(document: bytes) -> bytes:
 
 
 def encode_notice(notice: Notice) -> bytes:
-    """Return the document's bytes. Raises NOTICE_INVALID if incomplete or too long."""
+    """Raises NOTICE_INVALID if incomplete or too long."""
     check_notice(notice)
     document = msgspec.json.encode(notice, order="sorted")
     if len(document) > NOTICE_MAX_BYTES:
@@ -144,7 +144,7 @@ def encode_notice(notice: Notice) -> bytes:
 
 
 def decode_notice(document: bytes) -> Notice:
-    """Parse a complete, canonical document. Raises NOTICE_INVALID."""
+    """Raises NOTICE_INVALID unless complete and canonical."""
     try:
         notice = read_json_as(document, Notice)
     except TextInvalidError as error:
@@ -155,7 +155,7 @@ def decode_notice(document: bytes) -> Notice:
 
 
 def notice_from(values: Mapping[str, Any]) -> Notice:
-    """Return a notice from TOML-like values. Raises NOTICE_INVALID."""
+    """From TOML-like values. Raises NOTICE_INVALID."""
     try:
         notice = msgspec.convert({"schema": NOTICE_SCHEMA, "joint_controllers": [], **values}, Notice)
     except msgspec.ValidationError as error:
@@ -214,7 +214,7 @@ def _texts(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
 
 
 def read_row(organisation: str, value: Any) -> NoticeVersion | None:
-    """Parse a version; None if absent. Raises NOTICE_INVALID."""
+    """None if absent. Raises NOTICE_INVALID."""
     if value is None:
         return None
     try:
@@ -230,7 +230,7 @@ _ROW_TYPES = [int, bytes, int, int]
 
 
 def read_published(organisation: str, value: Any) -> PublishedNotice | None:
-    """Parse a version with text; None if absent. Raises NOTICE_INVALID."""
+    """None if absent. Raises NOTICE_INVALID."""
     row = read_row(organisation, value)
     if row is None:
         return None

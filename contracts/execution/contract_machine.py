@@ -25,7 +25,7 @@ class ContractMachine:
 
     @classmethod
     def of_genesis(cls, genesis: Genesis) -> ContractMachine:
-        """Return a chain's machine. Raises GENESIS_INVALID for unshipped contracts."""
+        """Raises GENESIS_INVALID for unshipped contracts."""
         require_contracts(genesis)
         return cls(genesis.chain_id, Catalogue())
 

@@ -64,7 +64,7 @@ def _can_produce(epoch: Epoch, current: Epoch) -> bool:
 
 
 def read_epoch(state: StateReader) -> Epoch:
-    """Return the state's epoch. Raises GENESIS_INVALID."""
+    """Raises GENESIS_INVALID."""
     data = state.get(EPOCH.flat)
     if data is None:
         raise BlockRobotError("GENESIS_INVALID", "The state names no epoch.")

@@ -85,12 +85,12 @@ def build_genesis_state(genesis: Genesis) -> GenesisState:
 
 
 def complete_genesis(genesis: Genesis) -> Genesis:
-    """Fill in the state root. Raises GENESIS_INVALID."""
+    """Raises GENESIS_INVALID."""
     return msgspec.structs.replace(genesis, state_root=build_genesis_state(genesis).state_root)
 
 
 def open_genesis(genesis: Genesis) -> GenesisState:
-    """Return the initial state. Raises GENESIS_INVALID if roots differ."""
+    """Raises GENESIS_INVALID if roots differ."""
     state = build_genesis_state(genesis)
     if state.state_root != genesis.state_root:
         raise BlockRobotError("GENESIS_INVALID", "The genesis file's state root is not that of its contracts.")

@@ -30,7 +30,7 @@ def run_view(
     caller: bytes = bytes(33),
     gas_limit: int = VIEW_GAS_MAX,
 ) -> Any:
-    """Return a view's result; `context` is that of the newest block.
+    """`context` is that of the newest block.
 
     Raises TRANSACTION_CONTRACT_UNKNOWN, CONTRACT_DISABLED or CALL_REFUSED with the contract's code.
     """
@@ -75,7 +75,7 @@ class ContractViews:
     def run(
         self, state: StateReader, height: int, time_ms: int, contract: str, view: str, arguments: list[Any]
     ) -> bytes:
-        """Return a view's encoded result at height and time (ms).
+        """Encoded; time in ms.
 
         Raises TRANSACTION_CONTRACT_UNKNOWN (or unknown view), CONTRACT_DISABLED, CALL_REFUSED.
         """

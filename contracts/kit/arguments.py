@@ -55,7 +55,7 @@ class _MisfitError(Exception):
 
 
 def find_entry(contract: str, entries: Sequence[_S], name: str, kind: str) -> _S:
-    """Return the entry of this name and kind. Raises TRANSACTION_CONTRACT_UNKNOWN."""
+    """Raises TRANSACTION_CONTRACT_UNKNOWN."""
     entry = next((one for one in entries if one.name == name), None)
     if entry is not None and entry.kind == kind:
         return entry
@@ -65,7 +65,7 @@ def find_entry(contract: str, entries: Sequence[_S], name: str, kind: str) -> _S
 
 
 def signature_of(entry: Signature) -> str:
-    """Return an entry's signature: `name(a: int, b: str = ...) -> list`."""
+    """As `name(a: int, b: str = ...) -> list`."""
     parts = [
         f"{name}: {kind}" + ("" if place < entry.required else " = ...")
         for place, (name, kind) in enumerate(entry.params)
@@ -74,7 +74,7 @@ def signature_of(entry: Signature) -> str:
 
 
 def read_arguments(entry: Signature, texts: Sequence[str]) -> list[Any]:
-    """Return the values of these texts. Raises CONTRACT_ARGUMENTS_INVALID, also for a type that is none."""
+    """Raises CONTRACT_ARGUMENTS_INVALID, also for a type that is none."""
     if not entry.required <= len(texts) <= len(entry.params):
         wanted = str(len(entry.params))
         if entry.required != len(entry.params):

@@ -112,7 +112,7 @@ def project_files(name: str) -> dict[str, str]:
 
 
 def write_project(folder: Path, name: str) -> list[Path]:
-    """Write a new contract's files. Raises FILE_EXISTS before writing anything."""
+    """Raises FILE_EXISTS before writing anything."""
     files = {folder / place: text for place, text in project_files(name).items()}
     for path in files:
         if path.exists():

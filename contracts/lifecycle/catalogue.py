@@ -40,7 +40,7 @@ class ActiveContracts(dict[str, CompiledContract]):
 
 
 def read_source_of(state: Reader, source_hash: bytes) -> str:
-    """Return a source by hash. Raises STORAGE_DAMAGED if it is missing."""
+    """Raises STORAGE_DAMAGED if it is missing."""
     source = find_source(state, source_hash)
     if source is None:
         raise BlockRobotError("STORAGE_DAMAGED", f"The state lacks the source {source_hash.hex()} of a contract.")
@@ -113,5 +113,5 @@ class Catalogue:
 
 
 def compile_named(state: Reader, name: str, source_hash: bytes) -> CompiledContract:
-    """Compile a contract by its source hash. Raises STORAGE_DAMAGED."""
+    """Raises STORAGE_DAMAGED."""
     return compile_once(read_source_of(state, source_hash), name)

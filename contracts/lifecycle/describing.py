@@ -108,5 +108,5 @@ def active_contract(state: Reader, name: str) -> ContractRow | None:
 
 
 def read_version_source(state: Reader, row: NamedVersion) -> str:
-    """Return a version's source. Raises STORAGE_DAMAGED."""
+    """Raises STORAGE_DAMAGED."""
     return read_source_of(state, row.source_hash)

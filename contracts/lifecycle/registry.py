@@ -59,7 +59,7 @@ def describe_shipped() -> list[list[Any]]:
 
 @cache
 def load_contracts() -> Mapping[str, CompiledContract]:
-    """Return all shipped contracts by name, compiled once per process."""
+    """Compiled once per process."""
     return MappingProxyType({name: compile_once(read_source(name), name) for name in SHIPPED_CONTRACTS})
 
 
@@ -85,6 +85,6 @@ def check_contracts(genesis: Genesis) -> None:
 
 
 def require_contracts(genesis: Genesis) -> Mapping[str, CompiledContract]:
-    """Return a chain's first contracts, all loaded. Raises as `check_contracts`."""
+    """All loaded. Raises as `check_contracts`."""
     check_contracts(genesis)
     return load_contracts()

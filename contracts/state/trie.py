@@ -160,7 +160,7 @@ def apply_batch(pages: PageReader, root: bytes, writes: Mapping[bytes, bytes | N
 
 
 def prove(pages: PageReader, root: bytes, key: bytes) -> Proof:
-    """Prove a flat key's presence or absence. Raises STORAGE_DAMAGED."""
+    """Raises STORAGE_DAMAGED."""
     if root == EMPTY_ROOT:
         return Proof((EMPTY_PAGE,))
     digest = sha256(key)

@@ -19,7 +19,7 @@ class StateReader(Protocol):
         ...
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` (flat key, encoded value) pairs in key order."""
+        """Up to `limit` (flat key, encoded value) pairs, in key order."""
         ...
 
     def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -59,7 +59,7 @@ class Overlay:
 
     @property
     def writes(self) -> Mapping[bytes, bytes | None]:
-        """The block's writes: flat key -> encoded value, None for deletion."""
+        """Encoded values by flat key, None for deletion."""
         return self._writes
 
     @property

@@ -1,8 +1,5 @@
 """The contract language and its machine; touches no clock, file or network.
 
-    contract = compile_contract(source, "records")        # raises ContractSourceError
-    outcome = invoke({"records": contract}, "records", "record", [record_id, owner], host=host, ...)
-
 Discard the host's writes unless `outcome.ok`.
 """
 

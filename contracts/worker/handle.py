@@ -235,7 +235,7 @@ class SandboxedProcess:
         return self._process.pid
 
     def ask(self, message: Any, answers: msgspec.msgpack.Decoder[_M]) -> _M:
-        """Send a message, return the answer. Raises CONTRACT_WORKER_FAILED."""
+        """Raises CONTRACT_WORKER_FAILED."""
         try:
             self._pipe.send(message)
             return self._pipe.receive(answers)

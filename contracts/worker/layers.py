@@ -46,7 +46,7 @@ class Layers:
         return 0 if self._merged is None else self._merged.count
 
     def view(self, base: StateView, root: bytes) -> StateView | None:
-        """Return the state with this root over `base`, or None if unknown."""
+        """Over `base`; None if unknown."""
         if base.state_root == root:
             self._merged = None
             return base

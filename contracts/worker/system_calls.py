@@ -43,7 +43,7 @@ class _Program(ctypes.Structure):
 
 
 def build_filter(machine: str) -> bytes | None:
-    """Return the filter for `platform.machine()`, or None if unknown."""
+    """For `platform.machine()`; None if unknown."""
     known = _ARCHITECTURES.get(machine)
     if known is None:
         return None

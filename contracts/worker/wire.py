@@ -172,7 +172,7 @@ def newest_place(notes: bytes) -> int | None:
 
 
 def pack(message: Any) -> bytearray:
-    """Return a message's frame. Raises VALUE_INVALID if too large."""
+    """Raises VALUE_INVALID if too large."""
     frame = bytearray(_LENGTH.size)
     _ENCODER.encode_into(message, frame, _LENGTH.size)
     size = len(frame) - _LENGTH.size
@@ -198,7 +198,7 @@ class Pipe:
         self._wait_write = wait_write
 
     def send(self, message: Any) -> None:
-        """Write a message. Raises OSError without a reader, and `wait_write` errors."""
+        """Raises OSError without a reader, and `wait_write` errors."""
         rest = memoryview(pack(message))
         while rest:
             self._wait_write()
@@ -208,7 +208,7 @@ class Pipe:
                 continue
 
     def receive(self, decoder: msgspec.msgpack.Decoder[_M]) -> _M:
-        """Read a message. Raises EOFError at the end, msgspec.MsgspecError if malformed."""
+        """Raises EOFError at the end, msgspec.MsgspecError if malformed."""
         (size,) = _LENGTH.unpack(self._read(_LENGTH.size))
         if size > FRAME_MAX_BYTES:
             raise msgspec.ValidationError(f"a frame of {size} bytes")

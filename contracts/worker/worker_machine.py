@@ -51,7 +51,7 @@ class Ledger(Protocol):
     """The ledger for block execution, shared with the worker."""
 
     def height(self) -> int:
-        """Return the newest stored block's height, -1 if none."""
+        """-1 if there is none."""
         ...
 
     def hold(self) -> Hold: ...
@@ -162,7 +162,7 @@ class WorkerMachine:
             self._post.dismiss(error.reason)
 
     def greet(self) -> tuple[SandboxFeature, ...]:
-        """Wait for the sandbox; return its parts. Raises CONTRACT_WORKER_FAILED."""
+        """Raises CONTRACT_WORKER_FAILED."""
         with self._lock:
             for _ in range(STARTS_MAX_COUNT):
                 try:
@@ -342,7 +342,7 @@ class WorkerViews:
     def run_view(
         self, state: StateReader, root: bytes, height: int, time_ms: int, contract: str, view: str, arguments: list[Any]
     ) -> bytes:
-        """Return a view's encoded result on an open ledger snapshot with this root.
+        """On an open ledger snapshot with this root.
 
         Raises as `contracts.execution.views.run_view`, or CONTRACT_WORKER_FAILED.
         """

@@ -34,7 +34,7 @@ def _compile(source: str) -> CompiledContract | tuple[tuple[Diagnostic, ...], Di
 
 
 def check_once(source: str) -> CompiledContract:
-    """Return a source compiled namelessly, cached. Raises ContractSourceError."""
+    """Namelessly, cached. Raises ContractSourceError."""
     outcome = _compile(source)
     if isinstance(outcome, CompiledContract):
         return outcome
@@ -42,7 +42,7 @@ def check_once(source: str) -> CompiledContract:
 
 
 def compile_once(source: str, name: str) -> CompiledContract:
-    """Return the compiled contract; one compilation serves all names. Raises ContractSourceError."""
+    """One compilation serves all names. Raises ContractSourceError."""
     check_name(name)
     found = check_once(source)
     return replace(found, name=name, abi=Abi(name, found.abi.entries), prefix=flat_prefix(name))
@@ -67,7 +67,7 @@ def describe_source(data: bytes, compiled: CompiledContract) -> dict[str, Any]:
 
 
 def judge_source(data: bytes) -> tuple[str, dict[str, Any]]:
-    """Return a source's problem (empty if none) and its facts ({} if refused)."""
+    """Its problem (empty if none) and facts ({} if refused)."""
     try:
         facts = describe_source(data, check_once(data.decode()))
     except UnicodeDecodeError:

@@ -86,7 +86,7 @@ def _accept_either(first: Accepts, second: Accepts) -> Accepts:
 
 
 def parse_type(node: ast.expr | None) -> Accepts | None:
-    """Return an annotation's test, or None if it is no type."""
+    """None if it is no type."""
     if isinstance(node, ast.Constant) and node.value is None:
         return _is_none
     if isinstance(node, ast.Name):
@@ -112,7 +112,7 @@ def _parse_container(name: str, inside: ast.expr) -> Accepts | None:
 
 
 def type_text(node: ast.expr | None) -> str:
-    """Return the canonical spelling of a type; `object` if absent."""
+    """In canonical spelling; `object` if absent."""
     if isinstance(node, ast.Name):
         return node.id
     if isinstance(node, ast.Constant):

@@ -44,7 +44,7 @@ _REFUSED: dict[str, tuple[str, str]] = {
 
 
 def check_source(source: str, name: str) -> SourceFacts:
-    """Parse and check a source; stops if unparsable. Raises ContractSourceError."""
+    """Stops if unparsable. Raises ContractSourceError."""
     check_name(name)
     text = prelex(source)
     verdict = min(text.diagnostics, key=lambda one: (one.line, one.column), default=None)

@@ -90,7 +90,7 @@ class Runtime:
             self.exhausted()
 
     def allocate(self, size: int) -> None:
-        """Charge `size` modelled bytes; gas is 1 plus 1 per 512."""
+        """In modelled bytes; gas is 1 plus 1 per 512."""
         self.memory -= size
         self.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
         if self.memory < 0 or self.gas < 0:

@@ -112,7 +112,7 @@ def charge_key(runtime: Runtime, entries: dict[Any, Any], key: Any) -> None:
 
 
 def charge_int_keys(runtime: Runtime, entries: dict[Any, Any], more: int = 0) -> None:
-    """Charge collisions of all int keys, among themselves and `more` others."""
+    """Among themselves and with `more` others."""
     count = len(entries) + more
     if count > FREE_INT_KEYS_MAX_COUNT:
         runtime.charge(sum(type(key) is int for key in entries) * (count >> INT_KEY_SHIFT))
