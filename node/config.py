@@ -104,7 +104,7 @@ class NodeConfig:
 
     @property
     def erase_keys_dir(self) -> Path:
-        """Return the erase-key folder, outside the database and its backups."""
+        """Outside the database and its backups."""
         return self.data_dir / "erase-keys"
 
     @property
@@ -161,7 +161,7 @@ class _Section:
 
 
 def load_config(data_dir: Path) -> NodeConfig:
-    """Read and check `node.toml`. Raises DATA_DIRECTORY_INVALID if missing, CONFIGURATION_INVALID."""
+    """Raises DATA_DIRECTORY_INVALID if it is missing, CONFIGURATION_INVALID."""
     path = data_dir / CONFIG_FILE
     try:
         document = read_toml_text(path.read_text(encoding="utf-8"))
@@ -212,7 +212,7 @@ def load_config(data_dir: Path) -> NodeConfig:
 
 
 def config_to_toml(config: NodeConfig) -> str:
-    """Return the text of `node.toml`, paths relative to its data directory."""
+    """Paths are relative to its data directory."""
     relative = {
         "tls_certificate": config.tls_certificate_path,
         "tls_key": config.tls_key_path,

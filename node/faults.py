@@ -73,7 +73,7 @@ class FaultSwitch:
         self._apply(FaultRequest(seed=kept.seed, links=links, clock_offset_ms=kept.clock_offset_ms, disk=disk))
 
     def request(self, body: bytes) -> Mapping[str, Any]:
-        """Apply a JSON request atomically; return active faults. Raises FAULT_INVALID."""
+        """Atomic; return active faults. Raises FAULT_INVALID."""
         try:
             wanted = read_json_as(body, FaultRequest)
         except TextInvalidError as error:
@@ -193,7 +193,7 @@ class _FillableFile:
 
 
 def read_or_make_token(folder: Path, name: str = TOKEN_FILE_NAME) -> str:
-    """Return the operator's token, created (0600) if missing. Raises FILE_UNUSABLE."""
+    """Created (0600) if missing. Raises FILE_UNUSABLE."""
     path = folder / name
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)

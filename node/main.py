@@ -1,4 +1,4 @@
-"""`python -m node.main --data-dir DIR`: one node as a process, logging to `node.log`."""
+"""`python -m node.main --data-dir DIR`: one node as a process."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LOG_FILES_KEPT_COUNT = 3
 
 
 def configure_logging(config: NodeConfig) -> None:
-    """Log structlog and standard logging to the node's file, one JSON object per line."""
+    """To the node's file, one JSON object per line."""
     shared: list[structlog.types.Processor] = [
         structlog.stdlib.add_log_level,
         structlog.stdlib.add_logger_name,
@@ -99,7 +99,7 @@ def _run(data_dir: Path, make_node: Callable[[NodeConfig], Node]) -> None:
 
 
 def run_process(data_dir: Path, make_node: Callable[[NodeConfig], Node] = Node) -> int:
-    """Run the data directory's node; return 0 after a clean stop, else 1."""
+    """Return 0 after a clean stop, else 1."""
     try:
         _run(data_dir.resolve(), make_node)
     except BlockRobotError as error:

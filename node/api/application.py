@@ -198,7 +198,7 @@ def _bind_stray(gate: _Gate, routes: Iterable[Route]) -> _WebHandler:
 
 
 def create_api(services: ApiServices, routes: tuple[Route, ...] = ROUTES) -> web.Application:
-    """Return the application that serves `/v1`. Raises CONFIGURATION_INVALID."""
+    """Raises CONFIGURATION_INVALID."""
     require_rules(routes)
     application = web.Application(middlewares=[_problem_middleware])
     application.on_response_prepare.append(_prepare)

@@ -116,7 +116,7 @@ def _timeout(tc: TimeoutCertificate) -> TimeoutDocument:
 
 
 def describe_epoch(reader: HeaderReader, snapshot: LedgerView, genesis: Genesis, number: int) -> EpochDocument:
-    """Return an epoch with its seats' names. Raises NOT_FOUND."""
+    """With its seats' names. Raises NOT_FOUND."""
     schedule = reader.schedule(number)
     leading = set(range(len(schedule.producers))) - set(schedule.leaderless) or set(range(len(schedule.producers)))
     return EpochDocument(

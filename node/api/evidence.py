@@ -55,7 +55,7 @@ def _climb(snapshot: LedgerView, height: int) -> Steps[tuple[list[bytes], Finali
 
 
 def build_evidence(snapshot: LedgerView, place: TransactionPlace) -> Steps[TransactionEvidence]:
-    """Return a transaction's evidence. Raises NOT_FOUND if block or proof is missing."""
+    """Raises NOT_FOUND if block or proof is missing."""
     headers, finality = yield from _climb(snapshot, place.height)
     receipts = snapshot.receipt_bytes(place.height)
     if receipts is None:

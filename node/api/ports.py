@@ -26,7 +26,7 @@ class LedgerReader(Protocol):
         ...
 
     async def wait_above(self, height: int, timeout_ms: int) -> bool:
-        """Wait for a final block above `height`; False on timeout."""
+        """False on timeout."""
         ...
 
 
@@ -109,9 +109,7 @@ class ReceiptIssuer(Protocol):
 class RoundWatch(Protocol):
     """Tells where the node is in the protocol."""
 
-    def place(self) -> RoundDocument:
-        """Return epoch, round, leader, certified height and rounds given up since start."""
-        ...
+    def place(self) -> RoundDocument: ...
 
     def finality_lag_ms(self, height: int) -> int | None:
         """Return a block's age when learned final; None if long ago or never."""

@@ -141,10 +141,7 @@ class Call:
         return limit if stated is None else stated
 
     async def body(self) -> bytes:
-        """Return the request's body.
-
-        Raises MEDIA_TYPE_UNSUPPORTED, REQUEST_TOO_LARGE, REQUEST_TIMEOUT, REQUEST_INVALID, RATE_LIMITED.
-        """
+        """Raises MEDIA_TYPE_UNSUPPORTED, REQUEST_TOO_LARGE, REQUEST_TIMEOUT, REQUEST_INVALID, RATE_LIMITED."""
         self._require_media_type()
         limit, content = self.body_size_bytes, bytearray()
         try:
@@ -178,7 +175,7 @@ class Call:
             raise BlockRobotError("MEDIA_TYPE_UNSUPPORTED", f"The route takes {self.route.body.media_type}.")
 
     async def document(self, kind: type[D]) -> D:
-        """Return the JSON document. Raises REQUEST_INVALID, REQUEST_TOO_LARGE."""
+        """Raises REQUEST_INVALID, REQUEST_TOO_LARGE."""
         content = await self.body()
         try:
             return read_json_as(content, kind)

@@ -86,7 +86,7 @@ def _last_answer(error: BlockRobotError) -> web.Response:
 
 
 def name_server(response: web.StreamResponse) -> None:
-    """Set the common headers: nosniff, and no software or version."""
+    """Nosniff, and no software or version."""
     response.headers["X-Content-Type-Options"] = "nosniff"
     response.headers["Server"] = "blockrobot"
 

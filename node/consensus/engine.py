@@ -168,7 +168,7 @@ class Engine:
         self.submit(Started(now_ms=self._clock()))
 
     def add_epoch_listener(self, listener: EpochListener) -> None:
-        """Call `listener` at each epoch's start, before its first event."""
+        """Called at each epoch's start, before its first event."""
         self._epoch_listeners.append(listener)
 
     def add_evidence_listener(self, listener: EvidenceListener) -> None:
@@ -188,7 +188,7 @@ class Engine:
 
     @property
     def is_signing(self) -> bool:
-        """Return whether the node signs: neither halted nor unable to write."""
+        """Neither halted nor unable to write."""
         return not self.core.halted and not self.fault
 
     # Events
@@ -201,7 +201,7 @@ class Engine:
         self._drain()
 
     def call_between_events(self, action: Callable[[], None]) -> None:
-        """Run an action between events, with no block executing."""
+        """With no block executing."""
         self._events.append(action)
         self._drain()
 

@@ -62,7 +62,7 @@ def start_of_genesis(genesis: Genesis) -> EpochStart:
 
 
 def read_start(snapshot: LedgerSnapshot, genesis: Genesis, number: int) -> EpochStart:
-    """Return how a reached epoch began. Raises STORAGE_DAMAGED, also for another epoch's proof."""
+    """Raises STORAGE_DAMAGED, also for another epoch's proof."""
     if number == 0:
         return start_of_genesis(genesis)
     data = snapshot.epoch_proof(number)
@@ -94,7 +94,7 @@ class Head:
 
 
 def read_head(snapshot: LedgerSnapshot, genesis: Genesis) -> Head:
-    """Return where this ledger's node continues. Raises STORAGE_DAMAGED."""
+    """Raises STORAGE_DAMAGED."""
     position = snapshot.position
     data = None if position is None else snapshot.block(position.height)
     if position is None or data is None:

@@ -190,7 +190,7 @@ class Journal:
         first_sequence: int = 1,
         records: Sequence[bytes] = (),
     ) -> Journal:
-        """Create and open a journal; `identity` (16 bytes) is random by default.
+        """`identity` (16 bytes) is random by default.
 
         Raises DATA_DIRECTORY_INVALID if it exists, JOURNAL_UNWRITABLE.
         """
@@ -214,7 +214,7 @@ class Journal:
 
     @classmethod
     def open(cls, path: Path, *, disk: Disk | None = None) -> Journal:
-        """Open a journal and read its `entries`; a torn tail is cut off.
+        """Read its `entries`; a torn tail is cut off.
 
         Raises JOURNAL_MISSING, JOURNAL_DAMAGED, DATA_DIRECTORY_IN_USE, JOURNAL_UNWRITABLE.
         """
@@ -243,12 +243,12 @@ class Journal:
 
     @property
     def entries(self) -> tuple[JournalEntry, ...]:
-        """Return the entries found on opening, in order; empty after compaction."""
+        """As found on opening, in order; empty after compaction."""
         return self._entries
 
     @property
     def next_sequence(self) -> int:
-        """Return the next record's sequence; it never decreases, even by compaction."""
+        """It never decreases, even by compaction."""
         return self._next_sequence
 
     @property
@@ -278,7 +278,7 @@ class Journal:
             return entry.sequence
 
     def sync(self) -> int:
-        """Sync all appended records; return the newest durable sequence.
+        """Return the newest durable sequence.
 
         Blocks: run beside the event loop. Raises JOURNAL_UNWRITABLE.
         """

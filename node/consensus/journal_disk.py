@@ -97,7 +97,7 @@ class SystemDisk:
         return path.is_file()
 
     def open(self, path: Path, *, create: bool) -> SystemFile:
-        """Open a file exclusively, mode 0600; errors as in `Disk.open`."""
+        """With mode 0600; see `Disk.open`."""
         flags = os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | (os.O_CREAT if create else 0)
         descriptor = os.open(path, flags, 0o600)
         try:

@@ -26,11 +26,11 @@ class VotingJournal(Protocol):
     """Where records go before a message is sent."""
 
     def append(self, record: bytes, kind: int = 0) -> int:
-        """Append a record and return its sequence; durable only after `sync`."""
+        """Durable only after `sync`."""
         ...
 
     def sync(self) -> int:
-        """Sync all appended records. Raises JOURNAL_UNWRITABLE: then send nothing."""
+        """Raises JOURNAL_UNWRITABLE: then send nothing."""
         ...
 
     def compact(self, keep: Iterable[tuple[int, bytes]], *, through: int | None = None) -> None: ...

@@ -33,7 +33,7 @@ class RoundLog:
         known[1].setdefault(kind, self._clock())
 
     def describe(self) -> list[dict[str, Any]]:
-        """Return JSON-ready rounds: epoch, round, leader, message times (ms since 1970)."""
+        """JSON-ready; times in ms since 1970."""
         return [
             {"epoch": epoch, "round": number, "leader": leader, "messages": kinds}
             for (epoch, number), (leader, kinds) in self._rounds.items()

@@ -83,7 +83,7 @@ class BlockApplier:
         self._settled: list[tuple[str, bytes, int]] = []
 
     async def apply(self) -> None:
-        """Apply every event; the caller sets the checkpoint."""
+        """The caller sets the checkpoint."""
         recorded = [event.data["record_id"] for event in self._block.events if event.kind == "records.recorded"]
         staged = await self._store.clips(recorded)
         owners = {event.data["owner"] for event in self._block.events if event.kind == "records.recorded"}

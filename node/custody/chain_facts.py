@@ -91,7 +91,7 @@ class ChainFacts:
         self.point = point
 
     def active_records(self) -> Iterator[RecordFacts]:
-        """Yield records whose clips are kept, including those being erased."""
+        """Those being erased included."""
         for record in self.records():
             if record.status in {"active", "erasing"}:
                 yield record.facts
@@ -191,7 +191,7 @@ class ChainFacts:
         return heights
 
     def denied_heights(self) -> dict[bytes, int]:
-        """Return each visit's last denial height, even if settled since."""
+        """Even of denials settled since."""
         return self._audited.denied
 
     def erasures(self) -> Iterator[ErasureFacts]:
@@ -199,7 +199,7 @@ class ChainFacts:
             yield _erasure(erasure_id, row, self._audited.requested.get(erasure_id, self.point.height))
 
     def open_erasures(self) -> Iterator[ErasureFacts]:
-        """Yield erasures awaiting a custodian's confirmation, at this state's height."""
+        """Those that await a custodian's confirmation."""
         for (erasure_id,), row in ERASURE_REQUEST.rows(self._state):
             if not set(row.custodians) <= set(row.receipts):
                 yield _erasure(erasure_id, row, self.point.height)

@@ -433,7 +433,7 @@ class Custodian(ShareService, ClipFetcher):
     # Between custodians
 
     async def export(self, record_id: bytes) -> ClipDownload:
-        """Return a confirmed clip for another custodian, verified by the caller. Raises as `download`.
+        """Verified by the caller. Raises as `download`.
 
         Restricted clips may be copied (storage); those of denied visits may not.
         """
@@ -450,7 +450,7 @@ class Custodian(ShareService, ClipFetcher):
             raise BlockRobotError("CLIP_QUARANTINED")
 
     async def look_at(self, record_id: bytes) -> ClipDownload:
-        """Return a confirmed clip for internal maintenance. Raises as `download`."""
+        """For internal maintenance. Raises as `download`."""
         clip = await self._confirmed_clip(record_id)
         return self._assemble(clip, await self._store.frames(record_id))
 

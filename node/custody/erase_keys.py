@@ -1,7 +1,6 @@
 """The erase-key file: destroyed to erase, never backed up.
 
-Big-endian: 512-byte header (magic, version, slot size, pages, id, SHA-256), then pages: 4,096 state bytes, then 32-byte
-slots. States: 0 free, 1 key, 2 destroyed, not reusable yet. Remapping drives may keep overwritten keys.
+Remapping drives may keep overwritten keys.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ class Shares:
     # Uploads
 
     async def check_part(self, upload: GrantUpload, owner: bytes, now_ms: int) -> CheckedPart:
-        """Check an upload by a visit's owner (33 bytes).
+        """`owner`: the visit's (33 bytes).
 
         Raises CLIP_NOT_CONFIRMED, CLIP_ERASED, CLIP_QUARANTINED, NOT_PERMITTED, GRANT_ENDED, TRANSACTION_EXPIRED,
         UPLOAD_INVALID, UPLOAD_CONFLICT, RATE_LIMITED.
@@ -140,7 +140,7 @@ class Shares:
             raise BlockRobotError("GRANT_ENDED")
 
     def open(self, row: PartRow | None) -> HeldPart:
-        """Unwrap a part's row with its present erase key. Raises GRANT_PARTS_MISSING."""
+        """With its present erase key. Raises GRANT_PARTS_MISSING."""
         held = None if row is None or row.status != "confirmed" else self._unwrap(row)
         if held is None:
             raise BlockRobotError("GRANT_PARTS_MISSING", "This custodian has no part of the key of this record.")

@@ -99,7 +99,7 @@ def _to_node(row: _NodeRow) -> DirectoryNode:
 
 
 def newest_beginning(data_dir: Path, genesis: Genesis) -> DirectoryContent:
-    """Return the file's content if present, else the genesis file's. Raises CONFIGURATION_INVALID."""
+    """The file's if present, else the genesis file's. Raises CONFIGURATION_INVALID."""
     path = data_dir / DIRECTORY_FILE
     if not path.exists():
         return content_of_genesis(genesis)

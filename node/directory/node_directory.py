@@ -96,7 +96,7 @@ def content_of_genesis(genesis: Genesis) -> DirectoryContent:
 
 
 def read_content(state: Scanner, height: int) -> DirectoryContent | None:
-    """Return a height's directory, or None without membership. Raises STORAGE_DAMAGED for impossible entries."""
+    """None without membership. Raises STORAGE_DAMAGED for impossible entries."""
     try:
         nodes = [_node(row) for _, row in NODE.rows(state, limit=ENTRIES_MAX_COUNT)]
         organisations = [_organisation(row) for _, row in ORGANISATION.rows(state, limit=ENTRIES_MAX_COUNT)]

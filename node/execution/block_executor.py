@@ -428,7 +428,7 @@ def _require_equal(header: Header, result: BlockExecutionResult, following: Epoc
 
 
 def genesis_block(genesis: Genesis) -> FinalizedBlock:
-    """Return the genesis block with its state, ready to store. Raises GENESIS_INVALID."""
+    """Ready to store. Raises GENESIS_INVALID."""
     state = open_genesis(genesis)
     block = genesis.block()
     return FinalizedBlock(

@@ -41,7 +41,7 @@ class WorkerLedger:
 
 
 def prepare(begin: Begin) -> WorkerTools:
-    """Open the ledger and compile the contracts. Raises GENESIS_INVALID, DATA_DIRECTORY_INVALID, STORAGE_DAMAGED."""
+    """Raises GENESIS_INVALID, DATA_DIRECTORY_INVALID, STORAGE_DAMAGED."""
     genesis = genesis_from_json(begin.genesis_json)
     directory = Path(begin.ledger_dir)
     ledger = LedgerFile(directory, held=True)

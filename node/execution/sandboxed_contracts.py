@@ -46,7 +46,7 @@ class ViewPlaces:
         self._count = 0
 
     def take(self, source: Source) -> None:
-        """Take a place. Raises RATE_LIMITED for the source's share, VIEWS_BUSY for the total."""
+        """Raises RATE_LIMITED for the source's share, VIEWS_BUSY for the total."""
         is_over_part = bool(source.part) and self._taken[source] >= VIEWS_OF_VISIT_KEY_MAX_COUNT
         if is_over_part or self._taken[source.shared] >= VIEWS_OF_SOURCE_MAX_COUNT:
             raise over_budget(str(source), 1.0)
@@ -242,7 +242,7 @@ def _report(parts: tuple[SandboxFeature, ...]) -> None:
 
 
 async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerStore) -> ContractRuntime:
-    """Return a node's contracts; the ledger holds genesis.
+    """The ledger holds genesis.
 
     Raises CONTRACT_WORKER_FAILED, CONTRACT_SANDBOX_INCOMPLETE, GENESIS_INVALID.
     """

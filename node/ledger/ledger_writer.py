@@ -103,7 +103,7 @@ class LedgerWriter:
         self.queued_height = -1 if position is None else position.height
 
     def add_listener(self, listener: FinalizedListener) -> None:
-        """Call `listener` with the blocks of each commit, once they are durable."""
+        """Called with the blocks of each commit, once they are durable."""
         self._listeners.append(listener)
 
     def set_milestones(self, every: int, hook: Callable[[LedgerSnapshot], None]) -> None:
@@ -126,7 +126,7 @@ class LedgerWriter:
         self._task.add_done_callback(self._end)
 
     async def stop(self) -> None:
-        """Write pending blocks (unless the store refuses), then stop."""
+        """Pending blocks are written, unless the store refuses."""
         if self._task is None:
             return
         if not self._failed and not self._task.done():

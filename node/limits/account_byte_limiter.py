@@ -41,7 +41,7 @@ class AccountByteLimiter:
         return min(burst_bytes, level + (now_s - seen_s) * self._bytes_per_s / part)
 
     def take(self, account: Account, size_bytes: int) -> None:
-        """Take bytes from the account's buckets. Raises RATE_LIMITED with the time to wait."""
+        """Raises RATE_LIMITED with the time to wait."""
         for name, part in _budgets_of(account):
             missing_bytes = size_bytes - self.level(name, part)
             if missing_bytes > 0:

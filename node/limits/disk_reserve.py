@@ -39,7 +39,7 @@ class DiskReserve:
 
     @contextmanager
     def hold(self, owner: bytes, size_bytes: int) -> Iterator[None]:
-        """Reserve room for an owner's upload. Raises DISK_RESERVE_REACHED."""
+        """Raises DISK_RESERVE_REACHED."""
         self._require_share(owner, size_bytes)
         self.require(size_bytes)
         self._held[owner] += size_bytes

@@ -71,7 +71,7 @@ class PeerBans:
         return sum(ban.count for ban in self._by_peer.values())
 
     def describe(self, wall_ms: int) -> list[dict[str, Any]]:
-        """Return recent bans for JSON; `until_ms` is by the wall clock."""
+        """For JSON; `until_ms` is by the wall clock."""
         now_ms = self.clock_ms()
         return [
             {

@@ -98,7 +98,7 @@ class Quarantine:
             return frozenset(self._failed.current(now_s) | self._lost.current(now_s))
 
     def find_failing(self, txids: Iterable[bytes]) -> bytes | None:
-        """Return the first of these that failed here recently, or None."""
+        """None if none failed recently."""
         with self._lock:
             now_s = self._stopwatch()
             return next((txid for txid in txids if self._failed.has(txid, now_s)), None)

@@ -20,10 +20,7 @@ class TransactionCache:
         return self._known.get(wire)
 
     def verified(self, wire: bytes) -> Transaction:
-        """Return the decoded and verified transaction, cached.
-
-        Raises ENCODING_*, TRANSACTION_TOO_LARGE, SIGNATURE_INVALID or SIGNATURE_HIGH_S.
-        """
+        """Raises ENCODING_*, TRANSACTION_TOO_LARGE, SIGNATURE_INVALID or SIGNATURE_HIGH_S."""
         transaction = self._known.get(wire)
         if transaction is None:
             transaction = decode_transaction(wire)

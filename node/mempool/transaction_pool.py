@@ -33,5 +33,5 @@ class TransactionPool(Protocol):
     def status(self, txid: bytes) -> PoolStatus: ...
 
     async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
-        """Wait until a transaction is final; False on timeout or expiry."""
+        """False on timeout or expiry."""
         ...

@@ -65,7 +65,7 @@ class ConnectionOwner(Protocol):
     def frame_received(self, connection: PeerConnection, kind: FrameKind, payload: bytes) -> None: ...
 
     async def answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Return the answer to a peer's request. Raises BlockRobotError to refuse."""
+        """Raises BlockRobotError to refuse."""
         ...
 
     def pay(self, peer: str, kind: FrameKind, cost_us: int) -> None: ...
@@ -75,7 +75,7 @@ class ConnectionOwner(Protocol):
     def too_many_requests(self, peer: str) -> None: ...
 
     def wait_s(self, peer: str) -> float:
-        """Return seconds to pause reading a peer; 0 within its budget."""
+        """0 within its budget."""
         ...
 
     def offended(self, connection: PeerConnection, error: BlockRobotError) -> None: ...
@@ -288,7 +288,7 @@ class PeerConnection(asyncio.Protocol):
     # Requests
 
     async def request(self, kind: RequestKind, body: bytes, timeout_s: float) -> bytes:
-        """Return the peer's answer. Raises PEER_UNAVAILABLE if it refuses or times out."""
+        """Raises PEER_UNAVAILABLE if it refuses or times out."""
         if not self.is_open:
             raise BlockRobotError("PEER_UNAVAILABLE")
         self._next_request = number = (self._next_request + 1) & 0xFFFFFFFF

@@ -77,7 +77,7 @@ class ConnectionAcceptor:
 
 
 def bind_listener(host: str, port: int) -> socket.socket:
-    """Return a listening TCP socket. Raises PORT_IN_USE."""
+    """Raises PORT_IN_USE."""
     try:
         return open_listener(host, port)
     except OSError:

@@ -42,7 +42,7 @@ class CertificateFacts:
 
 
 def read_facts(certificate: x509.Certificate) -> CertificateFacts:
-    """Return a certificate's facts; an ambiguous name counts as none."""
+    """An ambiguous name counts as none."""
 
     def only(oid: x509.ObjectIdentifier) -> str:
         found = certificate.subject.get_attributes_for_oid(oid)

@@ -95,7 +95,7 @@ class LinkFaultShaper:
             link.chance = self._chance_of(peer)
 
     def set_link(self, peer: str, fault: LinkFault) -> None:
-        """Set the faults towards a peer. Raises FAULT_INVALID."""
+        """Raises FAULT_INVALID."""
         fault.check()
         if fault.is_sound:
             self._faults.pop(peer, None)

@@ -203,7 +203,7 @@ class PeerNetwork:
         return True
 
     async def request(self, peer: str, kind: RequestKind, body: bytes, timeout_ms: int = REQUEST_TIMEOUT_MS) -> bytes:
-        """Ask one peer. Raises PEER_UNAVAILABLE."""
+        """Raises PEER_UNAVAILABLE."""
         connection = self._peers.get(peer)
         if connection is None:
             raise BlockRobotError("PEER_UNAVAILABLE", f"{peer} is not connected.")

@@ -164,7 +164,7 @@ def _authorities(directory: DirectoryContent) -> tuple[str, ...]:
 
 
 def read_bytes(transport_socket: Any) -> int | None:
-    """Return bytes read from a TCP socket; None where unsupported."""
+    """None where unsupported."""
     if not sys.platform.startswith("linux"):
         return None
     try:

@@ -74,7 +74,7 @@ class PeerRequests:
     # Blocks
 
     async def read_finalized(self, request: FinalizedRequest) -> bytes:
-        """Return stored blocks, cached briefly. Raises STORAGE_*."""
+        """Cached briefly. Raises STORAGE_*."""
         position = self._ledger.position
         kept = self._kept.get(request)
         if kept is not None and position is not None and (kept.is_full or kept.height == position.height):

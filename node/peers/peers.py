@@ -82,7 +82,7 @@ class Network(Protocol):
     def connected(self) -> list[str]: ...
 
     async def start(self) -> None:
-        """Accept and dial peers. Raises PORT_IN_USE."""
+        """Raises PORT_IN_USE."""
         ...
 
     async def stop(self) -> None: ...
@@ -92,7 +92,7 @@ class Network(Protocol):
     def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool: ...
 
     async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Ask one peer and return its answer. Raises PEER_UNAVAILABLE."""
+        """Raises PEER_UNAVAILABLE."""
         ...
 
     def cut_off(self, peer: str, error: BlockRobotError) -> None: ...
@@ -108,7 +108,7 @@ class ClipSource(Protocol):
     """What a custodian serves to other custodians."""
 
     async def serve_peer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Return a clip or background. Raises BlockRobotError to refuse."""
+        """Raises BlockRobotError to refuse."""
         ...
 
 

@@ -55,7 +55,7 @@ def highest_prunable(head: int, keep: int, followed: int | None) -> int:
 
 
 def read_time_ms(view: LedgerSnapshot, height: int) -> int:
-    """Return the time of a finalized block. Raises STORAGE_DAMAGED."""
+    """Raises STORAGE_DAMAGED."""
     data = read_header_bytes(view, height)
     if data is None:
         raise BlockRobotError("STORAGE_DAMAGED", f"The ledger does not hold the header of block {height}.")
@@ -79,7 +79,7 @@ def find_live_record(view: LedgerSnapshot, height: int, now_ms: int) -> bytes | 
 
 
 def is_live(view: LedgerSnapshot, record_id: bytes, now_ms: int) -> bool:
-    """Return whether a record is neither erased nor expired (restrictions included)."""
+    """Neither erased nor expired (restrictions included)."""
     row = RECORD.at(view, record_id)
     if row is None or row.status not in _LIVE:
         return False
@@ -115,7 +115,7 @@ class Retention:
         self._earliest: tuple[int, int] | None = None
 
     def earliest(self) -> tuple[int, int]:
-        """Return height and time (ms) of the oldest block with a body."""
+        """Height and time (ms) of the oldest block with a body."""
         with self._ledger.snapshot() as view:
             if self._earliest is None or self._earliest[0] != view.earliest_height:
                 self._earliest = view.earliest_height, read_time_ms(view, view.earliest_height)

@@ -53,7 +53,7 @@ class Requester(Protocol):
     """Asks peers."""
 
     async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Return the answer. Raises PEER_UNAVAILABLE."""
+        """Raises PEER_UNAVAILABLE."""
         ...
 
 

@@ -41,7 +41,7 @@ def no_progress(_chunks: int, _size_bytes: int) -> None: ...
 
 
 def read_header_bytes(ledger: LedgerSnapshot, height: int) -> bytes | None:
-    """Return a finalized header's bytes, pruned or not; None if unknown."""
+    """Pruned or not; None if unknown."""
     block = ledger.block(height)
     return ledger.kept_header(height) if block is None else decode(block, Block).header_bytes
 
@@ -174,7 +174,7 @@ def make_snapshot_folder(ledger: LedgerSnapshot, path: Path, progress: Progress 
 
 
 def describe_manifest(manifest: Manifest) -> dict[str, object]:
-    """Return the manifest's unproven claims, for JSON."""
+    """Unproven claims, for JSON."""
     header = decode(manifest.block, Block).header
     proved = decode(manifest.finality, FinalityProof).header_bytes if manifest.finality else b""
     return {

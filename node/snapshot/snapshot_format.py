@@ -1,8 +1,4 @@
-"""Snapshot format: a manifest and numbered chunks.
-
-`manifest`: "blockrobot-snapshot/1", newline, canonical `Manifest`, SHA-256 of both. `chunk-000000`: `RecentChunk`s
-(first `recent_chunk_count`), then `StateChunk`s, deterministic per block.
-"""
+"""Snapshot format: a manifest and numbered chunks, deterministic per block."""
 
 from __future__ import annotations
 
@@ -30,10 +26,7 @@ _CONTENT_TAG = "blockrobot/snapshot"
 
 
 class Manifest(Wire, frozen=True):
-    """A snapshot's contents as canonical bytes; `finality` is empty for genesis only.
-
-    `chunks`: SHA-256 of each chunk, replay window first.
-    """
+    """A snapshot's contents as canonical bytes."""
 
     chain_id: bytes
     height: int
@@ -127,7 +120,7 @@ class SnapshotSource(Protocol):
         ...
 
     def chunk(self, index: int) -> bytes:
-        """Return a chunk's bytes. Raises SNAPSHOT_TRUNCATED if missing."""
+        """Raises SNAPSHOT_TRUNCATED if it is missing."""
         ...
 
 

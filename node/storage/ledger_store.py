@@ -210,7 +210,7 @@ class LedgerRestore(Protocol):
     """A new store built from a snapshot; no ledger before `finish`."""
 
     def put_state(self, rows: Sequence[tuple[bytes, bytes]]) -> None:
-        """Add the next state rows, in flat key order."""
+        """In flat key order."""
         ...
 
     def put_kept(self, blocks: Sequence[KeptBlock]) -> None:

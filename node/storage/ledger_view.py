@@ -44,17 +44,17 @@ class LedgerView(Protocol):
     def get(self, key: bytes) -> bytes | None: ...
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        """Yield up to `limit` pairs (flat key, encoded value), in key order."""
+        """See `LedgerSnapshot.scan`."""
         ...
 
     def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
-        """Yield pairs from `start` up to but without `end`, in key order."""
+        """See `LedgerSnapshot.scan_range`."""
         ...
 
     def prove(self, key: bytes) -> Proof: ...
 
     def block(self, height: int) -> Block | None:
-        """Return a finalized block; None above the head or if pruned."""
+        """None above the head or if pruned."""
         ...
 
     def receipts(self, height: int) -> Sequence[Receipt] | None: ...
@@ -62,7 +62,7 @@ class LedgerView(Protocol):
     def block_bytes(self, height: int) -> bytes | None: ...
 
     def receipt_bytes(self, height: int) -> Sequence[tuple[bytes, bytes]] | None:
-        """Return txid and canonical bytes of a block's receipts, or None."""
+        """Txid and canonical bytes of each."""
         ...
 
     def receipt(self, height: int, index: int) -> Receipt | None: ...
@@ -70,7 +70,7 @@ class LedgerView(Protocol):
     def events(self, height: int, index: int, limit: int) -> Sequence[tuple[int, int, ContractEvent]]: ...
 
     def header_bytes(self, height: int) -> bytes | None:
-        """Return a finalized header's bytes, pruned or not, or None."""
+        """Pruned or not."""
         ...
 
     def head(self, height: int) -> BlockHead | None: ...
@@ -79,11 +79,11 @@ class LedgerView(Protocol):
 
     @property
     def earliest_height(self) -> int:
-        """Return the lowest height whose body is kept (0: unpruned)."""
+        """0 if unpruned."""
         ...
 
     def epoch_proof(self, number: int) -> bytes | None:
-        """Return the encoded `EpochProof` that began epoch `number` (1 or above)."""
+        """Encoded; from epoch 1 on."""
         ...
 
     def locate(self, txid: bytes) -> TransactionPlace | None: ...

@@ -75,7 +75,7 @@ def read_height(data: bytes) -> int:
 
 
 def place_bytes(height: int, index: int) -> bytes:
-    """Return height and index as a sortable 12-byte key."""
+    """Sortable, 12 bytes."""
     return _PLACE.pack(height, index)
 
 

@@ -108,7 +108,7 @@ class LmdbStore:
         map_size_bytes: int = MAP_SIZE_START_BYTES,
         size_max_bytes: int = STORE_SIZE_MAX_BYTES,
     ) -> LmdbStore:
-        """Create an empty ledger. Raises DATA_DIRECTORY_INVALID if one exists, DATA_DIRECTORY_IN_USE."""
+        """Raises DATA_DIRECTORY_INVALID if one exists, DATA_DIRECTORY_IN_USE."""
         directory.mkdir(parents=True, exist_ok=True)
         lock = DirectoryLock(directory)
         try:

@@ -30,16 +30,13 @@ class ChallengeBook:
         self._used: dict[bytes, dict[bytes, int]] = {}
 
     def issue(self, public_key: bytes) -> tuple[bytes, int]:
-        """Return a 32-byte challenge for this key and its expiry in ms."""
+        """32 bytes, and its expiry in ms."""
         expires_at_ms = self._clock.now_ms() + CHALLENGE_LIFETIME_MS
         head = u64(expires_at_ms) + secrets.token_bytes(_NONCE_BYTES)
         return head + self._code(head, public_key), expires_at_ms
 
     def require(self, public_key: bytes, challenge: bytes) -> None:
-        """Check that a challenge is this key's, in time and unused.
-
-        Raises CHALLENGE_INVALID; RATE_LIMITED for too many sessions by this key.
-        """
+        """Raises CHALLENGE_INVALID unless it is this key's, in time and unused; RATE_LIMITED for too many sessions."""
         head, code = challenge[: 8 + _NONCE_BYTES], challenge[8 + _NONCE_BYTES :]
         if not hmac.compare_digest(code, self._code(head, public_key)):
             raise BlockRobotError("CHALLENGE_INVALID")

@@ -60,7 +60,7 @@ class SessionTable:
         self._of_visits_count = 0
 
     def challenge(self, public_key: bytes) -> tuple[bytes, int]:
-        """Return a single-use 32-byte challenge and its expiry in ms. Raises KEY_INVALID."""
+        """As `ChallengeBook.issue`. Raises KEY_INVALID."""
         if not is_public_key(public_key):
             raise BlockRobotError("KEY_INVALID", "The public key is not a compressed point of secp256k1.")
         return self._challenges.issue(public_key)
@@ -68,9 +68,9 @@ class SessionTable:
     def open(
         self, public_key: bytes, challenge: bytes, signature: bytes, grant_id: bytes = b""
     ) -> tuple[bytes, Session]:
-        """Open a session for an answered challenge; return its 32-byte token and itself.
+        """Return its 32-byte token and itself; with `grant_id`, a grantee's.
 
-        With `grant_id`, a grantee's. Raises CHALLENGE_INVALID, RATE_LIMITED, SIGNATURE_*, SESSION_REFUSED.
+        Raises CHALLENGE_INVALID, RATE_LIMITED, SIGNATURE_*, SESSION_REFUSED.
         """
         self._challenges.require(public_key, challenge)
         verify_session(public_key, signature, self._chain_id, self._node_name, challenge)
@@ -116,7 +116,7 @@ class SessionTable:
                 del accounts[known.account]
 
     def resolve(self, token: bytes) -> Session:
-        """Return a token's session, with its current standing. Raises SESSION_EXPIRED, SESSION_REFUSED."""
+        """With its current standing. Raises SESSION_EXPIRED, SESSION_REFUSED."""
         digest = sha256(token)
         known = self._sessions.get(digest)
         if known is None:

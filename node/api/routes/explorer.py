@@ -48,7 +48,7 @@ MACHINE_MEANINGS = {
 
 
 def explain_refusal(code: str) -> RefusalAnswer:
-    """Explain a code; catalogue first, then machine, then shipped contracts."""
+    """Catalogue first, then machine, then shipped contracts."""
     entry = CATALOGUE.get(code)
     if entry is not None:
         return RefusalAnswer(code=code, origin="catalogue", meaning=entry.meaning, next_step=entry.next_step)

@@ -48,9 +48,7 @@ class ConsentReceipts:
         self._keepers = peers_with_block
 
     def issue(self, snapshot: LedgerView, txid: bytes, caller: bytes) -> SignedReceipt:
-        """Return the signed receipt of a caller's own statement.
-
-        Raises CONSENT_RECEIPT_ELSEWHERE (other organisation), NOT_FOUND (not final or not theirs), BLOCK_PRUNED,
+        """Raises CONSENT_RECEIPT_ELSEWHERE (other organisation), NOT_FOUND (not final or not theirs), BLOCK_PRUNED,
         CONSENT_WORD_MISSING, NOTICE_INVALID, and as `require_consent_asked`.
         """
         organisation = self._organisation(snapshot, caller)

@@ -79,7 +79,7 @@ class CustodyAdmin:
             yield ChainFacts(snapshot, Checkpoint(position.height, position.block_id, position.timestamp_ms))
 
     async def status(self) -> CustodyStatus:
-        """Return height, holdings and pending receipts by custodian. Raises STORE_UNAVAILABLE."""
+        """Raises STORE_UNAVAILABLE."""
         point, counts = await self._custodian.checkpoint(), await self._store.counts()
         height, waiting = await asyncio.to_thread(self._look_at_erasures)
         followed = -1 if point is None else point.height
@@ -143,14 +143,14 @@ class CustodyAdmin:
         }
 
     async def scrub(self, tell: Tell = ignore_progress) -> ScrubAnswer:
-        """Compare chain and store both ways. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        """Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         async with self._one_at_a_time:
             report = await scrub(self._custodian, self._store, self._keys, self.open_facts, tell)
         log.info("custody_scrubbed", clean=report.is_clean, nothing_erased_is_left=report.nothing_erased_is_left)
         return describe_scrub(report)
 
     async def rebuild(self, tell: Tell = ignore_progress) -> RebuildAnswer:
-        """Rebuild the index and fetch what is missing. Raises as `scrub`."""
+        """Raises as `scrub`."""
 
         async def pause() -> None:
             await asyncio.sleep(FETCH_PAUSE_S)

@@ -222,7 +222,7 @@ class CustodyCoordinator:
         )
 
     async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
-        """Return a clip to its owner; raises as the custodian, and CUSTODY_CATCHING_UP."""
+        """Raises as the custodian, and CUSTODY_CATCHING_UP."""
         await self._wait_current(access_id)
         return await self._custodian.download(record_id, access_id, owner)
 
@@ -254,7 +254,7 @@ class CustodyCoordinator:
             await self._custodian.put_background(digest, content, terms, partial(require_approved, digest, robot))
 
     async def get_background(self, digest: bytes) -> bytes | None:
-        """Return an approved empty frame, or None. Raises CUSTODY_CATCHING_UP."""
+        """None if it is not approved. Raises CUSTODY_CATCHING_UP."""
         await self._wait_current()
         return await self._custodian.get_background(digest)
 
@@ -408,7 +408,7 @@ class CustodyCoordinator:
     # Clips between custodians
 
     async def serve_peer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Serve part of a clip to another custodian. Raises PEER_REFUSED, NOT_FOUND, CUSTODY_CATCHING_UP."""
+        """Part of a clip. Raises PEER_REFUSED, NOT_FOUND, CUSTODY_CATCHING_UP."""
         if peer not in self._others:
             raise BlockRobotError("PEER_REFUSED", f"{peer} is no custodian of this network.")
         if kind is not RequestKind.CLIP:

@@ -76,7 +76,7 @@ class UploadAdmission:
 
     @asynccontextmanager
     async def clip(self, record_id: bytes, owner: bytes, size_bytes: int, robot: bytes) -> AsyncIterator[None]:
-        """Admit a clip of an open visit. Raises VISIT_NOT_OPEN and as `background`."""
+        """Raises VISIT_NOT_OPEN and as `background`."""
         content = ("clip", robot + record_id)
         wait = partial(self.wait_for_visit, record_id, owner, robot)
         async with self._let_in(robot, content, size_bytes, wait, partial(self._custodian.holds, record_id)):
@@ -84,10 +84,7 @@ class UploadAdmission:
 
     @asynccontextmanager
     async def background(self, digest: bytes, size_bytes: int, robot: bytes) -> AsyncIterator[None]:
-        """Admit an approved empty frame.
-
-        Raises EMPTY_FRAME_NOT_APPROVED, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED, RATE_LIMITED.
-        """
+        """Raises EMPTY_FRAME_NOT_APPROVED, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED, RATE_LIMITED."""
         content = ("empty frame", robot + digest)
         wait = partial(self.wait_until_approved, digest, robot)
         async with self._let_in(robot, content, size_bytes, wait, partial(self._custodian.holds_background, digest)):

@@ -53,7 +53,7 @@ class RefusedUploads:
         self._since_s = 0.0
 
     def lately(self, robot: bytes) -> int:
-        """Return a robot's refusals in the last one to two `LATELY_S`."""
+        """In the last one to two `LATELY_S`."""
         self._turn()
         return self._lately[robot] + self._before[robot]
 

@@ -78,7 +78,7 @@ class Rebuild:
         self._report = RebuildReport()
 
     async def run(self) -> RebuildReport:
-        """Rebuild, then fetch. Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        """Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         async with caught_up(self._custodian, self._open_facts) as (facts, in_flight):
             self._report.height = facts.point.height
             await self._custodian.eraser.finish()

@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 async def read_in_thread(read: Callable[[], T]) -> T:
-    """Read state in a thread; returns only after reading, even if cancelled.
+    """Returns only after reading, even if cancelled.
 
     The caller closes the state next.
     """

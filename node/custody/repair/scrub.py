@@ -149,7 +149,7 @@ async def caught_up(
 async def scrub(
     custodian: Custodian, store: CustodyStore, keys: ErasableKeys, open_facts: OpenFacts, tell: Tell = ignore_progress
 ) -> ScrubReport:
-    """Compare chain and store, and list absent clips as missing.
+    """Absent clips are listed as missing.
 
     Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED.
     """

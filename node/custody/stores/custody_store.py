@@ -199,7 +199,7 @@ class ReceiptOutbox(Protocol):
     """A custodian's pending transactions, kept across crashes."""
 
     async def add_outbox(self, row: OutboxRow) -> None:
-        """Add a row; an existing one stays unchanged."""
+        """An existing one stays unchanged."""
         ...
 
     async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
@@ -209,7 +209,7 @@ class ReceiptOutbox(Protocol):
     async def remove_outbox(self, key: tuple[str, bytes, int]) -> None: ...
 
     async def outbox(self, status: OutboxStatus, contract: str, limit: int) -> list[OutboxRow]:
-        """Return rows of a status and contract, by height, then key."""
+        """By height, then key."""
         ...
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]: ...
@@ -227,7 +227,7 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None: ...
 
     async def correct(self, facts: RecordFacts) -> None:
-        """Write a confirmed clip's chain facts; others stay unchanged."""
+        """Only of confirmed clips."""
         ...
 
     async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
@@ -243,7 +243,7 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         ...
 
     async def checkpoint(self) -> Checkpoint | None:
-        """Return the newest applied block, or None in a new store."""
+        """None in a new store."""
         ...
 
     async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]: ...
@@ -253,17 +253,17 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
     async def frames(self, record_id: bytes) -> list[FrameRow]: ...
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
-        """Return places by record and index, without bytes."""
+        """By record and index."""
         ...
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None: ...
 
     async def erase_clip(self, record_id: bytes) -> None:
-        """Delete a clip, frames and missing entry; leave an erased mark."""
+        """Leaves an erased mark."""
         ...
 
     async def drop_staged(self, record_id: bytes) -> None:
-        """Delete a staged clip without a mark; others stay."""
+        """Without a mark; others stay."""
         ...
 
     async def sweep(self) -> None:
@@ -271,15 +271,15 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         ...
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
-        """Return staged clips whose `valid_until_ms <= at_ms`."""
+        """Staged clips with `valid_until_ms <= at_ms`."""
         ...
 
     async def expired(self, at_ms: int, limit: int) -> list[bytes]:
-        """Return confirmed clips with `expires_at_ms <= at_ms`, oldest expiry first."""
+        """Confirmed clips with `expires_at_ms <= at_ms`, oldest expiry first."""
         ...
 
     async def missing(self, limit: int) -> list[RecordFacts]:
-        """Return missing clips, newest first."""
+        """Newest first."""
         ...
 
     async def missing_clip(self, record_id: bytes) -> RecordFacts | None: ...
@@ -291,7 +291,7 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
     async def grants_of_owner(self, owner: bytes) -> list[Grant]: ...
 
     async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
-        """Return restrictions of these owners' visits, or all; only existing ones."""
+        """Of these owners' visits, or all; only existing ones."""
         ...
 
     async def put_background(self, digest: bytes, content: bytes) -> None: ...
@@ -303,7 +303,7 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
     async def delete_backgrounds(self, digests: Sequence[bytes]) -> None: ...
 
     def all_clips(self) -> AsyncIterator[ClipRow]:
-        """Yield every clip, erased ones too, by record id."""
+        """By record id, erased ones too."""
         ...
 
     def slots_in_use(self) -> AsyncIterator[int]: ...

@@ -50,7 +50,7 @@ def _part(found: Document) -> PartRow:
 
 
 class MongoShares:
-    """See `ShareStore`; part of `MongoStore`, whose connection it uses."""
+    """See `ShareStore`; part of `MongoStore`."""
 
     if TYPE_CHECKING:  # the store's own
 

@@ -16,13 +16,13 @@ def split(joined: bytes, size: int) -> tuple[bytes, ...]:
 
 
 def read_clip(row: Sequence[Any]) -> ClipRow:
-    """Return the clip of a row in the order of `CLIP_COLUMNS`."""
+    """In the order of `CLIP_COLUMNS`."""
     leaves = (split(row[4], HASH_SIZE_BYTES), split(row[5], HASH_SIZE_BYTES))
     return ClipRow(row[0], row[1], row[2], row[3], *leaves, *row[6:11])
 
 
 def read_missing(row: Sequence[Any]) -> RecordFacts:
-    """Return the missing clip of a row in the order of `MISSING_COLUMNS`."""
+    """In the order of `MISSING_COLUMNS`."""
     return RecordFacts(row[0], row[1], row[2], row[3], row[4], row[5], row[6], tuple(row[7]))
 
 
@@ -38,7 +38,7 @@ def insert_outbox(database: sqlite3.Connection, rows: Iterable[OutboxRow]) -> No
 
 
 def write_effects(database: sqlite3.Connection, effects: BlockEffects) -> None:
-    """Write a block's changes in the order that `BlockEffects` defines."""
+    """In the order that `BlockEffects` defines."""
     insert_outbox(database, effects.outbox)
     database.executemany(
         "INSERT OR REPLACE INTO restrictions VALUES (?, ?)",
@@ -112,7 +112,7 @@ def write_clip(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[Fra
 
 
 def delete_clip(database: sqlite3.Connection, record_id: bytes) -> None:
-    """Delete a clip, its frames and missing entry; keep the erased mark."""
+    """Its frames and missing entry too; keep the erased mark."""
     database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
     database.execute("DELETE FROM missing WHERE record_id = ?", (record_id,))
     database.execute(

@@ -1,4 +1,4 @@
-"""Shares in the embedded custody store, through the store's one connection."""
+"""Shares in the embedded custody store."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _share(row: Sequence[Any]) -> ShareRow:
 
 
 class SqliteShares:
-    """See `ShareStore`; part of `SqliteStore`, whose connection it uses."""
+    """See `ShareStore`; part of `SqliteStore`."""
 
     if TYPE_CHECKING:  # the store's own
 

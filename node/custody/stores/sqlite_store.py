@@ -76,7 +76,7 @@ class SqliteStore(SqliteShares, SqliteUploads):
         self._clean_from_bytes = LOG_MAX_BYTES
 
     async def __aenter__(self) -> Self:
-        """Open the database. Raises STORE_UNAVAILABLE if directory or file is unusable."""
+        """Raises STORE_UNAVAILABLE if directory or file is unusable."""
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="custody-store")
         try:
             await self._in_worker(self._open)
@@ -266,7 +266,6 @@ class SqliteStore(SqliteShares, SqliteUploads):
         await self._write(lambda database: delete_staged(database, record_id))
 
     async def sweep(self) -> None:
-        """Truncate the write-ahead log and overwrite unused bytes of the database."""
         await self._in_worker(self._clean)
 
     def _clean(self) -> None:

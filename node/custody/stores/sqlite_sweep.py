@@ -24,7 +24,7 @@ _FRAME_PAGE, _FRAME_SALTS = slice(0, 4), slice(8, 16)
 
 
 def read_written_pages(path: Path) -> frozenset[int]:
-    """Return page numbers in a log, rolled-back transactions included; empty without log."""
+    """Those of rolled-back transactions included; empty without log."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:

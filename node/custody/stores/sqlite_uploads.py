@@ -1,4 +1,4 @@
-"""The upload account in the embedded custody store, through its one connection."""
+"""The upload account in the embedded custody store."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CREATE TABLE day_uses (day INTEGER NOT NULL, robot BLOB NOT NULL, size_bytes INT
 
 
 class SqliteUploads:
-    """See `UploadAccount`; part of `SqliteStore`, whose connection it uses."""
+    """See `UploadAccount`; part of `SqliteStore`."""
 
     if TYPE_CHECKING:  # the store's own
 

@@ -20,7 +20,7 @@ _OWNER = Parameter("owner", "query", "The first key of the visit, as the upload 
 
 
 def custody_of(call: Call) -> CustodyService:
-    """Return the node's custodian. Raises CUSTODY_ELSEWHERE."""
+    """Raises CUSTODY_ELSEWHERE."""
     if call.services.custody is None:
         raise BlockRobotError("CUSTODY_ELSEWHERE")
     return call.services.custody
