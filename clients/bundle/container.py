@@ -94,7 +94,7 @@ class BundleWriter:
         self._names: set[str] = set()
 
     def add(self, name: str, content: bytes) -> Entry:
-        """Append an entry. Raises EXPORT_TOO_LARGE, VALUE_INVALID."""
+        """Raises EXPORT_TOO_LARGE, VALUE_INVALID."""
         if not is_name(name) or name in self._names:
             raise BlockRobotError("VALUE_INVALID", f"No entry of a bundle is called {name!r}, or one is already.")
         if len(self.entries) == ENTRIES_MAX_COUNT:

@@ -159,7 +159,7 @@ Texts = Mapping[tuple[str, int], str]
 
 
 def open_corrections(visits: Sequence[VisitFacts], openings: Sequence[doc.CorrectionOpening]) -> Texts:
-    """Return correction texts. Raises BUNDLE_UNPROVEN without commitment."""
+    """Raises BUNDLE_UNPROVEN without commitment."""
     numbers = {facts.owner.hex(): place for place, facts in enumerate(visits)}
     if any(row.visit not in numbers for row in openings):
         raise BlockRobotError("BUNDLE_UNPROVEN", "A correction is of a visit that is not in the bundle.")
@@ -201,7 +201,7 @@ NO_PERSON = doc.ConsentsDocument("", "", "", "", 0, 0, [], [])
 
 
 def read_person(proved: Mapping[bytes, ProvedValue]) -> tuple[bytes, MemberRow]:
-    """Return the member key and row. Raises BUNDLE_UNPROVEN."""
+    """Raises BUNDLE_UNPROVEN."""
     keys = [key for key in proved if MEMBER.owns(key)]
     value = proved[keys[0]].value if len(keys) == 1 else None
     if value is None:

@@ -168,7 +168,7 @@ choose(0);
 def player_page(
     visits: Sequence[doc.VisitDocument], erasures: Sequence[doc.ErasureDocument], names: Mapping[str, str]
 ) -> bytes:
-    """Return the HTML player; `names` by custodian key (hex)."""
+    """`names` by custodian key (hex)."""
     played = [
         {
             "pictures": [picture for record in visit.records for picture in _pictures_of(record)],

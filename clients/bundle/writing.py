@@ -103,7 +103,7 @@ def require_free(path: Path, *, replace: bool) -> None:
 
 
 def write_bundle(path: Path, contents: Contents, *, replace: bool = False, heard: Heard = never_heard) -> Verdict:
-    """Return the verdict. Raises FILE_EXISTS, EXPORT_TOO_LARGE, BUNDLE_UNPROVEN, OSError, SystemExit."""
+    """Raises FILE_EXISTS, EXPORT_TOO_LARGE, BUNDLE_UNPROVEN, OSError, SystemExit."""
     require_free(path, replace=replace)
     temporary = new_files.temporary_beside(path)
     with _ending_in_order():

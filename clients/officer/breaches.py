@@ -54,7 +54,7 @@ class Breaches:
         self._read = wallet.reading(self._key)
 
     async def read_all(self) -> list[Breach]:
-        """Return all breaches, oldest first. Raises SESSION_REFUSED."""
+        """Oldest first. Raises SESSION_REFUSED."""
         ids = await proved_list(self._read, rights.BREACH_COUNT, rights.BREACH_NUMBER)
         rows = await proved_rows(self._read, rights.BREACH, ids)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
@@ -88,7 +88,7 @@ class Breaches:
         return len(ids)
 
     async def get_correction(self, correction: Correction) -> tuple[int, CorrectionRow]:
-        """Return a correction's number and proven row. Raises CORRECTION_UNPROVEN."""
+        """Its number and proven row. Raises CORRECTION_UNPROVEN."""
         owner = bytes.fromhex(correction.visit)
         count = await proved_row(self._read, rights.CORRECTION_COUNT, owner) or 0
         values = await self._read(rights.correction_keys(owner, count))

@@ -198,7 +198,7 @@ class LostKeys:
         return Preview(span, tuple(visits))
 
     async def read_all(self) -> list[Proposal]:
-        """Return all proposals, oldest first. Raises SESSION_REFUSED."""
+        """Oldest first. Raises SESSION_REFUSED."""
         ids = await proved_list(self._read, officers.PROPOSAL_COUNT, officers.PROPOSAL_NUMBER)
         rows = await proved_rows(self._read, officers.PROPOSAL, ids)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms

@@ -121,7 +121,6 @@ class Registrar:
         return any(entry.uid == uid.strip().upper() for entry in self.cards())
 
     def forget(self, uid: str) -> int:
-        """Return how many cards were removed."""
         normal = uid.strip().upper()
         cards = self.cards()
         kept = [entry for entry in cards if entry.uid != normal]
@@ -168,7 +167,7 @@ class Registrar:
         return Revoked(receipt.txid, state.role)
 
     async def name_robot(self, robot: bytes, name: str, place: str) -> bytes:
-        """Publish name and place on chain. Raises NOT_FOUND, CALL_REFUSED."""
+        """Raises NOT_FOUND, CALL_REFUSED."""
         async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             state = await self._active(client, robot)
             receipt = await client.call(self.key, "identity", "name_robot", [state.handle, name, place])

@@ -453,7 +453,7 @@ class NetworkClient:
     async def announcements(
         self, first: int, key: PrivateKey, limit: int = ANNOUNCEMENTS_PAGE_MAX_COUNT
     ) -> AnnouncementPage:
-        """Return announcements from `first` (`limit` up to 200), proved complete."""
+        """From `first` (`limit` up to 200), proved complete."""
         if first < 0 or not 1 <= limit <= ANNOUNCEMENTS_PAGE_MAX_COUNT:
             raise BlockRobotError("VALUE_INVALID", f"A page has 1 to {ANNOUNCEMENTS_PAGE_MAX_COUNT} announcements.")
 

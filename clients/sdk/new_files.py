@@ -37,7 +37,7 @@ def require_free(path: Path, *, replace: bool = False, hint: str = "") -> None:
 
 
 def write_new_file(path: Path, data: bytes | str, *, private: bool = True, replace: bool = False) -> None:
-    """Write the file whole or not at all. Raises as `new_file`."""
+    """Raises as `new_file`."""
     with new_file(path, private=private, replace=replace) as file:
         file.write(data.encode() if isinstance(data, str) else data)
 

@@ -1,6 +1,4 @@
-"""Passphrase encryption: Argon2id (RFC 9106), XChaCha20-Poly1305. File: msgpack of (header, nonce, sealed, checksum);
-the checksum distinguishes damage from a wrong passphrase.
-"""
+"""Passphrase encryption: Argon2id (RFC 9106), XChaCha20-Poly1305. A checksum tells damage from a wrong passphrase."""
 
 from __future__ import annotations
 
@@ -59,7 +57,7 @@ class SealingKey:
     format: SealFormat
 
     def seal(self, content: bytes) -> bytes:
-        """Seal with a fresh nonce."""
+        """With a fresh nonce."""
         nonce = secrets.token_bytes(_NONCE_BYTES)
         sealed = crypto_aead_xchacha20poly1305_ietf_encrypt(content, self.header, nonce, self.secret)
         checksum = tagged_hash(self.format.checksum_tag, self.header, nonce, sealed)
@@ -79,7 +77,7 @@ class SealingKey:
 
 
 def new_sealing_key(passphrase: str, seal_format: SealFormat, cost: PassphraseCost | None = None) -> SealingKey:
-    """Derive a key with a fresh salt."""
+    """With a fresh salt."""
     cost = cost or PassphraseCost()
     salt = secrets.token_bytes(_SALT_BYTES)
     header = seal_format.magic + msgspec.msgpack.encode([salt, cost.operations_count, cost.memory_bytes])
@@ -87,7 +85,7 @@ def new_sealing_key(passphrase: str, seal_format: SealFormat, cost: PassphraseCo
 
 
 def open_sealed(data: bytes, passphrase: str, seal_format: SealFormat) -> tuple[bytes, SealingKey]:
-    """Return content, and key for resealing. Raises SealedFileError, PassphraseError."""
+    """And its key for resealing. Raises SealedFileError, PassphraseError."""
     try:
         header, nonce, sealed, checksum = msgspec.msgpack.decode(data, type=tuple[bytes, bytes, bytes, bytes])
     except msgspec.MsgspecError:

@@ -37,7 +37,7 @@ def _flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, Form]:
 
 @functools.cache
 def load(language: str) -> Mapping[str, Form]:
-    """Return the texts by dotted keys (`records.none`)."""
+    """By dotted keys (`records.none`)."""
     return MappingProxyType(_flatten(tomllib.loads((FOLDER / f"{language}.toml").read_text(encoding="utf-8"))))
 
 

@@ -73,7 +73,7 @@ class ProvedChain:
             raise BlockRobotError("PROOF_INVALID", f"Two different blocks of height {header.height} are called final.")
 
     def final(self, raw: bytes) -> Header:
-        """Return the final header of an encoded `FinalityProof`."""
+        """`raw`: an encoded `FinalityProof`."""
         known = self._final.get(raw)
         if known is not None:
             return known
@@ -89,7 +89,7 @@ class ProvedChain:
         return header
 
     def state(self, name: str, proofs: StateProofs) -> dict[bytes, ProvedValue]:
-        """Return proved state by flat key. Raises BUNDLE_INVALID for duplicates."""
+        """By flat key. Raises BUNDLE_INVALID for duplicates."""
         found: dict[bytes, ProvedValue] = {}
         for snapshot in proofs.snapshots:
             header = self.final(read_bytes(name, snapshot.finality))
@@ -106,7 +106,7 @@ class ProvedChain:
         return found
 
     def receipt(self, name: str, proof: ReceiptProof) -> ProvedReceipt:
-        """Return a receipt proved in a final block. Raises PROOF_INVALID."""
+        """Raises PROOF_INVALID."""
         chain = [read_bytes(name, header) for header in proof.headers]
         raw = read_bytes(name, proof.finality)
         if not 1 <= len(chain) <= HEADERS_MAX_COUNT or decode(raw, FinalityProof).header_bytes != chain[-1]:

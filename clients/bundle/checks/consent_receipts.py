@@ -81,7 +81,7 @@ def read_reference(document: bytes) -> tuple[str, int]:
 def check_entry(
     chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, signed: bool = True
 ) -> CheckedReceipt:
-    """Check a receipt; `signed` False: person's signature pending. Raises CONSENT_RECEIPT_INVALID."""
+    """`signed` False: the person's signature is pending. Raises CONSENT_RECEIPT_INVALID."""
     try:
         return _check(chain, genesis, entry, signed=signed)
     except BlockRobotError as error:
@@ -171,7 +171,7 @@ class CheckedFile:
 
 
 def check_file(path: Path, expected: Genesis | bytes | None = None) -> CheckedFile:
-    """Check a file. Raises RECEIPT_FILE_DAMAGED, CONSENT_RECEIPT_INVALID, BUNDLE_OTHER_CHAIN."""
+    """Raises RECEIPT_FILE_DAMAGED, CONSENT_RECEIPT_INVALID, BUNDLE_OTHER_CHAIN."""
     if path.stat().st_size > FILE_MAX_BYTES:
         raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} is too large.")
     try:

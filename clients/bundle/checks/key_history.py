@@ -37,7 +37,7 @@ def _unproven(detail: str) -> BlockRobotError:
 
 
 def read_step(transaction: Transaction) -> KeyStep:
-    """Return a registration's or rotation's step. Raises BUNDLE_UNPROVEN."""
+    """Raises BUNDLE_UNPROVEN."""
     body = transaction.body
     if body.contract != CONTRACT or body.entry not in _ENTRIES:
         raise _unproven("What should prove former keys is no registration and no rotation.")
@@ -77,7 +77,7 @@ def _prove_step(chain: ProvedChain, genesis: Genesis, step: doc.KeyChange) -> tu
 
 
 def own_steps(events: Sequence[tuple[bytes, str, dict[str, Any]]], member: bytes) -> list[bytes]:
-    """Return ids of a member's key changes, oldest first."""
+    """Ids, oldest first."""
     before = {data["new_member"]: (txid, data["member"]) for txid, name, data in events if name == ROTATED}
     registered = {data["member"]: txid for txid, name, data in events if name == REGISTERED}
     found: list[bytes] = []

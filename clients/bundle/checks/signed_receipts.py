@@ -31,7 +31,7 @@ def require_owners(checked: CheckedReceipt, row: MemberRow) -> None:
 def prove_signed(
     chain: ProvedChain, genesis: Genesis, signed: doc.SignedReceipts, row: MemberRow
 ) -> tuple[CheckedReceipt, ...]:
-    """Check receipts against the proved `row`. Raises BUNDLE_INVALID (number, order), BUNDLE_UNPROVEN."""
+    """Raises BUNDLE_INVALID (number, order), BUNDLE_UNPROVEN."""
     if not 1 <= len(signed.receipts) <= RECEIPTS_MAX_COUNT:
         raise BlockRobotError("BUNDLE_INVALID", f"{SIGNED_RECEIPTS} has no receipts, or too many.")
     found = []

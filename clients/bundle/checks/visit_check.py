@@ -119,7 +119,7 @@ def _keys(proved: Proved, rows: Prefix[T]) -> list[tuple[bytes, ...]]:
 
 
 def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing: Sequence[bytes]) -> VisitFacts:
-    """Return a visit from proved state; without `sealing` keys metadata is unproved. Raises BUNDLE_UNPROVEN."""
+    """Without `sealing` keys metadata is unproved. Raises BUNDLE_UNPROVEN."""
     owners = _keys(proved, VISIT)
     if len(owners) != 1:
         raise _unproven("A document of proofs is about no visit, or about several.")

@@ -1,7 +1,4 @@
-"""Approved, expiring banks of recorded empty frames per viewpoint.
-
-Published frames show nobody; unapproved, changed or expired banks and frames with motion are refused.
-"""
+"""Approved, expiring banks of recorded empty frames per viewpoint."""
 
 from __future__ import annotations
 
@@ -83,7 +80,7 @@ class EmptyScene:
 
 
 def record_scene(robot: Path, viewpoint: str, frames: Sequence[Depth], now_ms: int) -> EmptyScene:
-    """Store an unapproved bank. Raises BACKGROUND_INVALID (name, number, motion)."""
+    """Unapproved. Raises BACKGROUND_INVALID (name, number, motion)."""
     folder = _folder(robot, viewpoint)
     if len(frames) < FRAMES_MIN_COUNT:
         raise BlockRobotError("BACKGROUND_INVALID", f"There are {len(frames)} frames; {FRAMES_MIN_COUNT} are needed.")
@@ -124,7 +121,7 @@ def get_scene(robot: Path, viewpoint: str) -> EmptyScene:
 
 
 def approve_scene(robot: Path, viewpoint: str, *, by: str, days: int, now_ms: int) -> EmptyScene:
-    """Record a person's approval for `days`. Raises BACKGROUND_*."""
+    """For `days`. Raises BACKGROUND_*."""
     if not by.strip() or not 1 <= days <= VALID_MAX_DAYS:
         raise BlockRobotError("BACKGROUND_INVALID", f"An approval names a person and 1 to {VALID_MAX_DAYS} days.")
     scene = get_scene(robot, viewpoint)
@@ -167,7 +164,7 @@ def approved_frames(robot: Path, viewpoint: str, now_ms: int) -> list[Depth]:
 
 
 def published_frames(frames: Sequence[Depth]) -> list[Depth]:
-    """Return the evenly spread frames to publish, as in the preview."""
+    """Evenly spread, as in the preview."""
     count = min(PUBLISHED_MAX_COUNT, len(frames))
     return [frames[number * len(frames) // count] for number in range(count)]
 

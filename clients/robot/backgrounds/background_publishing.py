@@ -46,7 +46,7 @@ async def publish_frames(
 
 
 def write_for_approval(robot: Path, member: bytes, frames: list[EmptyFrame]) -> Path:
-    """Write frames and preview; return their folder."""
+    """Return their folder."""
     place = robot / FOLDER
     place.mkdir(parents=True, exist_ok=True, mode=0o700)
     for old in place.glob("*.png"):

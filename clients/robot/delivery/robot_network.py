@@ -57,7 +57,6 @@ class RobotNetwork:
         await self._to_custodians(lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity))
 
     async def approve_empty_frames(self, frames: tuple[EmptyFrame, ...], approver: PrivateKey) -> None:
-        """Approve on chain with an organisation admin's key."""
         robot = self._identity.identity.public_key
         await approve_frames(self._client, approver, robot, [frame.background_id for frame in frames])
 

@@ -42,7 +42,7 @@ class Background:
 
 
 def learn_background(frames: Sequence[Depth]) -> Background:
-    """Return the median background. Raises FRAME_INVALID."""
+    """Raises FRAME_INVALID."""
     if not frames:
         raise BlockRobotError("FRAME_INVALID", "A background needs at least one empty frame.")
     shape = (frames[0].shape[0], frames[0].shape[1])

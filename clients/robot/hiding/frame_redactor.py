@@ -1,5 +1,4 @@
-"""Redacts a camera's stream frame by frame: a `KeptFrame` or `WithheldFrame` per covered frame and owner, in time order,
-nobody else in any picture.
+"""Redacts a camera's stream frame by frame, with nobody but the owner in any picture.
 
 Silhouettes are cut out on arrival and whole frames never held; ambiguity means withheld.
 """
@@ -97,9 +96,8 @@ class FrameRedactor:
     """Pairs, segments, tracks, matches and cuts. Not thread-safe. Calls return settled outputs: each frame's `Decision`
     once, then `KeptFrame` or `WithheldFrame` per owner.
 
-    With a `driving` camera it also hides where the empty scene does not fit, as long as odometry says where the robot is.
-    Tags are bound while the robot stands; while it drives, only people whom it knew before are kept. `time_of_flight`: how
-    the camera measures; what it sees between two surfaces is dropped first.
+    With a `driving` camera it also hides where the empty scene does not fit, as long as odometry says where the robot
+    is. `time_of_flight`: how the camera measures.
     """
 
     def __init__(
@@ -184,7 +182,7 @@ class FrameRedactor:
         return outputs
 
     def cover(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
-        """Add a sighting for pairing only."""
+        """For pairing only."""
         received_ms = sighting.received_at_ms
         first_ms, last_ms = sighting.first_seen_ms, sighting.last_seen_ms
         decided = self.pairing.add_sighting(alias, first_ms, last_ms, known=known, received_at_ms=received_ms)

@@ -99,7 +99,7 @@ class Filters:
         return FilterUpdate(Spread(at_ms, after), motion, drifting, gain, 1 / variance, constant)
 
     def _make_transition(self, elapsed_ms: int) -> tuple[Array, Array]:
-        """Return transition and process noise, both (components, 3, 3)."""
+        """Both (components, 3, 3)."""
         dt = elapsed_ms / 1000
         kept = np.exp(-dt / np.maximum(self._drift_s, 1e-9))
         motion = np.zeros((self._count, 3, 3))

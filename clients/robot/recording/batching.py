@@ -38,7 +38,7 @@ class Batcher:
         self._open: dict[str, OpenClip] = {}
 
     def add_kept(self, frame: KeptFrame, now_ms: int) -> list[ReadyClip]:
-        """Add a frame settled at `now_ms`; return the clips it closes."""
+        """Settled at `now_ms`; return the clips it closes."""
         clip = self._open.setdefault(frame.alias, OpenClip())
         ready = []
         if clip.frames and frame.captured_at_ms - clip.frames[0].captured_at_ms >= self._clip_ms:

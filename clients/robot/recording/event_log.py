@@ -1,7 +1,6 @@
 """The robot's event log, with the paper's activity names.
 
-JSON lines `{"time_ms", "activity", "case", "alias"?, "detail"?}`. Tag aliases are new each run; record ids are omitted,
-unlinking owners.
+Tag aliases are new each run; record ids are omitted, unlinking owners.
 """
 
 from __future__ import annotations

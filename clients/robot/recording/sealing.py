@@ -67,7 +67,7 @@ def compute_time_bucket(time_ms: int) -> int:
 
 
 def compute_expiry(now_ms: int, retention_ms: int) -> int:
-    """Return the expiry on full five minutes, hiding the exact time."""
+    """On full five minutes, hiding the exact time."""
     return max(compute_time_bucket(now_ms + retention_ms), compute_time_bucket(now_ms) + TIME_BUCKET_MS)
 
 

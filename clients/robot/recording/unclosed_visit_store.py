@@ -86,7 +86,7 @@ class UnclosedVisitStore:
         self._counts[owner] = sealed_count - self._dropped[owner]
 
     def spooled(self, owner: bytes, name: str) -> None:
-        """Count a spooled clip; save before it is delivered."""
+        """Save before it is delivered."""
         self._keep(owner, self._kept.counts.get(owner, 0) + 1, number_of(name))
 
     def missed(self, owner: bytes) -> None:
@@ -94,7 +94,7 @@ class UnclosedVisitStore:
         self._keep(owner, self._kept.counts.get(owner, 0) + 1)
 
     def lower(self, owner: bytes) -> None:
-        """Subtract a destroyed clip's record; save after destruction."""
+        """Save after destruction."""
         if self._counts.get(owner, 0) > 0:
             self._dropped[owner] += 1
             self._counts[owner] -= 1

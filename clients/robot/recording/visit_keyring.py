@@ -56,7 +56,7 @@ class VisitKeyring:
         return chain
 
     def _forget_ended(self, now_ms: int) -> None:
-        """Drop the keys of visits that ended, so that a stolen robot does not give them away."""
+        """A stolen robot does not give them away."""
         self._open = {
             alias: visit for alias, visit in self._open.items() if now_ms - visit.opened_at_ms < _VISIT_ROLL_MS
         }

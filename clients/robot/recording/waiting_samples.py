@@ -1,7 +1,6 @@
 """Colour, estimates and sound, waiting until depth tells whose they are.
 
-Registered colour is cut by the owner's silhouette; the rest needs exactly one registered person present. The queue is
-bounded.
+Registered colour is cut by the owner's silhouette; the rest needs exactly one registered person present.
 """
 
 from __future__ import annotations

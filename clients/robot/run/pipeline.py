@@ -281,7 +281,7 @@ class Pipeline:
 
 
 def note_delivered(done: Delivered, statistics: RunStatistics, log: EventLog) -> None:
-    """Count a final record and log its frames' times, never its id."""
+    """Never its id."""
     sealed = statistics.delivered(done)
     for (sequence, _), decided_at_ms in zip(sealed.frames, sealed.decided_at_ms, strict=True):
         case = f"frame-{sequence}"

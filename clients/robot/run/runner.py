@@ -291,8 +291,8 @@ async def replay_recording(
 ) -> RunSummary:
     """Return the summary once records are final; `stop` ends the source early.
 
-    `intake` counts unusable messages and the `fault`; `camera` the focal length's origin. Raises ROBOT_RUNNING,
-    EMPTY_SCENE_MISSING, EMPTY_FRAME_NOT_APPROVED, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, network errors.
+    Raises ROBOT_RUNNING, EMPTY_SCENE_MISSING, EMPTY_FRAME_NOT_APPROVED, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*,
+    REGISTRY_STALE, network errors.
     """
     # Picture work runs in one thread next to the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)

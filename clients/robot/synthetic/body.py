@@ -1,4 +1,4 @@
-"""People as capsules: build, gait, posture and heading. Pure."""
+"""People as capsules: build, gait, posture and heading."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Capsules:
 
 
 def pose(person: Person, at_s: float) -> Capsules | None:
-    """Return body and aid at a time; None while absent."""
+    """None while absent."""
     place = person.place(at_s)
     if place is None:
         return None

@@ -1,4 +1,4 @@
-"""A pinhole camera, anywhere and at any angle, and how capsules appear in it. Pure geometry."""
+"""A pinhole camera, anywhere and at any angle, and how capsules appear in it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CameraPose:
     roll: float = 0.0
 
     def axes(self) -> npt.NDArray[np.float64]:
-        """Return the picture's right, down and ahead as rows (right, up, ahead) of the world."""
+        """Right, down and ahead, as rows (right, up, ahead) of the world."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         right, down, ahead = np.array([cos, 0, -sin]), np.array([0.0, -1, 0]), np.array([sin, 0, cos])
         cos, sin = math.cos(self.pitch), math.sin(self.pitch)
@@ -75,7 +75,7 @@ class Camera:
         return np.stack([right, self.height_m - points[..., 1], ahead], axis=-1).astype(np.float32)
 
     def ground(self) -> Image:
-        """Return the depth of level ground in every pixel; infinity above the horizon."""
+        """Infinity above the horizon."""
         if self.pose is None:
             falls = np.broadcast_to(self.ray_y, self.shape)
         else:
@@ -123,7 +123,7 @@ def _draw_capsule(
 
 
 def _hit_capsule(rx: Image, ry: Image, a: Image, b: Image, radius: np.float32) -> Image:
-    """Return the depth where rays hit a capsule; infinity on miss."""
+    """Infinity on a miss."""
     ba = b - a
     baba = float(ba @ ba) + 1e-9
     baoa = -float(ba @ a)

@@ -1,4 +1,4 @@
-"""Noise-free depth of the empty corridor. Pure geometry."""
+"""Noise-free depth of the empty corridor."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FURNITURE_M = (
 
 
 def empty_corridor(camera: Camera) -> Image:
-    """Return the empty corridor's depth in metres from the camera."""
+    """In metres from the camera."""
     ry = np.broadcast_to(camera.ray_y, camera.shape)
     with np.errstate(divide="ignore"):
         vertical = np.where(ry > 0, camera.height_m / ry, (camera.height_m - CEILING_M) / ry)
@@ -60,7 +60,7 @@ def _corridor_from(camera: Camera, ry: Image, vertical: Image) -> Image:
 
 
 def directions(camera: Camera) -> tuple[Image, Image]:
-    """Return column rays (right, ahead) per metre along the optical axis."""
+    """As (right, ahead) per metre along the optical axis."""
     cos, sin = np.float32(math.cos(camera.at[2])), np.float32(math.sin(camera.at[2]))
     dx = np.broadcast_to(camera.ray_x * cos + sin, camera.shape)
     dz = np.broadcast_to(cos - camera.ray_x * sin, camera.shape)

@@ -1,4 +1,4 @@
-"""Doors, beds and reflective floor. Pure geometry; draws no people or labels."""
+"""Doors, beds and reflective floor."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PATCH_SIZE_PX = 4.0
 
 
 def door_angle(door: Door, at_s: float) -> float:
-    """Return a door's opening angle at a time, in radians."""
+    """In radians."""
     opened = (at_s - door.opens_s) / DOOR_SWING_S
     closed = (at_s - door.closes_s) / DOOR_SWING_S
     share = min(max(opened, 0.0), 1.0) - min(max(closed, 0.0), 1.0)

@@ -1,4 +1,4 @@
-"""Aids as capsules: wheelchair, rollator, stick, IV pole, bed, bag. Pure, time-independent."""
+"""Aids as capsules: wheelchair, rollator, stick, IV pole, bed, bag."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def empty_bed_rows() -> list[Row]:
 
 
 def bed_rows(bed: Bed) -> list[Row]:
-    """Return a bed in corridor coordinates, foot end to the robot."""
+    """In corridor coordinates, foot end to the robot."""
     return [
         (bed.x_m + x0, u0, bed.z_m - a0, bed.x_m + x1, u1, bed.z_m - a1, radius)
         for x0, u0, a0, x1, u1, a1, radius in empty_bed_rows()

@@ -43,11 +43,11 @@ class Renderer:
         self._noise = _noise_of(self.camera.shape, scenario.focal_px, scenario.seed, scenario.environment.holes)
 
     def frame(self, index: int) -> Depth:
-        """Return a frame as uint16 millimetres."""
+        """As uint16 millimetres."""
         return self.frame_with_truth(index)[0]
 
     def frame_with_truth(self, index: int) -> tuple[Depth, Labels]:
-        """Return frame and labels: 0 = nobody, n = n-th person or their aid."""
+        """Labels: 0 = nobody, n = n-th person or their aid."""
         truth = self.truth(index)
         return truth.depth, truth.labels
 
@@ -68,7 +68,7 @@ class Renderer:
         return GroundTruth(image, own, np.where(moved >= AID_BIT, own, np.uint8(0)))
 
     def empty_frame(self, index: int) -> Depth:
-        """Return an unpeopled frame from the robot's first position."""
+        """From the robot's first position."""
         return self._noise.apply(self._empty_of(0.0), None, EMPTY_FRAME_OFFSET + index)[0]
 
     def _empty_of(self, at_s: float) -> Image:

@@ -57,7 +57,7 @@ def frame_time_ms(scenario: Scenario, index: int) -> int:
 
 
 def bag_key(scenario: Scenario, uids: Mapping[str, str]) -> str:
-    """Return the cache name: hash of scenario, renderer, format and tags."""
+    """A hash of scenario, renderer, format and tags."""
     parts = [scenario.digest, str(RENDERER_VERSION), str(BAG_VERSION)]
     parts += [f"{alias}={uids[alias]}" for alias in scenario.tagged_aliases]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]

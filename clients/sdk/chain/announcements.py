@@ -37,7 +37,7 @@ class AnnouncementPage:
 
 
 def read_announcements(trust: ProofVerifier, answer: ProofsAnswer, first: int, limit: int) -> AnnouncementPage:
-    """Check a page for completeness. Raises PROOF_INVALID, PROOF_STALE."""
+    """Raises PROOF_INVALID, PROOF_STALE."""
     if not answer.proofs:
         raise BlockRobotError("PROOF_INVALID", "The page does not prove how many announcements there are.")
     claimed = len(answer.proofs) - 1

@@ -17,7 +17,7 @@ PREVIEW_FILE = "preview.png"
 
 
 async def read_approved(client: NetworkClient, robot: bytes, reader: PrivateKey) -> list[EmptyFrameRow]:
-    """Return the proved approvals, oldest first."""
+    """Oldest first."""
     return await proved_row(in_session(client, reader), EMPTY_FRAMES, robot) or []
 
 

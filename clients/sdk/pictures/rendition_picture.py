@@ -43,7 +43,7 @@ def compose_on(empty: Depth, x: int, y: int, width: int, height: int, pixels_png
 
 
 def decode_depth_png(png: bytes) -> Depth:
-    """Decode a 16-bit grey PNG. Raises RENDITION_CORRUPTED."""
+    """16-bit grey. Raises RENDITION_CORRUPTED."""
     size = _check_png(png, DEPTH)
     return np.array(_decode(png, size[::-1], np.uint16), dtype=np.uint16)
 
@@ -137,7 +137,7 @@ def _corrupted(detail: str) -> BlockRobotError:
 
 
 def draw_preview(pngs: Sequence[bytes]) -> bytes:
-    """Return one colour PNG, unscaled, eight per row. Raises BACKGROUND_NOT_A_PICTURE, BACKGROUND_INVALID."""
+    """Unscaled, eight per row. Raises BACKGROUND_NOT_A_PICTURE, BACKGROUND_INVALID."""
     sizes = [check_depth_png(png) for png in pngs]
     width, height = max(size[0] for size in sizes), max(size[1] for size in sizes)
     columns = min(PREVIEW_COLUMNS, len(pngs))

@@ -104,7 +104,7 @@ def half_blocks(picture: Image.Image, columns: int) -> Iterator[Text]:
 
 
 def letters(picture: Image.Image, columns: int) -> Iterator[Text]:
-    """Draw a picture in letters, denser ones for brighter parts."""
+    """Denser ones for brighter parts."""
     small = _cells(picture, columns, 1).convert("L")
     for y in range(small.height):
         greys = small.crop((0, y, small.width, y + 1)).tobytes()
@@ -129,14 +129,14 @@ def kitty(picture: Image.Image) -> str:
 
 
 def iterm(picture: Image.Image) -> str:
-    """Encode for iTerm's inline image protocol."""
+    """As an iTerm inline image."""
     data = _png(picture)
     header = f"inline=1;size={len(data)};width={picture.width}px;height={picture.height}px;preserveAspectRatio=1"
     return f"\x1b]1337;File={header}:{base64.standard_b64encode(data).decode('ascii')}\x07"
 
 
 def sixel(picture: Image.Image) -> str:
-    """Encode as sixels (DEC STD 070)."""
+    """DEC STD 070."""
     packed = picture.quantize(_SIXEL_COLOURS)
     palette = packed.getpalette() or []
     width, height = packed.size

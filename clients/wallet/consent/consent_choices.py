@@ -128,7 +128,7 @@ class ConsentClient:
             require_sensor(code)
 
     async def choices(self) -> Choices:
-        """Return the proven choices. Raises NOT_REGISTERED, PROOF_*."""
+        """Proven. Raises NOT_REGISTERED, PROOF_*."""
         await self._wallet.require_registered()
         place = CHOICES.key(self._handle)
         state = await self._wallet.network.state_values([place], self._wallet.keys.identity)

@@ -38,7 +38,7 @@ class HeldReceipts:
 
 
 async def collect_receipts(wallet: Wallet, heard: Heard) -> HeldReceipts:
-    """Fetch pending receipts and others known to the ledger; none if unregistered."""
+    """None if unregistered."""
     member = wallet.keys.identity
     row = await proved_row(wallet.reading(member), MEMBER, member.public_key)
     if row is None:

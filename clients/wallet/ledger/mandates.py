@@ -51,7 +51,7 @@ class Mandates:
     # Looking
 
     async def read_all(self) -> list[Mandate]:
-        """Return all mandates in the order of their proposals. Raises NOT_REGISTERED."""
+        """In the order of their proposals. Raises NOT_REGISTERED."""
         return await self._mandates(await self._all_ids())
 
     async def _all_ids(self) -> list[bytes]:

@@ -46,7 +46,6 @@ class StateCollector:
     _found: dict[bytes, tuple[bytes, doc.KeyProof]] = field(default_factory=dict)
 
     async def read(self, keys: Sequence[bytes]) -> None:
-        """Read the keys in batches."""
         fresh = [key for key in dict.fromkeys(keys) if key not in self.values]
         for start in range(0, len(fresh), PROOF_KEYS_MAX_COUNT):
             part = fresh[start : start + PROOF_KEYS_MAX_COUNT]
@@ -113,7 +112,7 @@ class PersonProofs:
 
 
 async def collect_person(wallet: Wallet, signed: Signed = ()) -> PersonProofs:
-    """Read registration, choices and receipts. Raises NOT_REGISTERED."""
+    """Raises NOT_REGISTERED."""
     await wallet.require_registered()
     member = wallet.keys.identity
     collector = StateCollector(wallet, member)

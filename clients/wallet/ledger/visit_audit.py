@@ -77,7 +77,7 @@ async def audit_visit(wallet: VisitReader, visit: KnownVisit, count: int | None 
 
 
 async def audit_all(wallet: VisitReader) -> list[AuditEntry]:
-    """Return all entries in chain order."""
+    """In chain order."""
     entries = []
     for visit in await wallet.scan():
         entries.extend(await audit_visit(wallet, visit))

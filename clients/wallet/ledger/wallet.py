@@ -131,7 +131,7 @@ class Wallet:
         return owner_key(visit, self.eras[visit.era], self.genesis.chain_id)
 
     def open_metadata(self, sealed: bytes) -> tuple[bytes, WalletKeys]:
-        """Return the metadata and the keys it was sealed to. Raises ENVELOPE_INVALID."""
+        """And the keys it was sealed to. Raises ENVELOPE_INVALID."""
         return self._with_any(lambda keys: (open_metadata(keys.sealing, sealed), keys))
 
     def open_data_key(self, sealed: bytes) -> bytes:
@@ -147,9 +147,7 @@ class Wallet:
         return work(self.eras[0])
 
     async def register(self, code: str, purposes: list[str]) -> Registration:
-        """Register with a card's code and consent to purposes; idempotent. Raises VOUCHER_INVALID, PURPOSE_UNKNOWN,
-        NOT_PERMITTED.
-        """
+        """Consents to `purposes`; idempotent. Raises VOUCHER_INVALID, PURPOSE_UNKNOWN, NOT_PERMITTED."""
         card = decode_card_code(code)
         require_published(purposes, self.genesis.purposes)
         keys = self.keys
@@ -166,7 +164,7 @@ class Wallet:
         return registration
 
     async def find_registration(self, keys: WalletKeys) -> MemberRow | None:
-        """Return the proven row, None if it is not active."""
+        """Proven; None if it is not active."""
         return await find_registration(self.network, keys.identity)
 
     def _remember_registration(self, member: MemberRow | Card) -> None:
@@ -329,5 +327,5 @@ class Wallet:
         )
 
     async def records(self) -> list[VisitReport]:
-        """Return the visits, oldest first."""
+        """Oldest first."""
         return [await self.visit_report(visit) for visit in await self.scan()]

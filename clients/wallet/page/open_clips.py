@@ -89,7 +89,7 @@ class OpenClip:
         return sum(map(size_of, self.views)) + sum(map(len, self.rooms.values()))
 
     def rendition(self, number: int) -> Rendition:
-        """Return the rendition at a position. Raises NOT_FOUND."""
+        """Raises NOT_FOUND."""
         if not 0 <= number < len(self.frames):
             raise BlockRobotError("NOT_FOUND", f"The clip has {len(self.frames)} frames.")
         rendition = self.frames[number][1].rendition

@@ -52,7 +52,7 @@ def kind_of(entry: RecordEntry) -> str:
 
 
 def select(snapshot: Snapshot, wanted: Filter) -> list[tuple[VisitPart, RecordEntry]]:
-    """Return what matches, in time order."""
+    """In time order."""
     found = [(part, entry) for part in snapshot.visits for entry in part.report.records if wanted.takes(entry)]
     return sorted(found, key=lambda pair: (pair[1].metadata.started_at_ms, pair[1].record_id))
 

@@ -13,7 +13,7 @@ from consensus.errors import CATALOGUE, BlockRobotError
 
 
 def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
-    """Say what the bundle discloses."""
+    """What it discloses."""
     wanted = plan.wanted
     visits = text("count.visits", count=len(plan.visits))
     lines = [text("export.holds", visits=visits, records=text("count.records", count=plan.named_count))]

@@ -62,7 +62,7 @@ def name_recipient(share_: Share, language: str | None = None) -> str:
 
 
 def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int) -> str:
-    """Describe what is shared, how long, and what is irreversible. Raises PURPOSE_UNKNOWN."""
+    """Raises PURPOSE_UNKNOWN."""
     require_purpose(purpose)
     pictures = sum(entry.pictures_left_count for entry in entries)
     gone = sum(entry.state.expires_at_ms < until_ms for entry in entries)

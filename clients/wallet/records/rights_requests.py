@@ -197,7 +197,7 @@ class Rights:
 
 
 def write_correction(correction: Correction) -> bytes:
-    """As JSON, to verify its commitment on chain."""
+    """To verify its commitment on chain."""
     return msgspec.json.format(msgspec.json.encode(correction), indent=2) + b"\n"
 
 

@@ -68,7 +68,7 @@ def tokenize_words(written: str) -> list[str]:
 
 
 def find_unknown(words: Sequence[str]) -> int | None:
-    """Return the index of the first word outside the list."""
+    """None if all are in the list."""
     return next((place for place, word in enumerate(words) if word not in WORD_INDEX_MAP), None)
 
 
@@ -80,7 +80,7 @@ def near_words(word: str) -> list[str]:
 
 
 def read_share(written: str) -> Share:
-    """Parse a share. Raises SHARE_WORD_UNKNOWN (gives position, not word), SHARE_INVALID."""
+    """Raises SHARE_WORD_UNKNOWN (gives position, not word), SHARE_INVALID."""
     words = tokenize_words(written)
     unknown = find_unknown(words)
     if unknown is not None:

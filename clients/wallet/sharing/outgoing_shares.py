@@ -1,7 +1,6 @@
 """Shares records with one staff member or officer, and revokes shares.
 
-Data keys are sealed to the grantee and encrypted under a key split among custodians. The visit's owner key signs; the
-chain learns neither owner nor grantee.
+The visit's owner key signs; the chain learns neither owner nor grantee.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ def _read(txid: bytes, packed: bytes) -> KeptProof:
 
 
 def check_kept(chain: ProvedChain, chain_id: bytes, txid: bytes, kept: KeptProof) -> CheckedProof:
-    """Check the kept proofs offline. Raises KEPT_PROOF_DAMAGED."""
+    """Offline. Raises KEPT_PROOF_DAMAGED."""
     try:
         return _check(chain, chain_id, txid, kept)
     except BlockRobotError as error:

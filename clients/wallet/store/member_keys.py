@@ -1,7 +1,6 @@
 """A person's four keys, derived from a 24-word mnemonic.
 
-BIP-39 seed, BIP-32 hardened secp256k1 keys M (identity), S (spend), V (view; ERC-5564), and by HKDF the X25519 sealing
-key X.
+BIP-39, BIP-32, ERC-5564 and HKDF, as in docs/reference/formats.md.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class Body:
 
 
 def measure_bodies(view: LevelView, focal_px: float) -> list[Body]:
-    """Return what could be a person by its size, the largest first."""
+    """The largest first."""
     counts = np.bincount(view.labels.ravel(), minlength=view.count + 1)
     found = []
     for label in sorted(range(1, view.count + 1), key=lambda label: -int(counts[label])):

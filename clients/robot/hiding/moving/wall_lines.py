@@ -101,7 +101,7 @@ def _fit_line(points: Plan) -> Wall | None:
 
 
 def _longest_filled(bins: npt.NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the longest stretch (first, end) of bins of which enough are filled."""
+    """As (first, end)."""
     score = np.concatenate([[0.0], np.cumsum(bins - FILLED_MIN_SHARE)])
     ends = np.arange(len(score))
     holds = (score[None, :] >= score[:, None] - 1e-9) & (ends[None, :] > ends[:, None])

@@ -83,7 +83,7 @@ class LiveQueue:
             return entry
 
     def clear(self) -> Counter[str]:
-        """Empty it; return the number by kind."""
+        """Return the number by kind."""
         with self._lock:
             left = Counter(entry.kind for lane in self._lanes for _, entry in lane)
             for lane in self._lanes:

@@ -162,7 +162,6 @@ class LiveSource:
 
     @property
     def focal_px(self) -> float | None:
-        """Focal length by user or CameraInfo, None if unknown."""
         return self._focal_px
 
     @property

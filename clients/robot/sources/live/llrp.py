@@ -69,7 +69,7 @@ OPTIONS = (
 
 
 def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
-    """Return a feed of option or topics-file readers. Raises TOPICS_INVALID."""
+    """Of option or topics-file readers. Raises TOPICS_INVALID."""
     known = load_topics(options.get("topics_file")).llrp
     tables = {reader.address: reader for reader in known}
     named = dict.fromkeys(options.get("llrp_readers") or ())
@@ -93,7 +93,7 @@ class LlrpFeed:
         return {}
 
     def open(self, wanted: Mapping[str, str], listener: Listener) -> None:  # noqa: ARG002 - a reader has no topics
-        """Start all readers. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
+        """Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
         library = _Library()
         opening = _Opening(len(self._readers))
         links = [_Link(library, reader, listener, opening) for reader in self._readers]

@@ -107,11 +107,11 @@ class Ros1Feed:
         self._roll_call = threading.Thread(target=self._reregister_loop, name="ros1-roll-call", daemon=True)
 
     def topics(self) -> dict[str, str]:
-        """Return registered topics. Raises FEED_UNREACHABLE."""
+        """Raises FEED_UNREACHABLE."""
         return self._master.published()
 
     def open(self, wanted: Mapping[str, str], listener: Listener) -> None:
-        """Join and subscribe. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
+        """Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
         self._rospy = import_rospy(self._folder)
         self._listener = listener
         self._topics = tuple(wanted)
@@ -184,7 +184,7 @@ class Master:
         return self._ask(read, "getSystemState", node)
 
     def subscribe(self, node: str, topic: str, node_uri: str) -> list[str]:
-        """Register a subscription and return the topic's publisher addresses."""
+        """Return the topic's publisher addresses."""
         return self._ask(_read_uris, "registerSubscriber", node, topic, "*", node_uri)
 
     def _ask(self, read: Callable[[Any], Answer], method: str, *arguments: str) -> Answer:

@@ -42,7 +42,7 @@ class RosType:
 
 
 def load(type_name: str) -> RosType:
-    """Return a type (`pkg/msg/Name`). Raises NotFoundError."""
+    """As `pkg/msg/Name`. Raises NotFoundError."""
     python_class = _find(type_name)
     _load_libraries(type_name, python_class)
     definition = definition_of(type_name, python_class)
@@ -50,7 +50,7 @@ def load(type_name: str) -> RosType:
 
 
 def definition_of(type_name: str, python_class: Any) -> str:
-    """Return a full definition as in rosbag2. Raises NotFoundError."""
+    """As in rosbag2. Raises NotFoundError."""
     texts: dict[str, str] = {}
     waiting = [(type_name, python_class)]
     while waiting:
@@ -98,7 +98,7 @@ def _not_importable(error: Exception) -> NotFoundError:
 
 
 def _field_type(kind: str) -> tuple[str, str]:
-    """Return a field's `.msg` type and its message type, if any."""
+    """And its message type, if any."""
     if found := _LIST.fullmatch(kind):
         text, nested = _field_type(found[1])
         return f"{text}[{'<=' + found[2] if found[2] else ''}]", nested

@@ -62,7 +62,7 @@ class SyntheticSource:
         return [self._renderer.empty_frame(number) for number in range(1, self._scenario.empty_frames + 1)]
 
     def events(self) -> Iterator[SourceEvent]:
-        """Frames, rendered on demand, and sightings in receipt order."""
+        """In receipt order."""
         sequences = itertools.count()
         for at_ms, what in self._timeline():
             if isinstance(what, Sighting):
@@ -71,7 +71,6 @@ class SyntheticSource:
                 yield Frame(at_ms, next(sequences), self._renderer.frame(what), at_ms)
 
     async def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
-        """Overdue frames are skipped."""
         ticking = clock or SystemClock()
         period_ms = self._step * 1000 / self._scenario.frame_rate
         sequences = itertools.count()

@@ -78,7 +78,7 @@ OPTIONS = (
 
 
 def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
-    """Return the feed by options. Raises TOPICS_INVALID."""
+    """Raises TOPICS_INVALID."""
     definitions = load_topics(options.get("topics_file")).definitions
     scout = bool(options.get("zenoh_scout"))
     return [ZenohFeed(options.get("zenoh_connect") or (), options.get("ros_domain") or 0, definitions, scout=scout)]

@@ -37,14 +37,14 @@ class TopicKey:
 
 
 def subscription_key(topic: str, domain: int) -> str:
-    """Return a topic's key expression. Raises TOPICS_INVALID."""
+    """Raises TOPICS_INVALID."""
     if len(topic) > KEY_MAX_CHARS or not _TOPIC.fullmatch(topic):
         raise BlockRobotError("TOPICS_INVALID", f"{topic[:64]!r} is no name of a ROS topic, such as /camera/depth.")
     return f"{domain}/{topic.lstrip('/')}/*/*"
 
 
 def parse_key(key: str) -> TopicKey | None:
-    """Return a message key's topic, None if not ROS."""
+    """None if it is not of ROS."""
     parts = key.split("/") if len(key) <= KEY_MAX_CHARS else []
     if len(parts) < 4:
         return None
@@ -52,7 +52,7 @@ def parse_key(key: str) -> TopicKey | None:
 
 
 def parse_token(token: str) -> TopicKey | None:
-    """Return a publisher token's topic, None otherwise."""
+    """None for another token."""
     parts = token.split("/") if len(token) <= KEY_MAX_CHARS else []
     if len(parts) != _TOKEN_PARTS_COUNT or parts[_TOKEN_KIND] != "MP":
         return None

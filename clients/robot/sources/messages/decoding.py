@@ -131,7 +131,7 @@ class MessageReader:
 
 
 def wrong_type(topics: Topics, topic: str, type_name: str) -> str:
-    """Return why a topic cannot carry a type; empty if it can."""
+    """Empty if it can."""
     if topics.wanted[topic] in ("depth", "rgb") and type_name not in IMAGE_TYPES:
         return f"Topic {topic} carries {type_name}, which is no image."
     if topics.wanted[topic] == "odometry" and type_name not in ODOMETRY_TYPES:
@@ -150,7 +150,7 @@ def info_topic(topics: Topics) -> str:
 
 
 def read_focal_px(info: Any) -> float | None:
-    """Return CameraInfo's focal length in px (`k` or `K`), or None."""
+    """In px (`k` or `K`); None if unknown."""
     matrix = getattr(info, "k", getattr(info, "K", (0.0,)))
     try:
         given = float(matrix[0])

@@ -80,7 +80,7 @@ def _paths_in(value: Any, path: str, deeper_count: int) -> Iterator[str]:
 
 
 def stamp_ms(stamp: Any, unit: str = "ns") -> int:
-    """Return ROS time, or a number in `unit`, as ms. Raises FRAME_INVALID."""
+    """In ms. Raises FRAME_INVALID."""
     if hasattr(stamp, "sec") and hasattr(stamp, "nanosec"):
         return int(stamp.sec) * 1000 + int(stamp.nanosec) // NS_PER_MS
     number = _number(stamp)
@@ -91,7 +91,7 @@ def stamp_ms(stamp: Any, unit: str = "ns") -> int:
 
 
 def header_ms(message: Any) -> int | None:
-    """Return the header stamp in ms, None if absent or unset."""
+    """In ms; None if absent or unset."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is None or not (stamp.sec or stamp.nanosec):
         return None

@@ -49,7 +49,7 @@ def refusing_other_fields() -> Iterator[None]:
 
 
 def encoding_of(message: Any) -> str:
-    """Return an image message's encoding, such as `16UC1` or `rgb8; jpeg`."""
+    """Such as `16UC1` or `rgb8; jpeg`."""
     return str(getattr(message, "encoding", None) or getattr(message, "format", ""))
 
 
@@ -68,7 +68,7 @@ def could_be_colour(message: Any) -> bool:
 
 
 def decode_depth(message: Any) -> Depth:
-    """Return uint16 mm depth, 0: no measurement. Raises FRAME_INVALID."""
+    """Uint16 mm, 0: no measurement. Raises FRAME_INVALID."""
     name = encoding_of(message)
     if not hasattr(message, "encoding"):
         return _compressed_depth(bytes(message.data), name)
@@ -82,7 +82,7 @@ def decode_depth(message: Any) -> Depth:
 
 
 def decode_colour(message: Any) -> Colour:
-    """Return uint8 RGB (height, width, 3). Raises FRAME_INVALID."""
+    """Uint8 RGB (height, width, 3). Raises FRAME_INVALID."""
     name = encoding_of(message)
     if not hasattr(message, "encoding"):
         return decode_colour_file(bytes(message.data))
@@ -97,7 +97,7 @@ def decode_colour(message: Any) -> Colour:
 
 
 def decode_colour_file(data: bytes) -> Colour:
-    """Return a JPEG or PNG as RGB. Raises FRAME_INVALID."""
+    """Raises FRAME_INVALID."""
     image = _decode_file(data, cv2.IMREAD_COLOR)
     if image.ndim != 3 or image.dtype != np.uint8:
         raise refuse("encoding", "The compressed image is no colour image of 8 bits.")

@@ -113,7 +113,7 @@ class MessageTypes:
         self._bounded: dict[str, bool] = {}
 
     def decode(self, message: Message) -> Any:
-        """Decode a message. Raises FRAME_INVALID (`undecodable`)."""
+        """Raises FRAME_INVALID (`undecodable`)."""
         read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
         try:
             if not self._is_bounded(message.type):
@@ -144,7 +144,7 @@ class MessageTypes:
         return found
 
     def has_path(self, type_name: str, path: str) -> bool:
-        """Return whether a path may exist; unknown types count as yes."""
+        """Unknown types count as yes."""
         part, _, rest = path.partition(".")
         name, in_text = part.removesuffix("[]").removesuffix("{}"), "{}" in part
         fields = dict(self._fields(type_name))
@@ -196,7 +196,7 @@ class LearntTypes:
         self._newest: OrderedDict[str, MessageTypes | None] = OrderedDict()
 
     def learn(self, type_name: str, definition: str) -> bool:
-        """Add a type's newest definition; return whether it is valid."""
+        """Return whether it is valid."""
         with self._lock:
             types = self._work_out(type_name, definition)
             _keep(self._newest, type_name, types)

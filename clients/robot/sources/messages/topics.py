@@ -136,7 +136,7 @@ class Topics:
 
 
 def load_topics(path: Path | None) -> Topics:
-    """Read a topics file, if one is named. Raises TOPICS_INVALID, naming the setting."""
+    """Raises TOPICS_INVALID, naming the setting."""
     if path is None:
         return Topics()
     try:

@@ -63,7 +63,6 @@ class BagSource:
 
     @property
     def focal_px(self) -> float | None:
-        """Focal length by user or CameraInfo."""
         if self._topics.focal_px is not None:
             return self._topics.focal_px
         beside = info_topic(self._topics)

@@ -118,7 +118,7 @@ class Recording:
         return explain_undefined(self.topics[topic], "the recording does not define")
 
     def samples(self, topic: str, most: int = 1) -> list[Any]:
-        """Return the first that can be decoded; none once the samples of all topics took more than one pass may."""
+        """Raises BAG_DAMAGED."""
         found: list[Any] = []
         if self._samples_budget.is_spent:
             return found

@@ -61,7 +61,7 @@ Scan = Iterator[Channel | SalvagedMessage]
 
 
 def scan_file(path: Path) -> Scan:
-    """Scan a file by its first bytes. Raises `BrokenOffError` for non-recordings, RECORDING_TOO_LARGE."""
+    """By its first bytes. Raises `BrokenOffError` for non-recordings, RECORDING_TOO_LARGE."""
     current_budget().open_once(path)
     with path.open("rb") as file:
         begins = file.read(len(SQLITE_MAGIC))

@@ -193,7 +193,7 @@ def _drafted_focal(recording: TopicSource, depth: str) -> list[str]:
 
 
 def next_steps(recording: TopicSource, listed: list[ListedTopic]) -> list[str]:
-    """Return what the user must still specify, such as the UID's field."""
+    """Such as the UID's field."""
     lines, is_found = [], False
     for item in [item for item in listed if "tags" in item.could_be and item.figures.type != STRING_TYPE]:
         if _guess_epc(recording, item.figures.type, sure=True):

@@ -78,5 +78,5 @@ class Drive:
         return right, up + self.room.ground.up_m(place[1]) - self.room.ground.up_m(robot_z), ahead
 
     def without(self, *aliases: str) -> Drive:
-        """Return the drive without some people, all else unchanged."""
+        """All else unchanged."""
         return replace(self, scenario=without(self.scenario, *aliases))

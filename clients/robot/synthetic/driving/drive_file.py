@@ -32,7 +32,7 @@ DRIVE_TOPICS_FILE = SHIPPED_FOLDER / "drive-topics.toml"
 
 
 def load_shipped_scene(name: str) -> Scenario | Drive:
-    """Return the scene of a scenario file that comes with the robot."""
+    """Of a scenario file that comes with the robot."""
     return parse_scene((SHIPPED_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
 
 

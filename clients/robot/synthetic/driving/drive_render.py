@@ -56,11 +56,11 @@ class DriveRenderer:
         self._things = [(piece.capsules(up), label) for piece, up, label in pieces]
 
     def frame(self, index: int) -> Depth:
-        """Return a frame as uint16 millimetres."""
+        """As uint16 millimetres."""
         return self.truth(index).depth
 
     def empty_frame(self, number: int) -> Depth:
-        """Return a frame without people from where the robot starts; each number has noise of its own."""
+        """From where the robot starts; each number has noise of its own."""
         return self._picture(0, [], number + EMPTY_NUMBERS).depth
 
     def truth(self, index: int) -> DriveTruth:

@@ -163,7 +163,7 @@ def _stool(rng: np.random.Generator) -> Shape:
 
 
 def _coat_stand(rng: np.random.Generator) -> Shape:
-    """Return a coat stand with a coat: shoulders, and often a hat."""
+    """Shoulders, and often a hat."""
     top, wide = float(rng.uniform(1.65, 1.85)), float(rng.uniform(0.13, 0.19))
     hem, shoulder = float(rng.uniform(0.5, 0.9)), top - 0.28
     rows: list[Row] = [(0.0, 0.05, 0.0, 0.0, top, 0.0, 0.022), *_feet(4, 0.28, 0.04, 0.02)]
@@ -199,7 +199,7 @@ def _laundry_bag(rng: np.random.Generator) -> Shape:
 
 
 def _hoist(rng: np.random.Generator) -> Shape:
-    """Return a patient lift: two legs, a mast and a boom with its bar."""
+    """Two legs, a mast and a boom with its bar."""
     top, out = float(rng.uniform(1.35, 1.6)), float(rng.uniform(0.6, 0.9))
     rows: list[Row] = [(0.3 * side, 0.09, -0.55, 0.33 * side, 0.09, 0.55, 0.04) for side in (-1.0, 1.0)]
     rows += [(-0.3, 0.1, -0.5, 0.3, 0.1, -0.5, 0.04), (0.0, 0.1, -0.5, 0.0, top, -0.4, 0.045)]

@@ -62,7 +62,7 @@ def draw_people(rng: np.random.Generator, space: Space, stratum: str, duration_s
 
 
 def draw_behind(rng: np.random.Generator, space: Space, panel: Panel, duration_s: float) -> Person:
-    """Return a person who stands behind a pane, outside the room."""
+    """Outside the room."""
     x, z = space.room.place_by(panel.wall, panel.at_m + float(rng.uniform(-0.3, 0.3)), -float(rng.uniform(0.6, 1.6)))
     person = draw_person(rng, "behind", ((0.0, x, z), (duration_s, x, z)))
     return replace(person, facing=draw_turning(rng, duration_s))
@@ -107,7 +107,7 @@ def _standing(rng: np.random.Generator, space: Space, person: Person, duration_s
 
 
 def _passed(rng: np.random.Generator, space: Space, duration_s: float) -> Person:
-    """Return a person next to the robot's path."""
+    """Next to the robot's path."""
     person = _drawn(rng, OWNER if rng.random() < 0.5 else OTHER, duration_s)
     for _ in range(TRIES_COUNT):
         moment = int(rng.uniform(0.45, 0.75) * len(space.times))
@@ -123,7 +123,7 @@ def _passed(rng: np.random.Generator, space: Space, duration_s: float) -> Person
 
 
 def _lying(rng: np.random.Generator, space: Space, alias: str, duration_s: float) -> Person:
-    """Return a person in a bed along a side wall."""
+    """In a bed along a side wall."""
     person = draw_person(rng, alias, (), aid="bed")
     for _ in range(TRIES_COUNT):
         wall: Wall = "left" if rng.random() < 0.5 else "right"
@@ -187,7 +187,7 @@ def _walk(rng: np.random.Generator, space: Space, margin_m: float, duration_s: f
 
 
 def facing_along(rng: np.random.Generator, person: Person) -> Person:
-    """Return the person looking along their way, and on where they stop."""
+    """And on where they stop."""
     first, last = person.path[0][0], person.path[-1][0]
     times = [float(at_s) for at_s in np.arange(first, last, FACING_STEP_S)] + [last]
     seen = [replace(person, facing=()).heading(at_s) for at_s in times]

@@ -28,7 +28,7 @@ NEAREST_VIEW_M, FARTHEST_VIEW_M, VIEW_RAD = 1.2, 5.5, 0.5
 
 
 def reach_of(person: Person) -> float:
-    """Return how far a person and their aid reach from where they are."""
+    """Metres, with their aid."""
     return AID_M.get(person.aid, PERSON_M)
 
 

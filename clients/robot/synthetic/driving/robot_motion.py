@@ -1,4 +1,4 @@
-"""How the robot drives: speeds with smooth accelerations, the way that follows, and how its body wobbles. Pure."""
+"""How the robot drives: speeds with smooth accelerations, the way that follows, and how its body wobbles."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STEADY_MPS, STEADY_RADPS = 0.3, 0.3  # from here on the body wobbles as it does 
 
 
 def draw_speeds(rng: np.random.Generator, manoeuvre: Manoeuvre, duration_s: float) -> tuple[Knot, ...]:
-    """Return knots between which speeds change smoothly; the last speed stays."""
+    """Speeds change smoothly between knots; the last stays."""
     speed = float(rng.uniform(0.2, 1.0))
     rolls = bool(rng.random() < 0.5)
     start = (0.0, speed if rolls else 0.0, 0.0)
@@ -66,7 +66,6 @@ def drive_along(knots: tuple[Knot, ...], duration_s: float) -> Track:
 
 
 def move_track(track: Track, x: float, z: float, yaw: float) -> Track:
-    """Return the way as it is from another start."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     return tuple((t, x + px * cos + pz * sin, z - px * sin + pz * cos, yaw + turned) for t, px, pz, turned in track)
 

@@ -99,7 +99,7 @@ class Room:
         return bool((np.abs(x) <= half).all() and (z >= margin_m).all() and (z <= self.length_m - margin_m).all())
 
     def extent(self, wall: Wall) -> tuple[float, float]:
-        """Return where a wall begins and ends along itself."""
+        """Along itself."""
         half = self.width_m / 2
         return (0.0, self.length_m) if wall in ("left", "right") else (-half, half)
 

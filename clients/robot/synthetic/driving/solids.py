@@ -1,4 +1,4 @@
-"""Boxes and flat faces at any angle, and how a camera sees them. Pure geometry."""
+"""Boxes and flat faces at any angle, and how a camera sees them."""
 
 from __future__ import annotations
 
@@ -71,8 +71,7 @@ def reflected(points: Floats, at: Floats, normal: Floats) -> Floats:
 def draw_faces(camera: Camera, nearness: Image, labels: Labels, faces: Faces) -> None:
     """Draw faces that are seen from in front into `nearness` (1 / depth) and `labels`, where nearest. In place.
 
-    1 / depth of a plane, and on which side of an edge a pixel is, are linear in row and column: so each row of a face is
-    one run of pixels, whose ends are found for all faces at once.
+    1 / depth of a plane is linear in row and column, so each row of a face is one run of pixels.
     """
     corners, backs = camera.seen(faces.corners).astype(np.float64), camera.seen(faces.backs).astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0])
@@ -104,7 +103,7 @@ def draw_faces(camera: Camera, nearness: Image, labels: Labels, faces: Faces) ->
 
 
 def _in_view(camera: Camera, corners: Floats) -> npt.NDArray[np.bool_]:
-    """Tell which faces are not wholly beyond one side of the picture."""
+    """Those that are not wholly beyond one side of the picture."""
     right, down, ahead = corners[..., 0], corners[..., 1], corners[..., 2]
     wide, high = float(camera.ray_x.max()), float(camera.ray_y.max())
     beyond = (right > wide * ahead, right < -wide * ahead, down > high * ahead, down < -high * ahead)
@@ -117,8 +116,7 @@ def _in_view(camera: Camera, corners: Floats) -> npt.NDArray[np.bool_]:
 def _runs(camera: Camera, corners: Floats) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
     """Return the first column of each face in each row, and the one behind its last; first = width where there is none.
 
-    A ray meets a face if it lies on the inner side of every plane through the lens and one of its edges: this needs no
-    clipping of corners that are behind the camera.
+    By the planes through the lens and a face's edges, which needs no clipping of corners behind the camera.
     """
     width = camera.shape[1]
     edges = np.cross(corners, np.roll(corners, -1, axis=1))

@@ -47,7 +47,7 @@ class ShareRequest:
     until_ms: int
 
     async def find(self, wallet: Wallet, snapshot: Snapshot) -> tuple[SharingClient, Grantee, list[RecordEntry]]:
-        """Resolve grantee and records. Raises as the command."""
+        """Raises as the command."""
         require_purpose_to_share(self.purpose, wallet.genesis.purposes)
         sharing = SharingClient(wallet)
         grantee = await sharing.resolve_grantee(self.wanted, self.label)
