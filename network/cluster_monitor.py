@@ -1,4 +1,4 @@
-"""Network watching over time: states, faults, time without finality. Pure.
+"""Network watching over time: states, faults, time without finality.
 
 Time without finality counts only while a transaction waits and no final height grows.
 """

@@ -31,7 +31,7 @@ class Section:
 
 
 def text(value: object) -> str:
-    """Return a text as escaped HTML."""
+    """Escaped HTML."""
     return html.escape(str(value))
 
 

@@ -46,7 +46,7 @@ class Stage:
 
     @property
     def cluster(self) -> Cluster:
-        """Return the running cluster. Raises CLUSTER_NOT_RUNNING."""
+        """Raises CLUSTER_NOT_RUNNING."""
         if self._cluster is None:
             raise BlockRobotError("CLUSTER_NOT_RUNNING")
         return self._cluster
@@ -131,7 +131,7 @@ class Stage:
         return answer.code
 
     async def enrol_person(self, alias: str, uid: str) -> bool:
-        """Register a person with card, wallet and consent; return whether keys match."""
+        """With card, wallet and consent; return whether keys match."""
         self.wallets.mkdir(parents=True, exist_ok=True, mode=0o700)
         write_private(self.wallets / f"{alias}.passphrase", secrets.token_urlsafe(16))
         code = await self.issue_card("subject", alias, uid)

@@ -1,4 +1,4 @@
-"""Writes a run as one self-contained HTML file, script and style allowed by hash. Pure."""
+"""Writes a run as one self-contained HTML file, script and style allowed by hash."""
 
 from __future__ import annotations
 

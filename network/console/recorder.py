@@ -1,7 +1,7 @@
 """Records a run within a memory limit and reports what it dropped.
 
-Pure. Moments that differ only in time are not stored twice. Over the limit, every second moment of the older half is
-dropped. Routine events have a share of their own and displace no others.
+Over the limit, every second moment of the older half is dropped. Routine events have a share of their own and displace
+no others.
 """
 
 from __future__ import annotations

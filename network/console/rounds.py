@@ -66,7 +66,7 @@ class RoundBook:
         self._floor = (-1, -1)
 
     def update(self, polls: Sequence[NodePoll], wall_ms: int) -> list[Round]:
-        """Return the rounds that changed, oldest first."""
+        """Return those that changed, oldest first."""
         changed: dict[tuple[int, int], Round] = {}
         for poll in polls:
             self._note_epoch(poll.status or {})

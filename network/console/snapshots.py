@@ -1,14 +1,8 @@
 """Builds the picture of a network at one moment, for the page and recordings.
 
-Pure: keeps only the last counts, for rates. A moment is ready for JSON:
-
-    {"at_ms", "final", "final_since_ms", "stuck_since_ms", "nodes": [...], "links": [...]}
-
-Times are ms since 1970 by the console's clock. A node has `name`, `state` and, where reported, `height`, `final`, `lag`
-(blocks behind the newest final one), `round`, `epoch`, `leader`, `peers`, `waiting`, `suspended`, `accused` (nodes that
-report its equivocation), `clock_off_ms`, `clock_set_ms`, `disks`, `behaviour`, `faults`. A link is one direction,
-omitted if up and quiet: `from`, `to`, `state`, `words` (injected faults), `sent`, `arrived` (frames/s), `bytes`
-(arrived/s), `kinds` (arrived frames/s by kind).
+A moment is ready for JSON; times are ms since 1970 by the console's clock, a node's figures are absent where it does
+not report them. A link is one direction, left out if up and quiet; its `sent`, `arrived`, `kinds` (frames) and `bytes`
+are per second.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Describes changes between two moments of a network. Pure.
-
-Events are JSON-ready: `at_ms`, `kind` (fault, node, leader, timeout, suspension, finality, epoch, link, asked), `tone`
-(good, bad, warn, empty), `text`, `nodes`.
-"""
+"""Describes changes between two moments of a network, as JSON-ready events."""
 
 from __future__ import annotations
 

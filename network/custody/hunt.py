@@ -1,7 +1,6 @@
 """Searches a network for remains of records: what, where and until when.
 
-Searches all files below the network's folder as bytes, with free pages and logs of databases, and all MongoDB
-documents; a MongoDB server's own files only where they are named.
+A MongoDB server's own files are searched only where they are named.
 """
 
 from __future__ import annotations

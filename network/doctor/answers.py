@@ -1,4 +1,4 @@
-"""Pure checks that compare running nodes' answers, collected before."""
+"""Checks that compare running nodes' answers, collected before."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """The fixed list of the doctor's findings.
 
-Each kind has a code, a severity and a next step. A *problem* sets the doctor's exit code to 1; a *warning* does not
-yet.
+A *problem* sets the doctor's exit code to 1; a *warning* does not yet.
 """
 
 from __future__ import annotations

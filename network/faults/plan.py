@@ -1,25 +1,6 @@
-"""Fault plans: TOML with a seed, timed and random steps.
+"""Fault plans: TOML with a seed, timed and random steps, as in docs/how-to/break-the-network.md.
 
-    seed = 7
-
-    [[step]]
-    at = "2s"
-    do = "partition"
-    groups = "node-1,node-2 | node-3,node-4"
-
-    [[step]]
-    at = "6s"
-    do = "heal"
-
-    [[random]]
-    from = "10s"
-    to = "40s"
-    every = "5s"
-    lasting = "3s"
-    do = ["kill", "pause", "partition", "link", "skew"]
-
-A random table draws a kind and target from the seed and ends the fault after `lasting`. Draws are made at parsing, so a
-dry run shows them.
+Random steps are drawn at parsing, so a dry run shows them.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class Base:
 
 
 def base_of_genesis(genesis: Genesis) -> Base:
-    """Return the initial state. Raises GENESIS_INVALID."""
+    """Raises GENESIS_INVALID."""
     opened = open_genesis(genesis)
     state = MemoryState()
     state.absorb(opened.writes, opened.pages, opened.state_root)
@@ -44,7 +44,7 @@ def base_of_genesis(genesis: Genesis) -> Base:
 
 
 def base_of_snapshot(source: SnapshotSource, genesis: Genesis) -> Base:
-    """Return a snapshot's state in memory, verified from genesis. Raises SNAPSHOT_*."""
+    """In memory, verified from genesis. Raises SNAPSHOT_*."""
     restore = MemoryRestore()
     head = restore_into(source, genesis, restore)
     state = MemoryState()
@@ -55,7 +55,7 @@ def base_of_snapshot(source: SnapshotSource, genesis: Genesis) -> Base:
 
 
 def execute_on(machine: Machine, parent: StateView, block: Block) -> tuple[Overlay, bool]:
-    """Execute a finalized block; return its state and whether the root matches."""
+    """Return its state and whether the root matches."""
     header = block.header
     transactions = [decode_transaction(wire) for wire in block.transactions]
     gives_up = header.gives_up_change
@@ -82,7 +82,7 @@ class Replay:
         return self._base.state
 
     def run(self, read: Callable[[int], Block | None], until: int, progress: Callable[[int], None]) -> None:
-        """Replay blocks, as `read` gives them, up to a height.
+        """Blocks come from `read`.
 
         Raises BLOCK_PRUNED if one is missing, BLOCK_INVALID if unlinked or with another root.
         """
@@ -110,7 +110,7 @@ class Replay:
 
 
 def find_writers(machine: Machine, parent: StateView, block: Block, keys: Iterable[bytes]) -> dict[bytes, Writer]:
-    """Return each key's last writing transaction, executing one at a time."""
+    """Executes one transaction at a time."""
     header: Header = block.header
     found = {key: Writer(header.height, block.block_id, None) for key in sorted(keys)}
     view, gives_up = parent, header.gives_up_change

@@ -1,7 +1,6 @@
 """Compares two nodes' ledgers: first differing block, then differing state keys.
 
-Headers are bisected. If equal, bodies and receipts are compared bytewise, then tries (only differing pages) and flat
-tables row by row, which finds values that the trie contradicts.
+Headers, bodies and receipts, tries, then flat tables row by row, which finds values that the trie contradicts.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ class Pages(Protocol):
     """One version of a trie."""
 
     def page(self, path: bytes) -> bytes | None:
-        """Return the page under a nibble path, or None."""
+        """None if there is none."""
         ...
 
 
@@ -201,7 +200,7 @@ def _root_slot(root: bytes) -> _Slot:
 
 
 def differing_paths(first: StateView, second: StateView, damaged: list[str]) -> Iterator[bytes]:
-    """Yield SHA-256 of keys on which tries differ; note damaged pages."""
+    """As SHA-256 of keys; note damaged pages."""
     walk = _Walk(first, second)
     for path, _, _ in walk.leaves(b"", (_root_slot(first.state_root), _root_slot(second.state_root))):
         yield path
@@ -209,7 +208,7 @@ def differing_paths(first: StateView, second: StateView, damaged: list[str]) -> 
 
 
 def differing_rows(first: StateView, second: StateView) -> Iterator[tuple[bytes, bytes | None, bytes | None]]:
-    """Yield (flat key, both values) of differing rows, in key order."""
+    """As (flat key, both values), in key order."""
     sides = [iter(view.scan(b"", STATE_ROWS_MAX_COUNT)) for view in (first, second)]
     heads = [next(side, None) for side in sides]
     while heads[0] is not None or heads[1] is not None:

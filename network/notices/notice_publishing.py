@@ -30,7 +30,7 @@ def demo_notice() -> Notice:
 async def publish_notice(
     client: NetworkClient, key: PrivateKey, organisation: str, notice: Notice
 ) -> tuple[PublishedNotice, bool]:
-    """Publish a notice unless in force; return whether it is new.
+    """Unless in force; return whether it is new.
 
     Raises NOTICE_INVALID, NOTICE_NOT_FOUND if another admin was faster, and as `NetworkClient.call`.
     """

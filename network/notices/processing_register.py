@@ -62,7 +62,7 @@ SUBJECTS = (
 
 
 async def read_activities(client: NetworkClient, organisation: str, membership: MembershipView) -> Activities:
-    """Read an organisation's proved register. Raises NOTICE_NOT_FOUND without a notice."""
+    """Proved. Raises NOTICE_NOT_FOUND without a notice."""
     published = await read_notice(client, organisation)
     if published is None:
         raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} has published none, and the register rests on it.")

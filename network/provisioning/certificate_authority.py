@@ -1,7 +1,6 @@
 """Organisations' certificate authorities and their nodes' certificates.
 
-One CA (ECDSA P-256) per organisation, certified in the genesis file; a node's certificate has its name as common name,
-signed by its organisation's CA.
+Keys are ECDSA P-256; a node's certificate has its name as common name.
 """
 
 from __future__ import annotations
@@ -98,7 +97,7 @@ def create_authority(organisation: str) -> Authority:
 
 
 def load_authority(folder: Path, organisation: str = "") -> Authority:
-    """Read an organisation's CA; its name defaults to the folder's. Raises FILE_UNUSABLE."""
+    """The name defaults to the folder's. Raises FILE_UNUSABLE."""
     try:
         key = serialization.load_pem_private_key((folder / "ca.key.pem").read_bytes(), None)
         certificate = x509.load_pem_x509_certificate((folder / "ca.crt.pem").read_bytes())
@@ -156,14 +155,14 @@ def issue_node_certificate(
 
 
 def encode_private_key(key: ec.EllipticCurvePrivateKey) -> bytes:
-    """Return a TLS or CA key as unencrypted PKCS#8 PEM."""
+    """As unencrypted PKCS#8 PEM."""
     return key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
 
 
 def write_secret(path: Path, data: bytes) -> None:
-    """Write a new file of mode 0600. Raises FileExistsError, never overwrites."""
+    """With mode 0600. Raises FileExistsError, never overwrites."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "wb") as file:

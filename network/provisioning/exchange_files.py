@@ -26,7 +26,7 @@ CERTIFICATES_MAX_CHARS = 4096
 
 
 def read_public_text(path: Path) -> str:
-    """Read a file to be published. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
+    """Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
     with path.open("rb") as file:
         data = file.read(HANDED_OVER_MAX_BYTES + 1)
     if b"PRIVATE KEY" in data:
@@ -41,7 +41,7 @@ def read_public_text(path: Path) -> str:
 
 
 def public_certificates(text: str, place: Path) -> str:
-    """Return a text's CA certificates, re-encoded as PEM alone. Raises FILE_UNUSABLE."""
+    """Re-encoded as PEM alone. Raises FILE_UNUSABLE."""
     found = load_authorities(text)
     if not found:
         raise BlockRobotError("FILE_UNUSABLE", f"{place} holds no certificate in PEM that can be used.")
@@ -53,7 +53,7 @@ def public_certificates(text: str, place: Path) -> str:
 
 
 def read_authority_certificates(path: Path) -> str:
-    """Return a file's CA certificates for a proposal. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
+    """Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
     return public_certificates(read_public_text(path), path)
 
 
@@ -66,7 +66,7 @@ def read_certificate(path: Path) -> x509.Certificate:
 
 
 def organisation_entry_to_json(entry: Organisation) -> str:
-    """Return an entry for `org propose add-org`: public keys only, in hex."""
+    """For `org propose add-org`: public keys only, in hex."""
     document = {
         "name": entry.name,
         "ca_certificate": entry.ca_certificate,
@@ -83,7 +83,7 @@ def _require_public_keys(keys: list[bytes], path: Path) -> None:
 
 
 def read_organisation_entry(path: Path) -> dict[str, Any]:
-    """Return an organisation entry as proposal arguments. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
+    """As proposal arguments. Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
     text = read_public_text(path)
     try:
         document = read_json_text(text)
@@ -98,7 +98,7 @@ def read_organisation_entry(path: Path) -> dict[str, Any]:
 
 
 def read_node_entry(path: Path) -> dict[str, Any]:
-    """Read a node's entry: the genesis file's node fields as JSON, keys in hex.
+    """The genesis file's node fields as JSON, keys in hex.
 
     Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE.
     """

@@ -57,7 +57,7 @@ class CertificateReport:
         return "expiring" if self.days_left(now_ms) * DAY_MS < EXPIRY_WARNING_MS else "valid"
 
     def days_left(self, now_ms: int) -> int:
-        """Return whole days of validity left; negative if expired."""
+        """Whole days; negative if expired."""
         return -1 if self.facts is None else (self.facts.not_after_ms - now_ms) // DAY_MS
 
 
@@ -100,7 +100,7 @@ def read_report(config: NodeConfig) -> CertificateReport:
 
 
 def issue_into(folder: Path, authority: Authority, name: str, host: str, days: int = NODE_LIFETIME_DAYS) -> int:
-    """Write a node's new key and certificate; return the serial. Raises FileExistsError."""
+    """Return the serial. Raises FileExistsError."""
     issued = issue_node_certificate(authority, name, host, lifetime=dt.timedelta(days=days))
     write_secret(folder / KEY_FILE, issued.key_pem)
     write_secret(folder / CERTIFICATE_FILE, issued.certificate_pem)
@@ -108,7 +108,7 @@ def issue_into(folder: Path, authority: Authority, name: str, host: str, days: i
 
 
 def renew(config: NodeConfig, authority: Authority, *, days: int = NODE_LIFETIME_DAYS, new_key: bool = False) -> int:
-    """Renew a node's certificate in place; return the new serial number.
+    """Return the new serial number.
 
     A running node reloads it within a second. Raises FILE_UNUSABLE if the kept key is unreadable.
     """
@@ -146,7 +146,7 @@ def _replace(config: NodeConfig, issued: NodeCertificate, *, with_key: bool) -> 
 
 
 def get_authority(network: Path, organisation: str, folder: Path | None = None) -> Authority:
-    """Return an organisation's authority from `folder` or the network's `organisations/`.
+    """From `folder` or the network's `organisations/`.
 
     Raises AUTHORITY_NOT_HERE without its key, FILE_UNUSABLE.
     """

@@ -23,7 +23,7 @@ _PORT_MAX = 65_535
 
 
 def read_directory_of(config: NodeConfig) -> DirectoryContent | None:
-    """Return the directory in a local node's ledger, running or not; None if absent.
+    """From a local node's ledger, running or not; None if absent.
 
     Raises STORAGE_DAMAGED, STORAGE_BUSY, DATA_DIRECTORY_INVALID.
     """
@@ -45,7 +45,7 @@ def newest_directory(genesis: Genesis, configs: Iterable[NodeConfig]) -> Directo
 
 
 def of_chain(configs: Iterable[NodeConfig], chain_id: bytes) -> list[NodeConfig]:
-    """Return the local nodes of this network; skips unreadable genesis files."""
+    """Skips unreadable genesis files."""
     found = []
     for config in configs:
         try:
@@ -58,7 +58,7 @@ def of_chain(configs: Iterable[NodeConfig], chain_id: bytes) -> list[NodeConfig]
 
 
 def organisation_of(config: NodeConfig, configs: Iterable[NodeConfig]) -> str:
-    """Return a node's organisation by configuration, genesis or local ledgers. Raises NOT_FOUND."""
+    """By configuration, genesis or local ledgers. Raises NOT_FOUND."""
     if config.organisation:
         return config.organisation
     node = newest_directory(load_genesis(config), configs).nodes.get(config.name)
@@ -121,7 +121,7 @@ def check_api_url(name: str, url: str) -> None:
 def init_node(
     folder: Path, newcomer: JoiningNode, genesis: Genesis, authority: Authority, directory: DirectoryContent
 ) -> NodeEntry:
-    """Create a joining node's data directory; return its entry for approval. Raises NODE_EXISTS."""
+    """Return its entry for approval. Raises NODE_EXISTS."""
     check_joining_node(newcomer, directory)
     if folder.exists():
         raise BlockRobotError("NODE_EXISTS", f"There is something in {folder} already.")
@@ -156,7 +156,7 @@ def init_node(
 
 
 def entry_to_json(entry: NodeEntry) -> str:
-    """Return an entry for `org propose add-node`: named fields, bytes in hex."""
+    """For `org propose add-node`: named fields, bytes in hex."""
     fields = {name: getattr(entry, name) for name in NodeEntry.__struct_fields__}
     shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in fields.items()}
     return json.dumps(shown, indent=2) + "\n"

@@ -51,7 +51,7 @@ def plan_to_toml(plan: Plan) -> str:
 
 
 def load_plan(path: Path) -> Plan:
-    """Read a plan. Raises CONFIGURATION_INVALID, FILE_UNUSABLE."""
+    """Raises CONFIGURATION_INVALID, FILE_UNUSABLE."""
     try:
         data = read_given_file(path, TOML_MAX_BYTES)
     except OSError as error:
@@ -67,7 +67,7 @@ def load_plan(path: Path) -> Plan:
 
 
 def find_problem(plan: Plan) -> str:
-    """Return the first problem that makes a plan unplayable, or ""."""
+    """The first that makes a plan unplayable, or ""."""
     return next(_problems_of_plan(plan), "")
 
 

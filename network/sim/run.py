@@ -43,7 +43,7 @@ class RunResult(msgspec.Struct, frozen=True):
 def run_seed(
     plan: Plan, *, mutate: Mutation | None = None, listener: Callable[[Observation], None] | None = None
 ) -> RunResult:
-    """Play and check a plan; `mutate` may change the cluster before it starts."""
+    """`mutate` may change the cluster before it starts."""
     return run_with_history(plan, mutate=mutate, listener=listener)[0]
 
 

@@ -15,7 +15,7 @@ SHORTEST_MS = 4
 
 
 def shrink_plan(plan: Plan, result: RunResult, play: Callable[[Plan], RunResult]) -> tuple[Plan, RunResult]:
-    """Return a smaller failing plan and its result. Needs violations."""
+    """Needs violations."""
     return _Shrinking(plan, result, play).shrink()
 
 

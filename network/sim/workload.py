@@ -113,7 +113,7 @@ def setting_change(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ..
 
 @cache
 def producer_turnover(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
-    """Return the batches by which the last node loses and regains its seat."""
+    """The last node loses and regains its seat."""
     chain, index = make_chain(size), size.nodes - 1
     key = chain.producers[index].public_key
     own = chain.admins[index % len(chain.admins)]
@@ -126,7 +126,7 @@ def producer_turnover(size: NetworkSize, number: int) -> tuple[tuple[Call, ...],
 
 @cache
 def growth(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
-    """Return batches that make members of followers, seat them, and unseat all."""
+    """Followers become members, are seated, and all are unseated."""
     chain = make_chain(size)
     admins = (chain.admins[0], chain.admins[-1])
     batches: list[tuple[Call, ...]] = []

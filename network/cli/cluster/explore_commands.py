@@ -1,7 +1,7 @@
 """`blockrobot explore`: a node's explorer in the browser, from a page of this machine.
 
-The command signs in and asks the node; the browser gets a session with the command alone, at an origin that nothing had
-before. Whoever had the node's own address while it was down may have left a service worker there.
+The browser gets a session with the command alone, at an origin that nothing had before: at the node's own address
+somebody may have left a service worker.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ async def _explore(signers: list[Signer], node_name: str | None, *, no_browser: 
 
 @asynccontextmanager
 async def explorer_page(access: ExplorerAccess, redirect_folder: Path) -> AsyncIterator[LocalPage]:
-    """Yield the unstarted page, which reads in the member's name and takes no transaction; stop it in the end."""
+    """Unstarted; reads in the member's name and takes no transaction. Stop it in the end."""
     async with NetworkClient(access.signer.genesis) as client:
 
         async def pass_on(request: web.Request) -> web.Response:

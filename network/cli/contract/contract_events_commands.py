@@ -1,7 +1,6 @@
 """`blockrobot contract events`: contract events in order, each once.
 
-The position file is replaced only after output is written, so restarts miss nothing. With `--out` the output file is
-the position: even a kill within a line duplicates nothing.
+Restarts miss and repeat nothing: the position is replaced only after output is written.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Who signs a call and opens the session: officer, member or wallet.
-
-`--as hospital` is an organisation's admin, `--as hospital/registrar` its registrar, `--key FILE` raw 32 bytes,
-`--wallet PROFILE` a person.
-"""
+"""Who signs a call and opens the session: officer, member or wallet."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Shared by governance commands: signing key, network, reporting of decisions.
-
-An organisation's admin key is `organisations/<name>/admin.key` (raw 32 bytes) in the network's folder.
-"""
+"""Shared by governance commands: signing key, network, reporting of decisions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Per-pixel features for learned attackers: picture, surroundings, owner's outline. Pure."""
+"""Per-pixel features for learned attackers: picture, surroundings, owner's outline."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The judge's figures from per-scene numbers. Pure; each stratum is listed, never averaged away."""
+"""The judge's figures from per-scene numbers; each stratum is listed, never averaged away."""
 
 from __future__ import annotations
 

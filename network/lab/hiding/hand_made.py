@@ -1,6 +1,6 @@
 """Attacks without learning: difference, holes, edges, bite in the outline, outline itself.
 
-Pure. One of them includes the owner's outline, since another person may be inside it.
+One of them includes the owner's outline, since another person may be inside it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Scores of recovery and retention, with confidence bounds. Pure; leaks are never rounded away."""
+"""Scores of recovery and retention, with confidence bounds; leaks are never rounded away."""
 
 from __future__ import annotations
 

@@ -238,7 +238,7 @@ def _delays(outcomes: Sequence[Outcome]) -> dict[str, float]:
 
 
 def measure_cost(seed: int) -> dict[str, float]:
-    """Return CPU times with three people and tags, and of a storm."""
+    """CPU times with three people and tags, and of a storm."""
     drawn = [draw(Setting(5, 0.3, 3, "present"), seed, number) for number in range(TAGS_COUNT)]
     matcher, waiting = Matcher(), []
     for track in drawn[0].tracks:

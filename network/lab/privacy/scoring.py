@@ -1,4 +1,4 @@
-"""Attack success rates against guessing, with confidence bounds. Pure."""
+"""Attack success rates against guessing, with confidence bounds."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""CPU costs of a simulated node's one core, in virtual microseconds.
-
-Measured by `blockrobot sim calibrate`; kept apart from a node's own work prices.
-"""
+"""CPU costs of a simulated node's one core, in virtual microseconds."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class SimCustodyStore(SqliteStore):
         return self._memory.serialize()
 
     def restore(self, image: bytes) -> None:
-        """Replace everything by a backup. Only while the node is down."""
+        """Only while the node is down."""
         self._memory.deserialize(image)
 
     def holdings(self) -> Holdings:
@@ -98,7 +98,7 @@ class MemoryEraseKeys:
         self._next_slot = 0
 
     def allocate(self, count: int) -> list[tuple[int, bytes]]:
-        """Return new slots with keys; slots are never reused."""
+        """Slots are never reused."""
         taken = [(self._next_slot + offset, self._dice.randbytes(ERASE_KEY_BYTES)) for offset in range(count)]
         self._next_slot += count
         self._keys.update((slot, bytes(bytearray(key))) for slot, key in taken)  # the caller wipes its own

@@ -222,7 +222,7 @@ class SimNetwork:
         return True
 
     async def request(self, peer: str, kind: RequestKind, body: bytes, timeout_ms: int = REQUEST_TIMEOUT_MS) -> bytes:
-        """Ask one peer. Raises PEER_UNAVAILABLE if absent, refusing or late."""
+        """Raises PEER_UNAVAILABLE if absent, refusing or late."""
         if peer not in self._greeted:
             raise BlockRobotError("PEER_UNAVAILABLE", f"{peer} is not connected.")
         self._next_request = number = self._next_request + 1
@@ -261,7 +261,7 @@ class SimNetwork:
             self.wires.break_connection(self.name, peer)
 
     def unheard_until_ms(self, peer: str) -> int:
-        """Return until when a cut-off peer is ignored (0: never cut off)."""
+        """0: never cut off."""
         return self._peer_bans.until_ms(peer)
 
     def receive(self, peer: str, kind: FrameKind, payload: bytes) -> None:

@@ -93,7 +93,7 @@ class Chain:
 
 
 def make_node_entry(index: int, key: PrivateKey, custodian: PrivateKey | None = None) -> NodeEntry:
-    """Return a producing node's genesis or governance entry; organisations alternate."""
+    """Organisations alternate."""
     return NodeEntry(
         name=node_name(index),
         organisation=_ORGANISATIONS[index % ORGANISATIONS_COUNT],

@@ -29,7 +29,7 @@ READ_KEY = records.ANNOUNCEMENT_COUNT.flat
 
 
 def decisions_of(size: NetworkSize, governance: str) -> Iterator[tuple[Call, ...]]:
-    """Yield governance batches endlessly; some end an epoch, or two."""
+    """Endlessly; some end an epoch, or two."""
     decide = {
         "settings": setting_change,
         "producers": producer_turnover,

@@ -56,11 +56,11 @@ class SimDisk:
         return SimFile(self, self._names[path])
 
     def replace(self, source: Path, target: Path) -> None:
-        """Rename a file; durable with its directory."""
+        """Durable with its directory."""
         self._names[target] = self._names.pop(source)
 
     def remove(self, path: Path) -> None:
-        """Remove a file; durable with its directory."""
+        """Durable with its directory."""
         if path not in self._names:
             raise FileNotFoundError(path)
         del self._names[path]

@@ -112,7 +112,6 @@ class SimNode:
     # Clocks and pauses
 
     def now_ms(self) -> int:
-        """Return the node's wall clock, ms."""
         return EPOCH_MS + round(self.cluster.loop.now_ms) + self.clock_offset_ms
 
     async def _pause(self) -> None:
@@ -228,7 +227,7 @@ class SimNode:
     # Backups
 
     def back_up(self) -> Backup:
-        """Return a copy of the durable data, except erase keys, which are never copied."""
+        """Erase keys are never copied."""
         return Backup(self.disk.image(), self.ledger.image(), self.store.image())
 
     def restore(self, backup: Backup, *, whole: bool) -> None:

@@ -82,7 +82,7 @@ class SimLoop:
     # The clock and what is scheduled
 
     def time(self) -> float:
-        """Return the virtual time, seconds since the start."""
+        """Virtual seconds since the start."""
         return self._now_s
 
     @property
@@ -113,7 +113,7 @@ class SimLoop:
     def call_for(
         self, owner: Owner, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
     ) -> _Handle:
-        """Run a callback at a virtual time (s), as `owner`."""
+        """As `call_at`, for `owner`."""
         handle = _Handle(owner, when, callback, args, context)
         self._sequence += 1
         heapq.heappush(self._timers, (when, self._sequence, handle))

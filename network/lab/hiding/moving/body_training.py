@@ -37,14 +37,14 @@ LEARNER: dict[str, float] = {"n_estimators": 240, "min_samples_leaf": 15, "subsa
 
 
 def collect(drives: int, workers: int) -> tuple[npt.NDArray[np.int64], Floats]:
-    """Return kinds (places in KINDS) and cues of the bodies of so many drives; unclear ones are left out."""
+    """Kinds are places in KINDS; unclear bodies are left out."""
     with worker_pool(workers) as pool:
         rows = [row for made in pool.map(_sample, range(drives), chunksize=2) for row in made]
     return np.array([row[0] for row in rows]), np.array([row[1] for row in rows]).round(DIGITS)
 
 
 def train_all(kinds: npt.NDArray[np.int64], cues: Floats) -> dict[str, bytes]:
-    """Return the model files by name."""
+    """By file name."""
     person, people, thing = (KINDS.index(kind) for kind in ("person", "people", "thing"))
     pairs = np.isin(kinds, (person, people))
     trained = {

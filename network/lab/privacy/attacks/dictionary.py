@@ -86,7 +86,7 @@ def search_chain(marks: Collection[bytes], chain_id: bytes, serial_bits: int) ->
 
 
 def computed_costs(hashes_a_second: float) -> dict[str, float]:
-    """Return core hours per number of unknown bits, and those of a graphics card."""
+    """Core hours per number of unknown bits, and those of a graphics card."""
     figures: dict[str, float] = {}
     for bits in COMPUTED_BITS:
         hours = 2.0**bits / max(hashes_a_second, 1.0) / 3600

@@ -1,6 +1,6 @@
-"""Names grantees from the chain alone by guessing weak secrets and unsalted hashes. Pure.
+"""Names grantees from the chain alone by guessing weak secrets and unsalted hashes.
 
-Grantee key G is built like owner keys, so visit-naming guesses apply; handle hashes are tried with all public salts.
+Handle hashes are tried with all public salts.
 """
 
 from __future__ import annotations

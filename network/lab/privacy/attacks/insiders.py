@@ -59,7 +59,7 @@ def read_erase_keys(folder: Path) -> dict[int, bytes]:
 
 
 def find_bytes(folder: Path, needles: Iterable[bytes]) -> int:
-    """Return how many byte strings occur in a folder's files, free pages and logs included."""
+    """Free pages and logs included."""
     content = b"".join(path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file())
     return sum(needle in content for needle in needles)
 

@@ -62,10 +62,9 @@ def attack_enrolment(played: Played, marks: Collection[bytes], scheme: Scheme | 
 def attack_presence(
     played: Played, view: LedgerView, scheme: Scheme | None, *, seed: int, speaking: bool = False
 ) -> Rate:
-    """Guess which of two enrolled people was recorded on a day, by registry entry.
+    """`scheme` None: ours, by handle and M; the paper's schemes: by a hash on records.
 
-    Paper's schemes: a hash on records (salted: by UID); ours (None): handle and M. `speaking`: include people with a
-    consent statement that day; people with other activity count either way.
+    `speaking`: include people with a consent statement that day; people with other activity count either way.
     """
     came, acts = _presence(played), _acts_by_day(view)
     marks = {number: (holder.handle, holder.keys.identity.public_key) for number, holder in played.holders.items()}

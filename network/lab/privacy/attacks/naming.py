@@ -1,6 +1,6 @@
-"""Names visits' owners by guessing a careless robot's secrets. Pure.
+"""Names visits' owners by guessing a careless robot's secrets.
 
-O = S + H('owner', s)G with public S: guessing s, or its r, names the visit. Secrets made from public data are tried.
+Tries secrets made from public data: guessing s, or its r, names the visit.
 """
 
 from __future__ import annotations

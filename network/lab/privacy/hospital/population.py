@@ -1,4 +1,4 @@
-"""The attacked population: people, robots they pass, picture sizes. Pure, seeded."""
+"""The attacked population: people, robots they pass, picture sizes. Seeded."""
 
 from __future__ import annotations
 
