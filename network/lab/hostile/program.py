@@ -45,8 +45,12 @@ def body(name: str, expect: str, text: str, *, before: str = "", **more: Any) ->
     return Program(name, expect, f"{before}\n@export\ndef f({params}):\n{inner}\n", **more)
 
 
+def spent(name: str, text: str, **more: Any) -> Program:
+    return body(name, SPENT, text, **more)
+
+
 def bomb(name: str, text: str) -> Program:
-    return body(name, SPENT, text, at_once=True)
+    return spent(name, text, at_once=True)
 
 
 def refused(name: str, code: str, text: str) -> Program:

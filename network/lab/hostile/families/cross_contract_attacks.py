@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from network.lab.hostile.program import SPENT, Program, body, source
+from network.lab.hostile.program import Program, body, source, spent
 
 _BACK = "@export\ndef f():\n    return call('it', 'f')\n\n\n@view\ndef look():\n    return call('it', 'g')\n"
 _WRITER = (
@@ -28,10 +28,9 @@ PROGRAMS: tuple[Program, ...] = (
     body("calls-itself", "REENTRANT", "return call('it', 'f')"),
     body("calls-itself-by-a-view", "REENTRANT", "return call('it', 'g')", before="@view\ndef g():\n    pass\n"),
     body("calls-deeper-and-deeper", "CALL_DEPTH", "return call('c1', 'f')", others=_CHAIN),
-    body("calls-without-end", SPENT, "while True:\n    call('other', 'read')", others={"other": _WRITER}),
-    body(
+    spent("calls-without-end", "while True:\n    call('other', 'read')", others={"other": _WRITER}),
+    spent(
         "calls-with-large-arguments",
-        SPENT,
         "x = [bytes(1000)] * 1000\nwhile True:\n    call('other', 'write', x)",
         others={"other": "@export\ndef write(x: list):\n    pass\n"},
     ),
@@ -148,9 +147,8 @@ PROGRAMS: tuple[Program, ...] = (
         others={"other": "@view\ndef f() -> str:\n    return ctx.calling_contract\n"},
     ),
     body("budgets-are-shared-writes", "EVENT_BUDGET", "while True:\n    call('other', 'f')", others={"other": _FLOOD}),
-    body(
+    spent(
         "budgets-are-shared-gas",
-        SPENT,
         "call('other', 'f')",
         others={"other": "@export\ndef f():\n    while True:\n        pass\n"},
     ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from network.lab.hostile.program import REFUSED, SPENT, Program, body, source
+from network.lab.hostile.program import REFUSED, Program, body, source, spent
 
 _FOREVER = "i = 0\nwhile True:\n    i += 1\n    "
 _NESTED = [[[[[[[[[[[[[[[["x"] * 8]]]]]]]]]]]]]]]
@@ -10,7 +10,7 @@ _NESTED = [[[[[[[[[[[[[[[["x"] * 8]]]]]]]]]]]]]]]
 PROGRAMS: tuple[Program, ...] = (
     body("keys", "WRITE_BUDGET", _FOREVER + "state.put(u64(i), i)"),
     body("one-key-again-and-again", "WRITE_BUDGET", _FOREVER + "state.put(b'k', i)"),
-    body("large-values", SPENT, "x = bytes(16000)\n" + _FOREVER + "state.put(u64(i), x)"),
+    spent("large-values", "x = bytes(16000)\n" + _FOREVER + "state.put(u64(i), x)"),
     body("deletes", "WRITE_BUDGET", _FOREVER + "state.delete(u64(i))"),
     body("writes-and-deletes", "WRITE_BUDGET", _FOREVER + "state.put(b'k', 1)\n    state.delete(b'k')"),
     body("value-too-large", "VALUE_ERROR", "state.put(b'k', bytes(20000))"),
@@ -28,51 +28,26 @@ PROGRAMS: tuple[Program, ...] = (
         "require(state.get(b'\\x00other\\x00k') is None, 'SEEN')\nrequire(not state.has(b'other\\x00k'), 'SEEN')",
         others={"other": "@export\ndef f():\n    state.put(b'k', 1)\n"},
     ),
-    body("reads", SPENT, _FOREVER + "state.get(u64(i))"),
-    body("reads-of-one-key", SPENT, _FOREVER + "state.get(b'k')", state={b"k": 1}),
-    body("reads-of-large-values", SPENT, _FOREVER + "state.get(b'k')", state={b"k": b"v" * 16000}),
-    body("reads-of-nested-values", SPENT, _FOREVER + "state.get(b'k')", state={b"k": _NESTED}),
-    body(
-        "reads-of-many-empty-lists",
-        SPENT,
-        _FOREVER + "state.get(b'k')",
-        state={b"k": [[] for _ in range(15000)]},
+    spent("reads", _FOREVER + "state.get(u64(i))"),
+    spent("reads-of-one-key", _FOREVER + "state.get(b'k')", state={b"k": 1}),
+    spent("reads-of-large-values", _FOREVER + "state.get(b'k')", state={b"k": b"v" * 16000}),
+    spent("reads-of-nested-values", _FOREVER + "state.get(b'k')", state={b"k": _NESTED}),
+    spent("reads-of-many-empty-lists", _FOREVER + "state.get(b'k')", state={b"k": [[] for _ in range(15000)]}),
+    spent("reads-of-many-empty-dicts", _FOREVER + "state.get(b'k')", state={b"k": [{} for _ in range(15000)]}),
+    spent("reads-of-large-ints", _FOREVER + "state.get(b'k')", state={b"k": [2**255 + n for n in range(400)]}),
+    spent("reads-kept", "x = []\n" + _FOREVER + "x.append(state.get(b'k'))", state={b"k": [[] for _ in range(15000)]}),
+    spent("existence", _FOREVER + "state.has(u64(i))"),
+    spent("scans", _FOREVER + "state.scan(b'', 256)", state={bytes([n]): n for n in range(256)}),
+    spent("scans-of-nothing", _FOREVER + "state.scan(b'k', 256)"),
+    spent(
+        "scans-of-large-values", _FOREVER + "state.scan(b'', 256)", state={bytes([n]): b"v" * 16000 for n in range(16)}
     ),
-    body(
-        "reads-of-many-empty-dicts",
-        SPENT,
-        _FOREVER + "state.get(b'k')",
-        state={b"k": [{} for _ in range(15000)]},
-    ),
-    body(
-        "reads-of-large-ints",
-        SPENT,
-        _FOREVER + "state.get(b'k')",
-        state={b"k": [2**255 + n for n in range(400)]},
-    ),
-    body(
-        "reads-kept",
-        SPENT,
-        "x = []\n" + _FOREVER + "x.append(state.get(b'k'))",
-        state={b"k": [[] for _ in range(15000)]},
-    ),
-    body("existence", SPENT, _FOREVER + "state.has(u64(i))"),
-    body("scans", SPENT, _FOREVER + "state.scan(b'', 256)", state={bytes([n]): n for n in range(256)}),
-    body("scans-of-nothing", SPENT, _FOREVER + "state.scan(b'k', 256)"),
-    body(
-        "scans-of-large-values",
-        SPENT,
-        _FOREVER + "state.scan(b'', 256)",
-        state={bytes([n]): b"v" * 16000 for n in range(16)},
-    ),
-    body(
+    spent(
         "scans-of-ones-own-writes",
-        SPENT,
         "for i in range(250):\n    state.put(u32(i), i)\nwhile True:\n    state.scan(b'', 1)",
     ),
-    body(
+    spent(
         "scans-of-deleted-keys",
-        SPENT,
         "for i in range(250):\n    state.delete(u32(i))\nwhile True:\n    state.scan(b'', 1)",
         state={n.to_bytes(4, "big"): n for n in range(250)},
     ),
@@ -85,19 +60,18 @@ PROGRAMS: tuple[Program, ...] = (
     body("event-with-a-long-name", "VALUE_ERROR", "emit('a' * 10 ** 5, {})"),
     body("event-with-an-odd-name", "VALUE_ERROR", "emit('a\\n', {})"),
     body("event-of-a-list", "TYPE_ERROR", "emit('a', [])"),
-    body("hashes", SPENT, _FOREVER + "sha256(b'')"),
-    body("hashes-of-large-data", SPENT, "x = bytes(10 ** 6)\n" + _FOREVER + "sha256(x)"),
-    body("tagged-hashes", SPENT, _FOREVER + "tagged_hash('t', b'')"),
-    body("tagged-hashes-of-many-tags", SPENT, _FOREVER + "tagged_hash(f't{i}', b'')"),
+    spent("hashes", _FOREVER + "sha256(b'')"),
+    spent("hashes-of-large-data", "x = bytes(10 ** 6)\n" + _FOREVER + "sha256(x)"),
+    spent("tagged-hashes", _FOREVER + "tagged_hash('t', b'')"),
+    spent("tagged-hashes-of-many-tags", _FOREVER + "tagged_hash(f't{i}', b'')"),
     body("tag-too-long", "VALUE_ERROR", "tagged_hash('t' * 100, b'')"),
-    body("signatures", SPENT, _FOREVER + "recover('t', bytes(65), b'')"),
-    body("signatures-that-recover", SPENT, "x = b'\\x01' * 64 + b'\\x00'\n" + _FOREVER + "recover('t', x, u64(i))"),
-    body(
+    spent("signatures", _FOREVER + "recover('t', bytes(65), b'')"),
+    spent("signatures-that-recover", "x = b'\\x01' * 64 + b'\\x00'\n" + _FOREVER + "recover('t', x, u64(i))"),
+    spent(
         "signatures-of-large-messages",
-        SPENT,
         "x = bytes(10 ** 6)\ny = b'\\x01' * 64 + b'\\x01'\n" + _FOREVER + "recover('t', y, x)",
     ),
-    body("signatures-of-odd-sizes", SPENT, _FOREVER + "recover('t', bytes(i % 99), b'')"),
+    spent("signatures-of-odd-sizes", _FOREVER + "recover('t', bytes(i % 99), b'')"),
     source("writes-in-a-view", REFUSED + "VIEW_WRITES", "@view\ndef f():\n    state.put(b'a', 1)\n", mode="view"),
     source(
         "keys-in-genesis-only",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from network.lab.hostile.program import REFUSED, SPENT, Program, body, refused, source
+from network.lab.hostile.program import REFUSED, Program, body, refused, source, spent
 
 _DEEP = "x = []\nfor i in range({}):\n    x = [x]\n"
 _DEEP_DICT = "x = {{}}\nfor i in range({}):\n    x = {{'a': x}}\n"
@@ -30,10 +30,10 @@ PROGRAMS: tuple[Program, ...] = (
         _DEEP_DICT.format(100) + "y = {}\nfor i in range(100):\n    y = {'a': y}\nreturn x == y",
     ),
     body("deep-searched", "VALUE_ERROR", _DEEP.format(100) + "y = x\nreturn [y] in [[x], x]"),
-    body("deep-to-the-end-of-gas", SPENT, "x = []\nwhile True:\n    x = [x]"),
-    body("deep-dict-to-the-end-of-gas", SPENT, "x = {}\nwhile True:\n    x = {1: x}"),
-    body("deep-tuple-to-the-end-of-gas", SPENT, "x = ()\nwhile True:\n    x = (x,)"),
-    body("deep-dropped-again", SPENT, "while True:\n    x = []\n    for i in range(1000):\n        x = [x]"),
+    spent("deep-to-the-end-of-gas", "x = []\nwhile True:\n    x = [x]"),
+    spent("deep-dict-to-the-end-of-gas", "x = {}\nwhile True:\n    x = {1: x}"),
+    spent("deep-tuple-to-the-end-of-gas", "x = ()\nwhile True:\n    x = (x,)"),
+    spent("deep-dropped-again", "while True:\n    x = []\n    for i in range(1000):\n        x = [x]"),
     body("deep-text-of-value", "TYPE_ERROR", _DEEP.format(1000) + "return str(x)"),
     body("deep-as-a-truth", "OK", _DEEP.format(1000) + "return bool(x)"),
     refused("brackets", "NESTED_TOO_DEEP", "return " + "(" * 5000 + "1" + ")" * 5000),
