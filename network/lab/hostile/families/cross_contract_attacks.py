@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from network.lab.hostile.program import Program, body, source, spent
+from network.lab.hostile.program import SPENT, Program, body, source
 
 _BACK = "@export\ndef f():\n    return call('it', 'f')\n\n\n@view\ndef look():\n    return call('it', 'g')\n"
 _WRITER = (
@@ -16,9 +16,14 @@ _FAILS = "@export\ndef f():\n    state.put(b'k', 1)\n    emit('done', {})\n    r
 _CHAIN = {f"c{n}": f"@export\ndef f():\n    return call('c{n + 1}', 'f')\n" for n in range(1, 80)}
 _FLOOD = "@export\ndef f():\n    for i in range(30):\n        state.put(u32(i), i)\n        emit('x', {})\n"
 
+
+def _beside(name: str, expect: str, text: str, other: str) -> Program:
+    return body(name, expect, text, others={"other": other})
+
+
 PROGRAMS: tuple[Program, ...] = (
-    body("re-entered", "REENTRANT", "return call('other', 'f')", others={"other": _BACK}),
-    body("re-entered-at-another-entry", "REENTRANT", "return call('other', 'look')", others={"other": _BACK}),
+    _beside("re-entered", "REENTRANT", "return call('other', 'f')", _BACK),
+    _beside("re-entered-at-another-entry", "REENTRANT", "return call('other', 'look')", _BACK),
     body(
         "re-entered-through-three",
         "REENTRANT",
@@ -28,41 +33,26 @@ PROGRAMS: tuple[Program, ...] = (
     body("calls-itself", "REENTRANT", "return call('it', 'f')"),
     body("calls-itself-by-a-view", "REENTRANT", "return call('it', 'g')", before="@view\ndef g():\n    pass\n"),
     body("calls-deeper-and-deeper", "CALL_DEPTH", "return call('c1', 'f')", others=_CHAIN),
-    spent("calls-without-end", "while True:\n    call('other', 'read')", others={"other": _WRITER}),
-    spent(
+    _beside("calls-without-end", SPENT, "while True:\n    call('other', 'read')", _WRITER),
+    _beside(
         "calls-with-large-arguments",
+        SPENT,
         "x = [bytes(1000)] * 1000\nwhile True:\n    call('other', 'write', x)",
-        others={"other": "@export\ndef write(x: list):\n    pass\n"},
+        "@export\ndef write(x: list):\n    pass\n",
     ),
-    body(
-        "calls-with-many-arguments",
-        "ARGUMENTS_INVALID",
-        "call('other', 'write', 1, 2, 3, 4, 5, 6)",
-        others={"other": _WRITER},
-    ),
+    _beside("calls-with-many-arguments", "ARGUMENTS_INVALID", "call('other', 'write', 1, 2, 3, 4, 5, 6)", _WRITER),
     body("calls-nobody", "ENTRY_UNKNOWN", "call('nobody', 'f')"),
     body("calls-nobody-with-a-long-name", "ENTRY_UNKNOWN", "call('n' * 10 ** 6, 'f' * 10 ** 6)"),
-    body(
-        "calls-a-helper",
-        "ENTRY_UNKNOWN",
-        "call('other', 'g')",
-        others={"other": "@export\ndef f():\n    pass\n\n\ndef g():\n    pass\n"},
+    _beside(
+        "calls-a-helper", "ENTRY_UNKNOWN", "call('other', 'g')", "@export\ndef f():\n    pass\n\n\ndef g():\n    pass\n"
     ),
-    body(
-        "calls-genesis",
-        "ENTRY_UNKNOWN",
-        "call('other', 'f')",
-        others={"other": "@genesis\ndef f():\n    state.put(b'k', 1)\n"},
-    ),
-    body("calls-a-dunder", "ENTRY_UNKNOWN", "call('other', '__init__')", others={"other": _WRITER}),
+    _beside("calls-genesis", "ENTRY_UNKNOWN", "call('other', 'f')", "@genesis\ndef f():\n    state.put(b'k', 1)\n"),
+    _beside("calls-a-dunder", "ENTRY_UNKNOWN", "call('other', '__init__')", _WRITER),
     body("calls-a-list", "TYPE_ERROR", "call([], {})"),
-    body(
-        "calls-with-itself-as-argument",
-        "ARGUMENTS_INVALID",
-        "x = []\nx.append(x)\ncall('other', 'write', x)",
-        others={"other": _WRITER},
+    _beside(
+        "calls-with-itself-as-argument", "ARGUMENTS_INVALID", "x = []\nx.append(x)\ncall('other', 'write', x)", _WRITER
     ),
-    body("calls-with-a-range", "ARGUMENTS_INVALID", "call('other', 'write', range(5))", others={"other": _WRITER}),
+    _beside("calls-with-a-range", "ARGUMENTS_INVALID", "call('other', 'write', range(5))", _WRITER),
     source(
         "view-writes-through-another",
         "VIEW_WRITES",
@@ -107,56 +97,51 @@ PROGRAMS: tuple[Program, ...] = (
     ),
     source("view-called-as-export", "ENTRY_UNKNOWN", "@view\ndef f():\n    pass\n"),
     source("export-called-as-view", "ENTRY_UNKNOWN", "@export\ndef f():\n    state.put(b'k', 1)\n", mode="view"),
-    body(
-        "arguments-are-copies",
-        "OK",
-        "x = [[0]]\ncall('other', 'spoil', x)\nrequire(x == [[0]], 'SPOILT')",
-        others={"other": _SPOILER},
+    _beside(
+        "arguments-are-copies", "OK", "x = [[0]]\ncall('other', 'spoil', x)\nrequire(x == [[0]], 'SPOILT')", _SPOILER
     ),
-    body(
+    _beside(
         "results-are-copies",
         "OK",
         "x = call('other', 'f')\nx.append(1)\nrequire(call('other', 'f') == [[1]], 'SPOILT')",
-        others={"other": "X = [[1]]\n\n\n@export\ndef f() -> list:\n    return X\n"},
+        "X = [[1]]\n\n\n@export\ndef f() -> list:\n    return X\n",
     ),
-    body("result-of-a-wrong-type", "TYPE_ERROR", "return call('other', 'f')", others={"other": _LIAR}),
-    body("failure-is-not-caught", "NO_WAY", "call('other', 'f')", others={"other": _FAILS}),
-    body(
+    _beside("result-of-a-wrong-type", "TYPE_ERROR", "return call('other', 'f')", _LIAR),
+    _beside("failure-is-not-caught", "NO_WAY", "call('other', 'f')", _FAILS),
+    _beside(
         "keys-of-the-callee-are-its-own",
         "OK",
         "call('other', 'write', 5)\nrequire(state.get(b'k') is None, 'LEAKED')\n"
         "require(call('other', 'read') == 5, 'LOST')",
-        others={"other": _WRITER},
+        _WRITER,
     ),
-    body(
+    _beside(
         "prefix-comes-back",
         "OK",
         "call('other', 'write', 5)\nstate.put(b'k', 6)\nrequire(call('other', 'read') == 5, 'MIXED')",
-        others={"other": _WRITER},
+        _WRITER,
     ),
-    body(
+    _beside(
         "caller-stays",
         "OK",
         "require(call('other', 'f') == ctx.caller, 'OTHER')",
-        others={"other": "@view\ndef f() -> bytes:\n    return ctx.caller\n"},
+        "@view\ndef f() -> bytes:\n    return ctx.caller\n",
     ),
-    body(
+    _beside(
         "calling-contract-is-told",
         "OK",
         "require(call('other', 'f') == 'it' and ctx.calling_contract == '', 'LIED')",
-        others={"other": "@view\ndef f() -> str:\n    return ctx.calling_contract\n"},
+        "@view\ndef f() -> str:\n    return ctx.calling_contract\n",
     ),
-    body("budgets-are-shared-writes", "EVENT_BUDGET", "while True:\n    call('other', 'f')", others={"other": _FLOOD}),
-    spent(
-        "budgets-are-shared-gas",
-        "call('other', 'f')",
-        others={"other": "@export\ndef f():\n    while True:\n        pass\n"},
+    _beside("budgets-are-shared-writes", "EVENT_BUDGET", "while True:\n    call('other', 'f')", _FLOOD),
+    _beside(
+        "budgets-are-shared-gas", SPENT, "call('other', 'f')", "@export\ndef f():\n    while True:\n        pass\n"
     ),
-    body(
+    _beside(
         "budgets-are-shared-memory",
         "MEMORY_BUDGET",
         "x = bytes(5 * 10 ** 6)\ncall('other', 'f')",
-        others={"other": "@export\ndef f():\n    x = bytes(5 * 10 ** 6)\n"},
+        "@export\ndef f():\n    x = bytes(5 * 10 ** 6)\n",
     ),
     body(
         "budgets-are-shared-depth",
@@ -165,6 +150,6 @@ PROGRAMS: tuple[Program, ...] = (
         before="def g(n):\n    return g(n - 1) if n else call('c1', 'f')\n",
         others=_CHAIN,
     ),
-    body("depth-comes-back", "OK", "for i in range(300):\n    call('other', 'read')", others={"other": _WRITER}),
+    _beside("depth-comes-back", "OK", "for i in range(300):\n    call('other', 'read')", _WRITER),
 )
 """Contracts that call contracts."""
