@@ -14,7 +14,6 @@ import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -70,13 +69,10 @@ def seed_sources() -> list[str]:
     return [*shipped, *(program.source for program in CORPUS if len(program.source) < 4000)]
 
 
-def seeds_of(seed: int, count: int) -> Iterator[str]:
-    return (f"{seed}/{number}" for number in range(count))
-
-
 def fuzz(seed: int, count: int) -> Harvest:
     harvest, digest, everywhere, sources = Harvest(), hashlib.sha256(), hashlib.sha256(), seed_sources()
-    for name in seeds_of(seed, count):
+    for number in range(count):
+        name = f"{seed}/{number}"
         program = make_program(name, sources)
         harvest.programs += 1
         started = time.thread_time()

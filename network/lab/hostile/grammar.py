@@ -18,11 +18,11 @@ _LEAVES = (
     "ctx.txid", "ctx.contract", "'big'",
 )  # fmt: skip
 _CONSTANTS_COUNT = 26
-_SIGNS = (
+SIGNS = (
     "+", "-", "*", "//", "%", "**", "<<", ">>", "&", "|", "^",
     "==", "!=", "<", "<=", ">", ">=", "in", "not in", "and", "or",
 )  # fmt: skip
-_FUNCTIONS: dict[str, tuple[int, int]] = {
+FUNCTIONS: dict[str, tuple[int, int]] = {
     name: (builtin.required, builtin.required + 2 if builtin.variadic else len(builtin.params))
     for name, builtin in sorted(CALLABLES.items())
     if name not in ("call", "charge_source", "check_source", "require")
@@ -171,7 +171,7 @@ class Grammar:
             return chance.choice(_LEAVES)
         one, other, third = (self.expression(left - 1) for _ in range(3))
         if kind < 6:
-            return f"({one} {chance.choice(_SIGNS)} {other})"
+            return f"({one} {chance.choice(SIGNS)} {other})"
         if kind < 10:
             return self._call(left - 1)
         return chance.choice(_SHAPES).format(one, other, third)
@@ -182,7 +182,7 @@ class Grammar:
         kind = chance.randrange(8)
         if kind == 7:
             return chance.choice(_CALLS).format(*arguments)
-        name, (least, most) = chance.choice(list((_FUNCTIONS if kind < 4 else _METHODS).items()))
+        name, (least, most) = chance.choice(list((FUNCTIONS if kind < 4 else _METHODS).items()))
         given = ", ".join(arguments[1 : 1 + chance.randint(least, most)])
         return f"{name}({given})" if kind < 4 else f"({arguments[0]}).{name}({given})"
 

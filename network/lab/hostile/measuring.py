@@ -30,10 +30,6 @@ class Price:
     gas_used: int
     seconds_per_million_gas: float
 
-    @property
-    def used_all(self) -> bool:
-        return self.code == OUT_OF_GAS
-
 
 def measure_program(program: Program, *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> Price | None:
     """Median run on fresh states; None if too little gas was used. Writes of failed calls count as kept, since similar ones
@@ -84,7 +80,7 @@ def measure_all(programs: Iterable[Program], *, rounds: int = 3, gas_limit: int 
 
 
 def cheapest_first(prices: Iterable[Price]) -> list[Price]:
-    return sorted((price for price in prices if price.used_all), key=_seconds)
+    return sorted((price for price in prices if price.code == OUT_OF_GAS), key=_seconds)
 
 
 def _seconds(price: Price) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 
-from network.lab.hostile.program import SPENT, Program, body
+from network.lab.hostile.program import Program, body, forever
 
 _REPEATS_COUNT = 8
 HOST_OTHER = "@export\ndef f(x: object = 0) -> object:\n    return x\n\n\n@view\ndef g():\n    pass\n"
@@ -381,9 +381,8 @@ _MIXED_STEPS = (
 
 
 def _repeat(name: str, setup: str, step: str, before: str = HELPERS) -> Program:
-    lines = "\n".join([step] * _REPEATS_COUNT).replace("\n", "\n    ")
-    text = f"{setup}\nwhile True:\n    {lines}"
-    return body(f"step-{name}", SPENT, text, before=before, others={"other": HOST_OTHER}, state=STATE)
+    more = {"before": before, "others": {"other": HOST_OTHER}, "state": STATE}
+    return forever(f"step-{name}", setup, step, _REPEATS_COUNT, **more)
 
 
 def _programs() -> Iterator[Program]:

@@ -8,7 +8,7 @@ from itertools import product
 
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import GROUP_ORDER, PrivateKey, point_of
-from network.lab.hostile.program import SPENT, Program, body
+from network.lab.hostile.program import SPENT, Program, forever
 
 REPEATS_COUNT = 4
 TAG, MESSAGE = "t", b"m"
@@ -142,8 +142,7 @@ def _places(size: int, step: str) -> list[tuple[str, int]]:
 def _repeat(name: str, setup: str, step: str, **values: str | int) -> Program:
     for word, value in values.items():
         setup, step = setup.replace(word, str(value)), step.replace(word, str(value))
-    lines = "\n".join([step] * REPEATS_COUNT).replace("\n", "\n    ")
-    return body(f"place-{name}", SPENT, f"{setup}\nwhile True:\n    {lines}")
+    return forever(f"place-{name}", setup, step, REPEATS_COUNT)
 
 
 def _of_sequences() -> Iterator[Program]:

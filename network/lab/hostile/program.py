@@ -49,6 +49,12 @@ def spent(name: str, text: str, **more: Any) -> Program:
     return body(name, SPENT, text, **more)
 
 
+def forever(name: str, setup: str, step: str, repeats: int, **more: Any) -> Program:
+    """A loop without end of a step's lines, written `repeats` times."""
+    lines = "\n".join([step] * repeats).replace("\n", "\n    ")
+    return spent(name, f"{setup}\nwhile True:\n    {lines}", **more)
+
+
 def bomb(name: str, text: str) -> Program:
     return spent(name, text, at_once=True)
 

@@ -9,22 +9,21 @@ import random
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from contracts.vm.builtins.methods import METHODS
 from contracts.vm.frontend.name_binding import CALLABLES
+from network.lab.hostile.grammar import FUNCTIONS, SIGNS
 from network.lab.hostile.measuring import Price, measure_program
 from network.lab.hostile.micro import HELPERS, HOST_OTHER, MIXED_CONSTANTS, STATE
-from network.lab.hostile.program import SPENT, Program, body
+from network.lab.hostile.program import Program, forever
 
 TRIAL_GAS = 150_000
 SURE_GAS = 250_000
 """What a call has."""
 SURE_ROUNDS_COUNT = 7
 REPORTED_COUNT = 12
-REFERENCE = body(
-    "reference", SPENT, "while True:\n    pass\n    pass\n    pass\n    pass\n    pass\n    pass\n    pass\n    pass"
-)
+REFERENCE = forever("reference", "", "pass", 8)
 KEPT_COUNT = 60
 REPEATS_COUNT = 4
 SIZES = (
@@ -100,29 +99,6 @@ TEMPLATES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 TYPE_LETTERS: dict[type, str] = {str: "s", bytes: "b", int: "i", list: "l", tuple: "t", dict: "d", range: "r"}
 SLOTS = ("s0", "s1", "s2", "b0", "b1", "b2", "i0", "i1", "l0", "l1", "t0", "t1", "d0", "d1", "r0")
-SIGNS = (
-    "+",
-    "-",
-    "*",
-    "//",
-    "%",
-    "**",
-    "<<",
-    ">>",
-    "&",
-    "|",
-    "^",
-    "==",
-    "!=",
-    "<",
-    "<=",
-    ">",
-    ">=",
-    "in",
-    "not in",
-    "and",
-    "or",
-)
 CONSTRUCTS = (
     "y = {s}[{i} % 9]", "y = {l}[-1:]", "y = {s}[1:]", "y = {s}[{i} % 99 : {i} % 999]", "y = {b}[{i} % 99 :]", "y = {l}[{i} % 9 :]",
     "y = f'{{{s}}}{{{s}}}'", "y = f'{{{i}}}-{{{s}}}'", "for v in {any}:\n    pass", "for v in {d}:\n    break", "y = [v for v in {any}]",
@@ -179,11 +155,9 @@ class Genome:
     def program(self, name: str) -> Program:
         used = set(_SLOT.findall(" ".join(self.steps)))
         setup = "\n".join(value.lines(slot) for slot, value in self.values if slot in used)
-        steps = "\n".join(self.steps * REPEATS_COUNT).replace("\n", "\n    ")
-        return body(
-            name, SPENT, f"x = 0\ny = 0\n{setup}\nwhile True:\n    {steps}",
-            before=HELPERS + (MIXED_CONSTANTS if "MIXED" in setup else ""), others={"other": OTHER}, state=STATE,
-        )  # fmt: skip
+        before = HELPERS + (MIXED_CONSTANTS if "MIXED" in setup else "")
+        more = {"before": before, "others": {"other": OTHER}, "state": STATE}
+        return forever(name, f"x = 0\ny = 0\n{setup}", "\n".join(self.steps), REPEATS_COUNT, **more)
 
 
 OTHER = (
@@ -197,9 +171,7 @@ class Breeder:
     def __init__(self, seed: int) -> None:
         self.chance = random.Random(seed)  # noqa: S311 - a search is to be done again
         self._methods = [(name, kind) for name, table in sorted(METHODS.items()) for kind in table]
-        self._functions = [
-            name for name in sorted(CALLABLES) if name not in ("charge_source", "check_source", "require", "call")
-        ]
+        self._functions = list(FUNCTIONS)
 
     def new(self) -> Genome:
         values = tuple((slot, self._value(slot)) for slot in SLOTS)
@@ -302,7 +274,7 @@ class Search:
     tried: int = 0
     counted: int = 0
     cpu_s: float = 0.0
-    dearest: dict[frozenset[str], tuple[float, Genome]] | None = None
+    dearest: dict[frozenset[str], tuple[float, Genome]] = field(default_factory=dict)
 
 
 def measure_reliably(program: Program, rounds: int, gas: int) -> Price | None:
@@ -327,9 +299,8 @@ def _judge(genome: Genome, number: int, reference_s: float, beyond: float) -> fl
 
 
 def search(cpu_s: float, seed: int, on_progress: Callable[[str], None]) -> Search:
-    breeder, done = Breeder(seed), Search(dearest={})
+    breeder, done = Breeder(seed), Search()
     best = done.dearest
-    assert best is not None
     gc.collect()
     gc.freeze()
     sure = measure_reliably(REFERENCE, SURE_ROUNDS_COUNT, TRIAL_GAS)
@@ -365,11 +336,11 @@ def search(cpu_s: float, seed: int, on_progress: Callable[[str], None]) -> Searc
 
 
 def confirm(done: Search) -> list[tuple[Price, Program]]:
-    ranked = sorted((done.dearest or {}).values(), key=lambda pair: pair[0], reverse=True)[:REPORTED_COUNT]
+    ranked = sorted(done.dearest.values(), key=lambda pair: pair[0], reverse=True)[:REPORTED_COUNT]
     found: list[tuple[Price, Program]] = []
     for place, (_, genome) in enumerate(ranked):
         program = genome.program(f"found-{place + 1}")
         price = measure_reliably(program, SURE_ROUNDS_COUNT, SURE_GAS)
         if price is not None:
             found.append((price, program))
-    return sorted(found, key=lambda pair: pair[0].seconds_per_million_gas, reverse=True)[:REPORTED_COUNT]
+    return sorted(found, key=lambda pair: pair[0].seconds_per_million_gas, reverse=True)

@@ -93,9 +93,7 @@ PROGRAMS: tuple[Program, ...] = (
     ),
     body("argument-too-deep", "ARGUMENTS_INVALID", "return a", args=(_nested(50),)),
     body("argument-very-deep", "ARGUMENTS_INVALID", "return a", args=(_nested(900),)),
-    body("argument-too-many", "ARGUMENTS_INVALID", "return a", args=(1,)).__class__(
-        "argument-too-many", "ARGUMENTS_INVALID", "@export\ndef f():\n    pass\n", args=tuple(range(5000))
-    ),
+    source("argument-too-many", "ARGUMENTS_INVALID", _HEAD + "    pass\n", args=tuple(range(5000))),
     body("argument-wide", "OK", "return len(a)", args=(list(range(4000)),)),
     body("argument-of-dicts", "OK", "return len(a)", args=([{} for _ in range(8000)],)),
     body("argument-of-huge-numbers", "OK", "return len(a)", args=([2**255] * 400,)),
