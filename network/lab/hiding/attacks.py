@@ -13,7 +13,7 @@ from clients.robot.synthetic.camera import Labels
 from network.lab.hiding.hand_made import HAND_MADE
 from network.lab.hiding.learned import Example, LearnedAttacker
 from network.lab.hiding.run_scene import VISIBLE_MIN_PX, Played, Shown, Stage, Timed, owner_cutout, placed, play
-from network.lab.hiding.scenes import Scene, View, blur_others, half_view, show_owner_only
+from network.lab.hiding.scenes import Scene, blur_others, show_owner_only
 from network.lab.hiding.scoring import iou
 
 FRAMES_A_SCENE_COUNT = 3
@@ -76,11 +76,11 @@ def learn_from(scene: Scene) -> Examples:
             continue
         truth = np.ascontiguousarray(others[::2, ::2])
         if len(found.raw) < EXAMPLES_A_SCENE_COUNT:
-            found.raw.append(Example(half_view(depth, stage.background.depth, labels == label), truth))
+            found.raw.append(Example(stage.view(depth, labels == label), truth))
         kept = owner_cutout(stage, depth, labels, label, troubled=False)
         if kept is not None:
             shown = show_owner_only(kept, stage.empty[int(rng.integers(len(stage.empty)))])
-            found.ours.append(Example(half_view(shown, stage.background.depth, kept > 0), truth))
+            found.ours.append(Example(stage.view(shown, kept > 0), truth))
     return found
 
 
@@ -128,10 +128,10 @@ def _attack(
         return CONTROL_NOT_CUT
     empty = stage.empty[int(rng.integers(len(stage.empty)))]
     views = {
-        OURS: _view(stage, show_owner_only(kept, empty), kept > 0),
-        CONTROL: _view(stage, show_owner_only(alone_kept, empty), alone_kept > 0),
-        NONE: _view(stage, depth, kept > 0),
-        BLUR: _view(stage, blur_others(depth, others), kept > 0),
+        OURS: stage.view(show_owner_only(kept, empty), kept > 0),
+        CONTROL: stage.view(show_owner_only(alone_kept, empty), alone_kept > 0),
+        NONE: stage.view(depth, kept > 0),
+        BLUR: stage.view(blur_others(depth, others), kept > 0),
     }
     measured: Mask = (labels == label) & (depth > 0)
     score = FrameScore(
@@ -155,7 +155,3 @@ def _rendition(stage: Stage, shown: Shown, depth: Depth, labels: Labels) -> Dept
     if shown.kept is not None:
         return placed(shown.kept, depth.shape)
     return owner_cutout(stage, depth, labels, stage.scene.owners[shown.alias], troubled=False)
-
-
-def _view(stage: Stage, picture: Depth, owner: Mask) -> View:
-    return half_view(picture, stage.background.depth, owner)

@@ -21,6 +21,7 @@ from clients.robot.synthetic.scenario import Manner, Scenario
 from clients.robot.synthetic.scenes import Stratum, draw_scene
 from network.bench.conditions import Result, measure_conditions
 from network.bench.processes import worker_pool
+from network.lab.hiding.scoring import mean_of
 
 BACKGROUND_FRAMES_COUNT = 7
 SECOND_PERSON_SHARE = 0.06  # of a silhouette's pixels: from here on it is a companion to learn from
@@ -150,22 +151,18 @@ def rates(name: str, seen: list[tuple[str, int, list[Observed]]], *, pairs: bool
     figures: dict[str, float | None] = {
         "frames": len(frames),
         "tracks": len(tracks),
-        "merged_frames": _share(merged),
-        "merged_tracks": _share([any(one.withhold_reason == "merged" for one in track) for track in tracks.values()]),
+        "merged_frames": mean_of(merged),
+        "merged_tracks": mean_of([any(one.withhold_reason == "merged" for one in track) for track in tracks.values()]),
     }
     if pairs:
         figures["split_share"] = round(split / total, 4) if total else None
-        figures["shown_share"] = _share([one.withhold_reason == "" for one in frames])
+        figures["shown_share"] = mean_of([one.withhold_reason == "" for one in frames])
         figures["faint_shown"] = sum(
             one.withhold_reason == "" and one.second_share < SECOND_PERSON_SHARE for one in frames
         )
     else:
-        figures["withheld_frames"] = _share([one.withhold_reason != "" for one in frames])
+        figures["withheld_frames"] = mean_of([one.withhold_reason != "" for one in frames])
     return figures
-
-
-def _share(flags: list[bool]) -> float | None:
-    return round(float(np.mean(flags)), 4) if flags else None
 
 
 def goals_met(companions: Rates, singles: Rates) -> dict[str, bool]:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from network.lab.hiding.hand_made import hull_of, steepness
 from network.lab.hiding.scenes import View
 
 Floats = npt.NDArray[np.float32]
@@ -50,7 +51,7 @@ def features(view: View) -> Floats:
     parts += [_mean(difference, known, size) for size in (5, 15, 41)]
     rough = _roughness(difference, known)
     parts += [rough, rough / (0.002 + 0.002 * empty * empty)]
-    parts += [_box(hole, 5), _box(hole, 21), _steep(view.picture)]
+    parts += [_box(hole, 5), _box(hole, 21), _metres(steepness(view.picture))]
     parts += _of_owner(view, depth)
     return np.stack(parts, axis=-1).astype(np.float32, copy=False)
 
@@ -70,9 +71,6 @@ def _of_owner(view: View, depth: Floats) -> list[Floats]:
     middle_x, tall = float(np.median(columns)), float(rows.max() - rows.min() + 1)
     left, right = _row_ends(view.owner)
     mirrored = _mirrored(share, middle_x)
-    hull = np.zeros(owner.shape, dtype=np.uint8)
-    points = np.stack([columns, rows], axis=-1).astype(np.int32)
-    cv2.fillConvexPoly(hull, np.asarray(cv2.convexHull(points), dtype=np.int32), 1)
     around = _mean(depth * share, share, 31)
     return [
         share,
@@ -87,7 +85,7 @@ def _of_owner(view: View, depth: Floats) -> list[Floats]:
         (xs - left[:, None]) / tall,
         (right[:, None] - xs) / tall,
         mirrored - share,
-        hull.astype(np.float32) - share,
+        hull_of(view.owner).astype(np.float32) - share,
         around,
     ]
 
@@ -123,11 +121,5 @@ def _roughness(difference: Floats, known: Floats) -> Floats:
     return np.sqrt(np.maximum(square - mean * mean, 0))
 
 
-def _steep(picture: npt.NDArray[np.uint16]) -> Floats:
-    smooth = np.asarray(cv2.medianBlur(picture, 5))
-    steep = cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-    return _metres(np.asarray(steep, dtype=np.uint16))
-
-
-def _metres(depth: npt.NDArray[np.uint16]) -> Floats:
+def _metres(depth: npt.NDArray[np.uint16] | Floats) -> Floats:
     return np.asarray(depth, dtype=np.float32) * np.float32(0.001)

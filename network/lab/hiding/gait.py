@@ -14,10 +14,10 @@ from clients.robot.synthetic.camera import Labels
 from clients.robot.synthetic.scenario import Person, published_run_1
 from network.lab.hiding.attacks import BLUR, CONTROL, NONE, ON_OURS, OURS
 from network.lab.hiding.features import Floats
-from network.lab.hiding.hand_made import by_difference
+from network.lab.hiding.hand_made import by_difference, largest
 from network.lab.hiding.learned import LearnedAttacker, require_learning
 from network.lab.hiding.run_scene import VISIBLE_MIN_PX, Stage, owner_cutout, placed, release
-from network.lab.hiding.scenes import Scene, View, blur_others, half_view, show_owner_only
+from network.lab.hiding.scenes import Scene, blur_others, show_owner_only
 
 WALK_S = 6.0
 FRAMES_A_SECOND = 6
@@ -176,22 +176,12 @@ def _recovered(
             if alone_kept is not None:
                 pictures[CONTROL] = (show_owner_only(alone_kept, empty), alone_kept > 0)
         for way, (picture, own) in pictures.items():
-            view = half_view(picture, stage.background.depth, own)
-            mask = _largest(by_difference(view) if way in {NONE, BLUR} else _likely(view, attackers[ON_OURS]))
+            view = stage.view(picture, own)
+            plain = way in {NONE, BLUR}
+            mask = largest(by_difference(view) if plain else attackers[ON_OURS].recover(view, every=EVERY_PX))
             found[way][0].append(mask)
             found[way][1].append(_metres(mask, view.picture, stage.focal_px / 2))
     return {way: _clips(number, masks, metres) for way, (masks, metres) in found.items()}
-
-
-def _likely(view: View, attacker: LearnedAttacker) -> Mask:
-    return attacker.recover(view, every=EVERY_PX)
-
-
-def _largest(mask: Mask) -> Mask:
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    if count < 2:
-        return mask
-    return np.asarray(np.asarray(labels) == 1 + int(np.argmax(np.asarray(stats)[1:, cv2.CC_STAT_AREA])), dtype=bool)
 
 
 def _metres(mask: Mask, depth: np.ndarray[tuple[int, ...], np.dtype[np.uint16]], focal: float) -> float:

@@ -37,7 +37,7 @@ def by_holes(view: View) -> Mask:
 
 
 def by_edges(view: View) -> Mask:
-    shown, before = _steepness(view.picture), _steepness(view.empty)
+    shown, before = steepness(view.picture), steepness(view.empty)
     edges = (shown > EDGE_MIN_MM) & (shown > 2 * before) & ~_around(view.owner)
     return _filled(_morph(edges, cv2.MORPH_CLOSE, _CLOSE))
 
@@ -45,10 +45,7 @@ def by_edges(view: View) -> Mask:
 def by_bite(view: View) -> Mask:
     if not view.owner.any():
         return np.zeros(view.owner.shape, dtype=bool)
-    points = cv2.findNonZero(view.owner.astype(np.uint8))
-    hull = np.zeros(view.owner.shape, dtype=np.uint8)
-    cv2.fillConvexPoly(hull, np.asarray(cv2.convexHull(points), dtype=np.int32), 1)
-    return _largest(_morph((hull > 0) & ~view.owner, cv2.MORPH_OPEN, _OPEN))
+    return largest(_morph((hull_of(view.owner) > 0) & ~view.owner, cv2.MORPH_OPEN, _OPEN))
 
 
 def by_outline(view: View) -> Mask:
@@ -85,7 +82,15 @@ def _pieces(mask: Mask) -> Mask:
     return np.asarray(large[np.asarray(labels)], dtype=bool)
 
 
-def _largest(mask: Mask) -> Mask:
+def hull_of(owner: Mask) -> npt.NDArray[np.uint8]:
+    """1 within the convex hull of a mask that is not empty."""
+    hull = np.zeros(owner.shape, dtype=np.uint8)
+    points = cv2.findNonZero(owner.astype(np.uint8))
+    cv2.fillConvexPoly(hull, np.asarray(cv2.convexHull(points), dtype=np.int32), 1)
+    return hull
+
+
+def largest(mask: Mask) -> Mask:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     if count < 2:
         return np.zeros(mask.shape, dtype=bool)
@@ -102,7 +107,7 @@ def _filled(edges: Mask) -> Mask:
     return filled > 0
 
 
-def _steepness(depth: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
+def steepness(depth: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
     smooth = np.asarray(cv2.medianBlur(depth, 5))
     steep = cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     return np.asarray(steep, dtype=np.float32)

@@ -23,7 +23,7 @@ from clients.robot.sensing.sensor_events import Depth, Frame, Mask, Sighting
 from clients.robot.synthetic.camera import Labels
 from clients.robot.synthetic.render import Reading, Renderer, readings
 from clients.sdk.pictures.rendition_picture import decode_depth_png
-from network.lab.hiding.scenes import Scene
+from network.lab.hiding.scenes import Scene, View, half_view
 
 FRAMES_A_SECOND = 5  # of the camera's 30: what the tracks need, at a sixth of the cost
 EMPTY_FRAMES_COUNT = 12
@@ -78,6 +78,9 @@ class Stage:
 
     def frame_indices(self) -> range:
         return range(0, self.scene.scenario.frame_count, max(1, self.scene.scenario.frame_rate // FRAMES_A_SECOND))
+
+    def view(self, picture: Depth, owner: Mask) -> View:
+        return half_view(picture, self.background.depth, owner)
 
     def at_ms(self, index: int) -> int:
         return round(index * 1000 / self.scene.scenario.frame_rate)
@@ -166,10 +169,7 @@ def _judge(scene: Scene, outputs: list[Output], truths: dict[int, Labels]) -> Pl
 
 
 def placed(kept: KeptFrame, shape: tuple[int, ...]) -> Depth:
-    whole = np.zeros(shape, dtype=np.uint16)
-    cutout = kept.cutout
-    whole[cutout.y : cutout.y + cutout.height, cutout.x : cutout.x + cutout.width] = decode_depth_png(cutout.pixels_png)
-    return whole
+    return spread(Cutout(kept.cutout.x, kept.cutout.y, decode_depth_png(kept.cutout.pixels_png)), shape)
 
 
 def gap_px(owner: Mask, others: Mask) -> float:

@@ -35,7 +35,6 @@ class Seen:
 
     followed: dict[int, Followed] = field(default_factory=dict)
     withhold_reasons: Counter[str] = field(default_factory=Counter)
-    in_frame: Counter[int] = field(default_factory=Counter)
 
 
 @dataclass(slots=True)
@@ -60,7 +59,6 @@ def follow_everybody(film: Film, depths: list[Depth]) -> Seen:
     for index, depth in enumerate(depths):
         at_ms = index * FRAME_MS
         silhouettes = companions.step(segment(depth, background, FOCAL_PX).silhouettes, at_ms)
-        seen.in_frame[index] = len(silhouettes)
         for silhouette, track in zip(silhouettes, tracker.step(silhouettes, at_ms), strict=True):
             seen.withhold_reasons[silhouette.withhold_reason or "clear"] += 1
             if track is not None:

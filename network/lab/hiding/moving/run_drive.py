@@ -11,7 +11,6 @@ import numpy as np
 
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
-from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.sensing.sensor_events import Depth, Frame, Odometry, Sighting
@@ -20,7 +19,7 @@ from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer, DriveTruth
 from clients.robot.synthetic.scenario_bag import drive_odometry
 from clients.sdk.pictures.rendition_picture import decode_depth_png
-from network.lab.hiding.moving.samples import depth_of
+from network.lab.hiding.moving.samples import depth_of, mount_of
 from network.lab.hiding.run_scene import VISIBLE_MIN_PX, placed, sightings
 
 EMPTY_FRAMES_COUNT = 8
@@ -152,7 +151,7 @@ def hider_of(drive: Drive, motion: OwnMotion) -> MovingHider:
     return MovingHider(
         (scenario.height, scenario.width),
         scenario.focal_px,
-        _mount_of(drive),
+        mount_of(drive),
         buffer_ms=BUFFER_DEFAULT_MS,
         motion=motion,
     )
@@ -185,14 +184,10 @@ def _redactor_of(drive: Drive) -> FrameRedactor:
     renderer = DriveRenderer(drive)
     return FrameRedactor(
         learn_background([renderer.empty_frame(number) for number in range(1, EMPTY_FRAMES_COUNT + 1)]),
-        driving=DrivingCamera(_mount_of(drive)),
+        driving=DrivingCamera(mount_of(drive)),
         time_of_flight=drive.time_of_flight,
         focal_px=drive.scenario.focal_px,
     )
-
-
-def _mount_of(drive: Drive) -> Ground:
-    return Ground.of_mount(drive.mount.believed_height_m, drive.mount.believed_pitch)
 
 
 def _people_in(drive: Drive, index: int, truth: DriveTruth) -> list[PersonFrame]:

@@ -50,9 +50,12 @@ class Sample:
 
 
 def view_of(drive: Drive) -> PlanView:
-    scenario, mount = drive.scenario, drive.mount
-    ground = Ground.of_mount(mount.believed_height_m, mount.believed_pitch)
-    return PlanView((scenario.height, scenario.width), scenario.focal_px, ground)
+    scenario = drive.scenario
+    return PlanView((scenario.height, scenario.width), scenario.focal_px, mount_of(drive))
+
+
+def mount_of(drive: Drive) -> Ground:
+    return Ground.of_mount(drive.mount.believed_height_m, drive.mount.believed_pitch)
 
 
 def depth_of(drive: Drive, truth: DriveTruth) -> Depth:
