@@ -23,14 +23,13 @@ from network.lab.privacy.hospital.attacked_days import play
 from network.lab.privacy.hospital.population import draw_population
 from network.lab.privacy.hospital.schemes import OURS, PROTOTYPE, SCHEMES
 from network.lab.privacy.limits_table import limit_figures, limits_of
-from network.lab.privacy.scoring import Rate
+from network.lab.privacy.scoring import Rates
 
 MUST_WIN_RATE = 0.95
 MUST_WIN = ("dictionary", "link_key", "link_all", "enrolled", "present", "custodian_opens", "backup_opens")
 _MEMORY_FOLDER = Path("/dev/shm")  # noqa: S108 - in memory, and below a folder of our own
 
 Progress = Callable[[str], None]
-Rates = dict[str, dict[str, Rate]]
 Figure = float | list[str] | None
 
 

@@ -42,6 +42,10 @@ class Rate:
         }
 
 
+Rates = dict[str, dict[str, Rate]]
+"""By attack and scheme."""
+
+
 def count_rate(hits: float, trials: int, guess: float) -> Rate:
     """Return independent attempts' rate, Clopper-Pearson bounds. A tie is half a hit."""
     if trials == 0:

@@ -9,16 +9,15 @@ from network.lab.privacy.attacks import linking
 from network.lab.privacy.attacks.dictionary import Search, computed_costs, search_chain, search_marks
 from network.lab.privacy.attacks.evidence import Evidence
 from network.lab.privacy.attacks.membership import attack_enrolment, attack_presence, probe_standing
-from network.lab.privacy.attacks.naming import PublicKeys, name_visits
-from network.lab.privacy.attacks.trials import Features, Trial, attack_trials
-from network.lab.privacy.hospital.schemes import OURS, PROTOTYPE, SALTED, Scheme, make_schemes
-from network.lab.privacy.scoring import Rate, choice_score, count_rate, grouped_rate
+from network.lab.privacy.attacks.naming import name_visits
+from network.lab.privacy.attacks.trials import Features, attack_trials
+from network.lab.privacy.hospital.schemes import OURS, PROTOTYPE, SALTED, Scheme, hash_uid, make_schemes
+from network.lab.privacy.scoring import Rate, Rates, choice_score, count_rate, grouped_rate
 
 SALTED_TARGETS_COUNT = 8
 SALTED_TRIALS_COUNT = 8
 NAMED_VISITS_COUNT = 200
 
-Rates = dict[str, dict[str, Rate]]
 Progress = Callable[[str], None]
 
 
@@ -112,12 +111,8 @@ def _link_salted(evidence: Evidence, scheme: Scheme) -> Rate:
     def score(anchor: int, other: int) -> float:
         uid = uids.get(anchor)
         mark = marks[other]
-        return float(uid is not None and scheme.mark_of(uid, mark.salt) == mark.digest)
+        return float(uid is not None and hash_uid(scheme.pepper, mark.salt, uid) == mark.digest)
 
-    return _judge(evidence, trials, score)
-
-
-def _judge(evidence: Evidence, trials: tuple[Trial, ...], score: Callable[[int, int], float]) -> Rate:
     hits: dict[int, list[float]] = defaultdict(list)
     for trial in trials:
         hits[trial.person].append(choice_score(score(trial.anchor, trial.same), score(trial.anchor, trial.other)))
@@ -126,10 +121,7 @@ def _judge(evidence: Evidence, trials: tuple[Trial, ...], score: Callable[[int, 
 
 def _attack_names(evidence: Evidence, schemes: dict[str, Scheme], dictionary: dict[str, Rate]) -> dict[str, Rate]:
     holders = list(evidence.played.holders.values())
-    people: list[PublicKeys] = []
-    for holder in holders:
-        keys = holder.keys
-        people.append((keys.identity.public_key, keys.spend.public_key, keys.view.public_key))
+    people = [holder.public_keys for holder in holders]
     step = max(1, len(evidence.visits) // NAMED_VISITS_COUNT)
     visits = evidence.visits[::step][:NAMED_VISITS_COUNT]
     named = name_visits(visits, people, evidence.played.chain.chain_id)

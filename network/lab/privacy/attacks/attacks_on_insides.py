@@ -32,12 +32,10 @@ from network.lab.privacy.hospital.schemes import (
     open_plain_store,
     write_plain_store,
 )
-from network.lab.privacy.scoring import Rate, count_rate
+from network.lab.privacy.scoring import Rate, Rates, count_rate
 from node.custody.erase_keys import unwrap_key
 
 METADATA_VISITS_COUNT = 100
-
-Rates = dict[str, dict[str, Rate]]
 
 
 def attack_insides(
@@ -103,8 +101,7 @@ def _owners(evidence: Evidence, frames: list[StoredFrame]) -> list[Any]:
 def _attack_grants(evidence: Evidence, custody: CustodyStory) -> Rate:
     played = evidence.played
     numbers = sorted(played.holders)
-    keys = [played.holders[number].keys for number in numbers]
-    people = [(each.identity.public_key, each.spend.public_key, each.view.public_key) for each in keys]
+    people = [played.holders[number].public_keys for number in numbers]
     handles = [played.holders[number].handle for number in numbers]
     grants = read_grants(dict(played.chain.state.scan(GRANT.flat, len(custody.grantees) + 1)))
     named = name_grantees(grants, people, handles, played.chain.chain_id)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,45 +70,26 @@ def open_frames(
     sealed_keys = pictures = 0
     for frame in frames:
         keys = [erase_keys[frame.slot]] if frame.slot in erase_keys else []
-        sealed = _first(unwrap_key, [*keys, *_GUESSED_KEYS], frame.record_id, frame.index, frame.wrapped_key)
+        sealed = next(
+            _opened(unwrap_key, [*keys, *_GUESSED_KEYS], frame.record_id, frame.index, frame.wrapped_key), None
+        )
         sealed_keys += sealed is not None
         data_keys = [*_GUESSED_KEYS, *keys]
-        for secret in sealing_secrets if sealed is not None else ():
-            try:
-                data_keys.append(open_data_key(secret, sealed or b""))
-            except BlockRobotError:
-                continue
-        pictures += _first(open_frame, data_keys, frame.record_id, frame.index, frame.ciphertext) is not None
+        if sealed is not None:
+            data_keys += _opened(open_data_key, sealing_secrets, sealed)
+        pictures += any(True for _ in _opened(open_frame, data_keys, frame.record_id, frame.index, frame.ciphertext))
     return Opened(len(frames), sealed_keys, pictures)
 
 
-def _first(
-    opens: Callable[[bytes, bytes, int, bytes], bytes],
-    keys: Sequence[bytes],
-    record_id: bytes,
-    index: int,
-    sealed: bytes,
-) -> bytes | None:
+def _opened(opens: Callable[..., bytes], keys: Iterable[bytes], *sealed: bytes | int) -> Iterator[bytes]:
     for key in keys:
-        try:
-            return opens(key, record_id, index, sealed)
-        except BlockRobotError:
-            continue
-    return None
+        with suppress(BlockRobotError):
+            yield opens(key, *sealed)
 
 
 def open_all_metadata(visits: Iterable[VisitSeen], sealing_secrets: Sequence[bytes]) -> int:
-    opened = 0
-    for visit in visits:
-        for record in visit.records:
-            for secret in sealing_secrets:
-                try:
-                    open_metadata(secret, record.sealed_metadata)
-                except BlockRobotError:
-                    continue
-                opened += 1
-                break
-    return opened
+    sealed = [record.sealed_metadata for visit in visits for record in visit.records]
+    return sum(any(True for _ in _opened(open_metadata, sealing_secrets, one)) for one in sealed)
 
 
 def open_stolen_roster(unit: Unit) -> Roster:
@@ -146,13 +127,8 @@ def open_waiting(clips: Sequence[SpooledClip], unit: Unit) -> int:
     for clip in clips:
         upload = clip.upload
         for index, (text, sealed) in enumerate(zip(upload.ciphertexts, upload.sealed_keys, strict=True)):
-            keys = list(secrets)
-            for secret in secrets:
-                try:
-                    keys.append(open_data_key(secret, sealed))
-                except BlockRobotError:
-                    continue
-            opened += _first(open_frame, keys, upload.record_id, index, text) is not None
+            keys = [*secrets, *_opened(open_data_key, secrets, sealed)]
+            opened += any(True for _ in _opened(open_frame, keys, upload.record_id, index, text))
     return opened
 
 

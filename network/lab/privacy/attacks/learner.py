@@ -42,8 +42,12 @@ def learn(same: Floats, other: Floats, people: npt.NDArray[np.int64], *, seed: i
     return scorers[int(np.argmax(rates))]
 
 
+def compare(same: Floats, other: Floats) -> Floats:
+    return np.asarray((same > other) + 0.5 * (same == other), dtype=np.float64)
+
+
 def _rate(same: Floats, other: Floats) -> float:
-    return float(np.mean((same > other) + 0.5 * (same == other))) if same.size else 0.0
+    return float(np.mean(compare(same, other))) if same.size else 0.0
 
 
 def _column(place: int, sign: float) -> Scorer:

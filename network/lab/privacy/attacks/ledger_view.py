@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from consensus.primitives.encoding import decode_value
-from contracts.state.view import MemoryState
 from network.lab.privacy.hospital.attacked_chain import Block, Chain
 
 _STATE_ROWS_MAX_COUNT = 10_000_000
@@ -43,10 +42,6 @@ class VisitSeen:
     records: list[RecordSeen] = field(default_factory=list)
     closed_at_ms: int = 0
     """When the block was made that closes it; 0 if none does."""
-
-    @property
-    def begins_ms(self) -> int:
-        return self.at_ms
 
     @property
     def ends_ms(self) -> int:
@@ -110,7 +105,7 @@ def read_ledger(blocks: Sequence[Block]) -> LedgerView:
 
 def collect_marks(chain: Chain) -> set[bytes]:
     marks: set[bytes] = set()
-    for key, value in all_rows(chain.state):
+    for key, value in chain.state.scan(b"", _STATE_ROWS_MAX_COUNT):
         rest = key.partition(b"\x00")[2]
         for part in (rest, *rest.split(b"/", 1)):
             _collect(part, marks)
@@ -122,10 +117,6 @@ def collect_marks(chain: Chain) -> set[bytes]:
             for event in receipt.events:
                 _collect(decode_value(event.data), marks)
     return marks
-
-
-def all_rows(state: MemoryState) -> Iterator[tuple[bytes, bytes]]:
-    yield from state.scan(b"", _STATE_ROWS_MAX_COUNT)
 
 
 def _collect(value: Any, marks: set[bytes]) -> None:

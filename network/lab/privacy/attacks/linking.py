@@ -80,7 +80,7 @@ def by_length(visits: Sequence[VisitSeen]) -> Features:
     def features(first: int, second: int) -> list[float]:
         one, two = visits[first], visits[second]
         counts = abs(np.log1p(len(one.records)) - np.log1p(len(two.records)))
-        spans = abs(np.log1p(one.ends_ms - one.begins_ms) - np.log1p(two.ends_ms - two.begins_ms))
+        spans = abs(np.log1p(one.ends_ms - one.at_ms) - np.log1p(two.ends_ms - two.at_ms))
         return [float(counts), float(spans), float(len(two.records))]
 
     return features

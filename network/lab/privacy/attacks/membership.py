@@ -148,7 +148,7 @@ def probe_standing(played: Played, *, seed: int) -> Rate:
     pool = Mempool(
         chain_id=chain.chain_id,
         cache=TransactionCache(),
-        check_admission=lambda transaction: _is_admitted(chain, transaction.body.sender),
+        check_admission=lambda transaction: MEMBER.has(chain.state, transaction.body.sender),
         is_spent=lambda _: False,
     )
     members = [holder.keys.identity.public_key for holder in played.holders.values()]
@@ -159,10 +159,6 @@ def probe_standing(played: Played, *, seed: int) -> Rate:
         answers = [_answers(table, pool, chain, key) for key in (members[place], stranger)]
         hits[place].append(0.5 if answers[0] == answers[1] else 1.0)
     return grouped_rate(hits, 0.5, seed=seed)
-
-
-def _is_admitted(chain: Chain, key: bytes) -> bool:
-    return MEMBER.has(chain.state, key)
 
 
 def _answers(table: SessionTable, pool: Mempool, chain: Chain, key: bytes) -> tuple[str, str]:

@@ -44,7 +44,7 @@ def attack_copresence(played: Played, visits: Sequence[VisitSeen], *, seed: int)
 
 
 def _apart(first: VisitSeen, second: VisitSeen) -> float:
-    return float(abs(first.begins_ms - second.begins_ms))
+    return float(abs(first.at_ms - second.at_ms))
 
 
 def attack_rolled_visits(played: Played, visits: Sequence[VisitSeen]) -> Rate:
@@ -60,9 +60,9 @@ def attack_rolled_visits(played: Played, visits: Sequence[VisitSeen]) -> Rate:
             pool = [
                 visit
                 for visit in visits
-                if visit.robot == after.robot and after.begins_ms - 20 * 60_000 < visit.begins_ms < after.begins_ms
+                if visit.robot == after.robot and after.at_ms - 20 * 60_000 < visit.at_ms < after.at_ms
             ]
-            chosen = min(pool, key=lambda visit: abs(after.begins_ms - visit.ends_ms))
+            chosen = min(pool, key=lambda visit: abs(after.at_ms - visit.ends_ms))
             trials += 1
             hits += chosen.owner == before.owner
             guesses.append(1 / len(pool))
@@ -78,7 +78,7 @@ def attack_consent_words(played: Played, view: LedgerView, *, by_closing_alone: 
     for word in view.words:
         if word.entry != "withdraw":
             continue
-        pool = [v for v in visits if v.begins_ms <= word.at_ms and v.ends_ms > word.at_ms - NEAR_WORD_MS]
+        pool = [v for v in visits if v.at_ms <= word.at_ms and v.ends_ms > word.at_ms - NEAR_WORD_MS]
         if not pool:
             continue
         key = _closed_after if by_closing_alone else _stops_with
@@ -90,7 +90,7 @@ def attack_consent_words(played: Played, view: LedgerView, *, by_closing_alone: 
 
 
 def _is_closed_by(word_ms: int, visit: VisitSeen) -> bool:
-    is_early = visit.closed_at_ms - visit.begins_ms < CLOSED_EARLY_MS
+    is_early = visit.closed_at_ms - visit.at_ms < CLOSED_EARLY_MS
     return is_early and 0 <= visit.closed_at_ms - word_ms < CLOSED_BY_WORD_MS
 
 
@@ -209,7 +209,7 @@ def attack_robot_memory(played: Played, visits: Sequence[VisitSeen]) -> Rate:
     """Name a running stolen robot's finished visits of the day by its memory."""
     stolen = {robot.unit.member for robot in played.stolen}
     last = played.population.days - 1
-    over = [visit for visit in visits if visit.robot in stolen and day_of(visit.begins_ms) == last]
+    over = [visit for visit in visits if visit.robot in stolen and day_of(visit.at_ms) == last]
     handles = {holder.handle: number for number, holder in played.holders.items()}
     named = {
         visit.chain.owner: handles[robot.people[alias].handle]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from network.lab.privacy.attacks.learner import Floats, learn
+from network.lab.privacy.attacks.learner import compare, learn
 from network.lab.privacy.scoring import Rate, grouped_rate
 
 TRIALS_A_PERSON_COUNT = 48
@@ -74,10 +74,6 @@ def attack_trials(trials: Sequence[Trial], features: Features, *, seed: int, boo
         if not judged.any() or judged.all():
             continue
         score = learn(same[~judged], other[~judged], people[~judged], seed=seed, boosting=boosting)
-        for person, hit in zip(people[judged], _compare(score(same[judged]), score(other[judged])), strict=True):
+        for person, hit in zip(people[judged], compare(score(same[judged]), score(other[judged])), strict=True):
             hits[int(person)].append(float(hit))
     return grouped_rate(hits, 0.5, seed=seed)
-
-
-def _compare(same: Floats, other: Floats) -> Floats:
-    return np.asarray((same > other) + 0.5 * (same == other), dtype=np.float64)

@@ -14,6 +14,7 @@ from consensus.records.sharing import GRANT_STEP_MS, hash_grant_member, open_gra
 from network.lab.privacy.attacks.ledger_view import VisitSeen, read_ledger
 from network.lab.privacy.hospital.attacked_chain import Block
 from network.lab.privacy.hospital.attacked_days import Played, day_of
+from network.lab.privacy.hospital.household import PURPOSE
 from network.sim.world.sim_cluster import quiet_logs
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys
@@ -22,7 +23,6 @@ from node.custody.stores.custody_store import BlockEffects, Checkpoint
 from node.custody.stores.sqlite_store import SqliteStore
 
 DATABASE_FOLDER, KEYS_FOLDER = "database", "erase-keys"
-PURPOSE = "care"
 ERASED_VISITS_COUNT = 20
 GRANTS_COUNT = 100
 
@@ -37,14 +37,13 @@ class Backup:
 
 @dataclass(frozen=True, slots=True)
 class CustodyStory:
-    """Backups around the erasure, the records, and those erased in between.
+    """Backups around the erasure, and the records erased in between.
 
     `grantees`: people's numbers by grant.
     """
 
     before: Backup
     after: Backup
-    record_ids: tuple[bytes, ...]
     erased_ids: tuple[bytes, ...]
     grantees: dict[bytes, int]
 
@@ -64,9 +63,8 @@ def keep_last_day(played: Played, folder: Path) -> CustodyStory:
         played.run(_ask(played, chosen))
         asyncio.run(_follow(played, folder, erasing_from))
         after = _copy(folder, "after")
-    kept = tuple(record.record_id for visit in visits for record in visit.records)
     erased = tuple(record.record_id for visit in chosen for record in visit.records)
-    return CustodyStory(before, after, kept, erased, grantees)
+    return CustodyStory(before, after, erased, grantees)
 
 
 async def _share(played: Played, visits: Sequence[VisitSeen], grantees: dict[bytes, int]) -> None:
@@ -100,40 +98,27 @@ async def _ask(played: Played, visits: Sequence[VisitSeen]) -> None:
 
 
 async def _follow(played: Played, folder: Path, first_block: int) -> None:
-    chain, clock = played.chain, _Clock()
+    chain, now_ms = played.chain, 0
     database = folder / DATABASE_FOLDER
     database.mkdir(parents=True, exist_ok=True)
     with EraseKeys(folder / KEYS_FOLDER) as keys:
         async with SqliteStore(database) as store:
-            custodian = Custodian(store, keys, member=chain.custodian.public_key, clock_ms=clock)
+            custodian = Custodian(store, keys, member=chain.custodian.public_key, clock_ms=lambda: now_ms)
             await custodian.start()
             if await store.checkpoint() is None:
-                await store.apply(BlockEffects(checkpoint=_point(chain.blocks[first_block - 1])))
+                last = chain.blocks[first_block - 1]
+                await store.apply(BlockEffects(checkpoint=Checkpoint(last.height, last.block_id, last.time_ms)))
             for block in chain.blocks[first_block:]:
-                await _take(custodian, block, played, clock)
+                now_ms = block.time_ms
+                await _take(custodian, block, played)
 
 
-async def _take(custodian: Custodian, block: Block, played: Played, clock: _Clock) -> None:
-    clock.now_ms = block.time_ms
+async def _take(custodian: Custodian, block: Block, played: Played) -> None:
     for transaction in block.transactions:
         if (transaction.body.contract, transaction.body.entry) == ("records", "record"):
             await custodian.stage(played.uploads[transaction.arguments()[0]])
     events = collect_events(block.height, block.block_id, block.time_ms, block.receipts)
     await custodian.on_finalized_block(events)
-
-
-class _Clock:
-    """The followed block's time."""
-
-    def __init__(self) -> None:
-        self.now_ms = 0
-
-    def __call__(self) -> int:
-        return self.now_ms
-
-
-def _point(block: Block) -> Checkpoint:
-    return Checkpoint(block.height, block.block_id, block.time_ms)
 
 
 def _copy(folder: Path, name: str) -> Backup:

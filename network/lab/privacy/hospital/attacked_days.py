@@ -182,7 +182,8 @@ class _Days:
     async def open_wallet(self, holder: Holder, day: int) -> None:
         await self.until((day + 1) * DAY_MS + EVENING_HOUR * HOUR_MS + self.dice.randrange(HOUR_MS))
         address = f"10.0.{holder.person.number // 250}.{holder.person.number % 250 + 1}"
-        announced = [self.chain.state.get(ANNOUNCEMENT.key(number)) or b"" for number in range(self.count())]
+        count = ANNOUNCEMENT_COUNT.read(self.chain.state) or 0
+        announced = [self.chain.state.get(ANNOUNCEMENT.key(number)) or b"" for number in range(count)]
         rows = enumerate(map(ANNOUNCEMENT.decode, announced))
         items = [Announcement(number, *msgspec.structs.astuple(row)) for number, row in rows]
         keys = holder.keys
@@ -205,9 +206,6 @@ class _Days:
             times = sorted(self.dice.randrange(HOURS_SPREAD_MS) for _ in range(count))
             return [at_ms - before for before, at_ms in pairwise([0, *times])]
         return [0] * count
-
-    def count(self) -> int:
-        return ANNOUNCEMENT_COUNT.read(self.chain.state) or 0
 
 
 def finish(loop: SimLoop, work: Coroutine[Any, Any, None]) -> None:

@@ -36,6 +36,10 @@ class Holder:
     keys: WalletKeys
     handle: bytes
 
+    @property
+    def public_keys(self) -> tuple[bytes, bytes, bytes]:
+        return self.keys.identity.public_key, self.keys.spend.public_key, self.keys.view.public_key
+
 
 @dataclass(frozen=True, slots=True)
 class Unit:

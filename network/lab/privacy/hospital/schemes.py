@@ -49,9 +49,6 @@ class Scheme:
         salt = secrets.token_bytes(_SALT_BYTES) if self.name == SALTED else b""
         return OwnerMark(salt, hash_uid(self.pepper, salt, uid.encode()))
 
-    def mark_of(self, uid: bytes, salt: bytes) -> bytes:
-        return hash_uid(self.pepper, salt, uid)
-
     def marks(self, uids: Sequence[str]) -> list[OwnerMark]:
         return [self.mark(uid) for uid in uids]
 
