@@ -18,7 +18,7 @@ from msgspec import UNSET, UnsetType
 
 from clients.robot.cli.background_commands import background
 from clients.robot.cli.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
-from clients.robot.cli.reading_warnings import warn_of_lens, warn_of_readings, warn_of_silence
+from clients.robot.cli.reading_warnings import warn_of_lens, warn_of_odometry, warn_of_readings, warn_of_silence
 from clients.robot.cli.robot_answers import (
     RobotNewAnswer,
     RobotPassphraseAnswer,
@@ -267,6 +267,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
     warnings = list(warn_of_readings(source.topics)) if isinstance(source, BagSource | LiveSource) else []
     if isinstance(source, BagSource):  # a live camera tells its focal length once it runs
         warnings += [*warn_of_silence(source.silent_tag_topics), *warn_of_lens(source.focal_px)]
+        warnings += warn_of_odometry(source.unnamed_odometry)
     for warning in warnings:
         tell(warning)
     waiting_count = count_waiting(folder / SPOOL_FOLDER)

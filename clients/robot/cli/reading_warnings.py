@@ -14,6 +14,7 @@ from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
 from clients.robot.sensing.sensor_events import Facing, Sighting
 from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, TagMap
 from clients.robot.sources.messages.topics import Topics
+from consensus.visible_text import escape_controls
 
 ASSUMED_SIGMA_M = 0.3
 READ_EVERY_MS = 500
@@ -51,6 +52,16 @@ def warn_of_silence(topics: list[str]) -> Iterator[str]:
     """A sentence per topic of tags that a recording holds no message of."""
     for topic in topics:
         yield f"No reading of a tag comes from {topic}: the recording holds 0 messages of it."
+
+
+def warn_of_odometry(unnamed: list[str]) -> Iterator[str]:
+    """If a recording tells where the robot was, and the topics file does not name it."""
+    if unnamed:
+        names = escape_controls(", ".join(unnamed), allowed="")
+        yield (
+            f"The recording has odometry ({names}) that the topics file does not name: a robot that drives may pass for "
+            "one that stands, and somebody else may be shown. Write [odometry] into the topics file."
+        )
 
 
 def warn_of_lens(focal_px: float | None) -> Iterator[str]:

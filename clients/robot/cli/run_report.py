@@ -183,32 +183,35 @@ def _focal_lines(camera: CameraFigures) -> Iterator[str]:
 
 
 def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
-    if driving is None:
-        if moved:
-            yield (
-                f"{_count_of(moved, 'frame')} withheld: the robot was not where the empty scene was recorded. What "
-                "could be kept of a robot that drives: docs/how-to/your-robot.md, `A robot that drives`."
-            )
-        return
-    if driving.camera_height_m is None:
-        yield "The empty scene shows no floor: without it, nothing is kept while the robot drives. Record one that does."
-        return
-    if not driving.places:
+    if driving is not None and not driving.places:
         yield (
             "No place of odometry came, so nobody was kept at all: a tag is bound only while odometry says that the robot "
             "stands. Is the topic right?"
         )
+        return
+    if driving is not None and driving.unplaced_readings:
+        yield (
+            f"{_count_of(driving.unplaced_readings, 'reading')} bound nobody: no odometry told in time whether the robot "
+            "stood then."
+        )
+    if driving is not None and driving.keep:
+        yield from _keeping_lines(driving)
+    elif moved:
+        yield (
+            f"{_count_of(moved, 'frame')} withheld: the robot was not where the empty scene was recorded. What "
+            "could be kept of a robot that drives: docs/how-to/your-robot.md, `A robot that drives`."
+        )
+
+
+def _keeping_lines(driving: DrivingFigures) -> Iterator[str]:
+    if driving.camera_height_m is None:
+        yield "The empty scene shows no floor: without it, nothing is kept while the robot drives. Record one that does."
         return
     yield (
         f"Without the empty scene (as while it drove): {_count_of(driving.frames, 'frame')}, {driving.kept} kept, which "
         f"show their owner without the room. {_count_of(driving.places, 'place')} of odometry; the camera is "
         f"{driving.camera_height_m:.2f} m above the floor and looks {_pitch_of(driving)}."
     )
-    if driving.unplaced_readings:
-        yield (
-            f"{_count_of(driving.unplaced_readings, 'reading')} bound nobody: no odometry told in time whether the robot "
-            "stood then."
-        )
     if driving.doubts:
         yield (
             f"{_count_of(driving.doubts, 'time')} the camera saw another motion than the odometry told, and nothing was "

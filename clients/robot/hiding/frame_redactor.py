@@ -20,7 +20,7 @@ from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.moving.plan_bodies import camera_points
-from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
+from clients.robot.hiding.own_motion import OwnMotion, RobotPlace, Spot
 from clients.robot.hiding.standing_hider import StandingHider
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
@@ -96,8 +96,10 @@ class FrameRedactor:
     """Pairs, segments, tracks, matches and cuts. Not thread-safe. Calls return settled outputs: each frame's `Decision`
     once, then `KeptFrame` or `WithheldFrame` per owner.
 
-    With a `driving` camera it also hides where the empty scene does not fit, as long as odometry says where the robot
-    is. `time_of_flight`: how the camera measures.
+    With a `driving` camera, odometry has to say where the robot is. It hides before the empty scene only at the place where
+    that fitted first, and elsewhere without it, or not at all. Tags are bound while the robot stands, at each place anew;
+    while it drives, only people whom it knew before are kept. `time_of_flight`: how the camera measures; what it sees
+    between two surfaces is dropped first.
     """
 
     def __init__(
@@ -128,13 +130,15 @@ class FrameRedactor:
         self._seen: dict[int, _Seen] = {}
         self._pending: dict[str, deque[_Seen]] = {}
         self._newest_ms: int | None = None
+        self._home: Spot | None = None  # where the empty scene fits
+        self._listened_at: RobotPlace | None = None  # where the robot stood when a reading last counted
         self._placed_by_ms: int | None = None  # the newest sample by which a frame was placed: a jump may come late
         self._is_placed: bool | None = None  # whether people were last followed in the odometry's frame
         self._forgot_ms = 0
 
     def use_focal_px(self, focal_px: float) -> None:
         self._hiders: list[Hider] = [StandingHider(self._background, focal_px)]
-        if self._driving is not None:
+        if self._driving is not None and self._driving.keeps:
             self._mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
         if self._mount is not None and self._motion is not None:
             shape = self._background.shape
@@ -148,10 +152,11 @@ class FrameRedactor:
 
     def summarise_driving(self) -> DrivingFigures | None:
         """None if the robot is not one that drives."""
-        if self._motion is None:
+        if self._motion is None or self._driving is None:
             return None
         mount = self._mount
         return DrivingFigures(
+            keep=self._driving.keeps,
             places=self._motion.places_count,
             doubts=self._motion.doubts_count,
             frames=self._blank_frames_count,
@@ -215,8 +220,12 @@ class FrameRedactor:
         at_ms = seen.captured_at_ms
         place = self._find_place(at_ms)
         for hider in self._hiders:
+            if not hider.is_blank and not self._may_be_home(place):
+                continue
             found = hider.find_people(depth, place, at_ms)
             if found is not None:
+                if self._home is None and place is not None and not hider.is_blank:
+                    self._home = Spot(place)
                 self._lose_when_axes_change(place)
                 seen.blank = hider.is_blank
                 self._blank_frames_count += hider.is_blank
@@ -225,6 +234,12 @@ class FrameRedactor:
                 self._follow(seen, found)
                 return
         seen.moved = True
+
+    def _may_be_home(self, place: RobotPlace | None) -> bool:
+        """A robot that drives towards a wall sees nothing that its empty scene does not explain."""
+        if self._motion is None:
+            return True
+        return place is not None and (self._home is None or self._home.holds(place))
 
     def _lose_when_axes_change(self, place: RobotPlace | None) -> None:
         """Nobody is followed from places in the odometry's frame to places before the camera, or back."""
@@ -274,11 +289,20 @@ class FrameRedactor:
             alias, sighting, known = self._readings.popleft()
             stood = self._motion.stands(sighting.middle_ms)
             if stood:
+                self._begin_anew_elsewhere(self._motion.place_at(sighting.middle_ms))
                 self.matcher.add_sighting(alias, sighting, known=known)
             elif stood is None and newest_ms < sighting.middle_ms + UNKNOWN_MAX_MS:
                 self._readings.append((alias, sighting, known))
             else:
                 self._unplaced_readings_count += stood is None
+
+    def _begin_anew_elsewhere(self, place: RobotPlace | None) -> None:
+        """From one place to the next, distances change by the robot's own motion: that tells nothing of who wears a tag."""
+        if place is None:
+            return
+        if self._listened_at is not None and not place.is_same_spot(self._listened_at):
+            self.matcher.forget_evidence()
+        self._listened_at = place
 
     def _lose_everybody(self) -> None:
         self._tracker = self._tracker.successor()
@@ -299,6 +323,7 @@ class FrameRedactor:
         outputs = [*self._queue_decided(decided), *self._decide_pending(final=True)]
         self.matcher, self._newest_ms, self._forgot_ms = Matcher(), None, 0
         self._readings.clear()
+        self._home = self._listened_at = None
         self._lose_everybody()
         if self._motion is not None:
             self._motion.restart()

@@ -96,6 +96,8 @@ class _UntrackedInterval(NamedTuple):
 @dataclass(slots=True)
 class _Tag:
     readings: list[Sighting] = field(default_factory=list)
+    heard_ms: int = 0
+    has_distance: bool = False
     slots: dict[tuple[int, Facing, bool], Sighting] = field(default_factory=dict)
     weighed: int = 0
     scores: _TrackScores = field(default_factory=dict)
@@ -117,6 +119,8 @@ class _Tag:
         elif len(self.readings) >= READINGS_MAX_COUNT:
             return False
         self.slots[slot] = sighting
+        self.heard_ms = max(self.heard_ms, at_ms)
+        self.has_distance |= sighting.distance_m is not None
         if not self.readings or at_ms > self.readings[-1].middle_ms:
             self.readings.append(sighting)
             return True
@@ -141,6 +145,16 @@ class _Tag:
         self.decided_until_ms = self.readings[self.weighed - 1].middle_ms
         del self.readings[:gone]
         self.slots = {slot: reading for slot, reading in self.slots.items() if reading.middle_ms >= first_ms}
+        self._begin_with_bindings()
+
+    def forget_evidence(self) -> None:
+        """Drop all readings; bindings stay until contradicted."""
+        if self.readings:
+            self.decided_until_ms = self.readings[-1].middle_ms
+        self.readings, self.slots = [], {}
+        self._begin_with_bindings()
+
+    def _begin_with_bindings(self) -> None:
         self.weighed = 0
         self.scores = {number: _TrackScore(bound=True) for number, old in self.scores.items() if old.bound}
         self.checkpoints = [(0, dict(self.scores))]
@@ -219,7 +233,7 @@ class Matcher:
 
     def has_distance(self, alias: str) -> bool:
         tag = self._tags.get(alias)
-        return tag is not None and any(reading.distance_m is not None for reading in tag.readings)
+        return tag is not None and tag.has_distance
 
     @property
     def held_count(self) -> int:
@@ -268,8 +282,14 @@ class Matcher:
             del self._tracks[number]
         for alias, tag in list(self._tags.items()):
             tag.forget_tracks(gone)
-            if not tag.readings or tag.readings[-1].middle_ms < horizon:
+            if tag.heard_ms < horizon:
                 self._drop(alias)
+
+    def forget_evidence(self) -> None:
+        """Weigh what comes from now on by itself; bindings stay until contradicted."""
+        for tag in self._tags.values():
+            tag.forget_evidence()
+        self._waiting.clear()
 
     def _is_bound(self, alias: str, number: int) -> bool:
         tag = self._tags.get(alias)
@@ -278,7 +298,7 @@ class Matcher:
 
     def _make_room(self, *, known: bool) -> bool:
         """Evict the longest-silent stranger's tag, or for a roster tag a roster one; its owner is withheld, never shown."""
-        order = {alias: (tag.known, tag.readings[-1].middle_ms, alias) for alias, tag in self._tags.items()}
+        order = {alias: (tag.known, tag.heard_ms, alias) for alias, tag in self._tags.items()}
         oldest = min(order, key=lambda alias: order[alias])
         if self._tags[oldest].known and not known:
             return False

@@ -17,6 +17,7 @@ AHEAD_MAX_MS = 200  # of the newest sample: so far its speed is taken to last
 SPEED_MAX_MPS, TURN_MAX_RADPS = 2.5, math.radians(180)
 STANDS_MPS, STANDS_RADPS = 0.02, math.radians(1.0)
 STANDS_WITHIN_MS = 300
+SPOT_M, SPOT_RAD = 0.05, math.radians(2.0)  # a camera so close looks at the same scene
 DOUBTS_MAX_COUNT = 1_000
 
 
@@ -40,10 +41,28 @@ class RobotPlace:
             -odometry.yaw,
         )
 
+    def is_same_spot(self, other: RobotPlace) -> bool:
+        away_m = math.hypot(self.x_m - other.x_m, self.z_m - other.z_m)
+        return away_m <= SPOT_M and abs(_turned(self, other)) <= SPOT_RAD
+
     def to_odometry(self, x_m: float, z_m: float) -> tuple[float, float]:
         """Return a place before the robot (right, ahead) in the odometry's frame."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return self.x_m + x_m * cos + z_m * sin, self.z_m - x_m * sin + z_m * cos
+
+
+class Spot:
+    """A place that the robot was at, by odometry that drifts: it is followed for as long as the robot stands there."""
+
+    def __init__(self, place: RobotPlace) -> None:
+        self._place = self._seen = place
+
+    def holds(self, place: RobotPlace) -> bool:
+        """Tell whether the robot is there. In time order."""
+        is_there, before, self._seen = place.is_same_spot(self._place), self._seen, place
+        if is_there and _stands(before, place):
+            self._place = place
+        return is_there
 
 
 class OwnMotion:
@@ -131,14 +150,18 @@ class OwnMotion:
             return None
         if self.is_doubted(first.at_ms, last.at_ms):
             return False
-        seconds = 2 * STANDS_WITHIN_MS / 1000
-        moved = math.hypot(last.x_m - first.x_m, last.z_m - first.z_m) / seconds
-        return moved <= STANDS_MPS and abs(_turned(first, last)) / seconds <= STANDS_RADPS
+        return _stands(first, last)
 
 
 def _turned(before: RobotPlace, after: RobotPlace) -> float:
     """Radians, the shorter way round: many a robot wraps its angle."""
     return math.remainder(after.yaw - before.yaw, 2 * math.pi)
+
+
+def _stands(before: RobotPlace, after: RobotPlace) -> bool:
+    seconds = max(after.at_ms - before.at_ms, 1) / 1000
+    moved = math.hypot(after.x_m - before.x_m, after.z_m - before.z_m) / seconds
+    return moved <= STANDS_MPS and abs(_turned(before, after)) / seconds <= STANDS_RADPS
 
 
 def _is_jump(before: RobotPlace, after: RobotPlace) -> bool:

@@ -84,7 +84,7 @@ class RunSummary(Answer, frozen=True, kw_only=True):
     camera: Annotated[CameraFigures, doc("The lens")]
     driving: Annotated[
         DrivingFigures | None,
-        doc("What was seen without the empty scene; null without `odometry.keep` in the topics file"),
+        doc("What was seen without the empty scene; null without `[odometry]` in the topics file"),
     ]
     records: Annotated[Count, doc("How many records are final")]
     stored_bytes: Annotated[Count, doc("How many bytes one custodian stores of them")]

@@ -112,8 +112,8 @@ def _note_refused(refused: RefusedMessage, count: int, log: EventLog, now_ms: in
 def _redactor_of(source: Source, background: Background) -> FrameRedactor:
     topics = source.topics if isinstance(source, LiveSource | BagSource) else Topics()
     driving, odometry = None, topics.odometry
-    if odometry is not None and odometry.keep:
-        driving = DrivingCamera(None, odometry.camera_ahead_m, odometry.camera_left_m)
+    if odometry is not None:
+        driving = DrivingCamera(None, odometry.keep, odometry.camera_ahead_m, odometry.camera_left_m)
     return FrameRedactor(background, driving=driving, time_of_flight=topics.time_of_flight)
 
 

@@ -8,8 +8,9 @@ from clients.sdk.terminal.json_answers import Answer, Count, doc
 
 
 class DrivingFigures(Answer, frozen=True, kw_only=True):
-    """How people were hidden without the empty scene, by odometry."""
+    """How people were hidden by a robot that says where it is."""
 
+    keep: Annotated[bool, doc("Whether people are kept without the empty scene: `odometry.keep` in the topics file")]
     places: Annotated[Count, doc("Places of odometry that came")]
     doubts: Annotated[Count, doc("How often the camera saw that the odometry was wrong")]
     frames: Annotated[Count, doc("Frames in which people were looked for without the empty scene")]

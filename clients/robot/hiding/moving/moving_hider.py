@@ -43,10 +43,12 @@ _NEARER = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * NEARER_PX // STEP_PX
 class DrivingCamera:
     """The camera of a robot that drives. `mount`: how it is fixed; None: it is measured in the empty scene.
 
-    `ahead_m`, `left_m`: from what the robot's odometry speaks of.
+    `keeps`: whether people are hidden away from the empty scene, or nothing is kept there. `ahead_m`, `left_m`: from what
+    the robot's odometry speaks of.
     """
 
     mount: Ground | None = None
+    keeps: bool = True
     ahead_m: float = 0.0
     left_m: float = 0.0
 

@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from clients.robot.sensing.message_names import ODOMETRY_TYPE
 from clients.robot.sensing.sensor_events import Depth, RefusedMessage, SourceEvent
 from clients.robot.sources.messages.decoding import AntennaCounts, MessageReader, info_topic, read_focal_px, wrong_type
 from clients.robot.sources.messages.image_decoding import decode_depth, refusing_other_fields
@@ -42,6 +43,8 @@ class BagSource:
         figures = self._recording.topics
         self.frame_count = figures[self._topics.depth].count
         self.silent_tag_topics = [tags.topic for tags in self._topics.tags if not figures[tags.topic].count]
+        odometry = [name for name, topic in figures.items() if topic.type == ODOMETRY_TYPE]
+        self.unnamed_odometry = odometry if self._topics.odometry is None else []
         self.sighting_count = sum(figures[tags.topic].count for tags in self._topics.tags)
         self.empty_frame_count = figures[self._topics.empty].count if self._topics.empty in figures else 0
 

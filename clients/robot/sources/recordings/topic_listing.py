@@ -152,7 +152,8 @@ def _drafted_odometry(recording: TopicSource, found: list[TopicFigures]) -> list
     frames = _tf_frames(recording, figures)
     named = [f"parent = {_quoted(frames[0])}", f"child = {_quoted(frames[1])}"] if frames else []
     offset = "# camera_ahead_m = 0.0  # of the camera from the middle of the wheels; camera_left_m likewise"
-    return ["[odometry]", f"topic = {_quoted(figures.name)}", *named, offset, ""]
+    keep = "# keep = true  # on trial: keep people, without the room, also while the robot drives"
+    return ["[odometry]", f"topic = {_quoted(figures.name)}", *named, offset, keep, ""]
 
 
 def _tf_frames(recording: TopicSource, figures: TopicFigures) -> tuple[str, str] | None:

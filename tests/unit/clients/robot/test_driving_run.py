@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from clients.robot.cli.reading_warnings import warn_of_odometry
 from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.run.run_summary import RunSummary
@@ -23,7 +24,7 @@ from tests.unit.clients.robot.test_pipeline import ANN, UID
 from tests.unit.clients.robot.test_replay_start import Start, begin
 
 FIGURES = DrivingFigures(
-    places=900, doubts=0, frames=40, kept=30, unplaced_readings=0, camera_height_m=1.2, camera_pitch_deg=4.0
+    keep=True, places=900, doubts=0, frames=40, kept=30, unplaced_readings=0, camera_height_m=1.2, camera_pitch_deg=4.0
 )
 
 Play = Callable[[Topics], tuple[RunSummary, list[bool]]]
@@ -74,12 +75,18 @@ def test_with_odometry_people_are_kept_on_the_way_and_the_records_say_that_they_
     assert summary.frames.lost == 0
 
 
+def test_odometry_that_no_file_names_is_warned_of(bag: Path) -> None:
+    (warning,) = warn_of_odometry(BagSource(bag).unnamed_odometry)
+    assert "/odom" in warning
+    assert not list(warn_of_odometry(BagSource(bag, topics=load_topics(DRIVE_TOPICS_FILE)).unnamed_odometry))
+
+
 @pytest.mark.parametrize("topics", [Topics(), replace(Topics(), odometry=OdometryTopic("/odom"))])
 def test_unless_it_is_asked_for_nothing_is_kept_on_the_way_and_the_end_says_what_would_help(
     play: Play, topics: Topics
 ) -> None:
     summary, rooms = play(topics)
-    assert summary.driving is None
+    assert (summary.driving is None) == (topics.odometry is None)
     assert all(rooms)
     assert summary.frames.withheld_reasons["moved"] > 0
     assert any("A robot that drives" in line for line in summary_lines(summary))
@@ -93,6 +100,7 @@ def test_unless_it_is_asked_for_nothing_is_kept_on_the_way_and_the_end_says_what
         (msgspec.structs.replace(FIGURES, unplaced_readings=3), ["3 readings bound nobody"]),
         (msgspec.structs.replace(FIGURES, doubts=2), ["2 times the camera saw another motion"]),
         (msgspec.structs.replace(FIGURES, places=0), ["No place of odometry came"]),
+        (msgspec.structs.replace(FIGURES, keep=False, places=0), ["No place of odometry came"]),
         (msgspec.structs.replace(FIGURES, camera_height_m=None), ["shows no floor"]),
     ],
 )

@@ -15,7 +15,7 @@ from clients.robot.hiding.frame_redactor import UNKNOWN_MAX_MS, FrameRedactor, K
 from clients.robot.hiding.hider import FoundPeople, in_odometry
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera
-from clients.robot.hiding.own_motion import RobotPlace
+from clients.robot.hiding.own_motion import SPOT_M, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Odometry, Sighting
 
@@ -34,13 +34,13 @@ class ScriptedHider:
         self.is_blank = is_blank
 
     def find_people(self, depth: Depth, place: RobotPlace | None, at_ms: int) -> FoundPeople | None:
-        fits = at_ms < DRIVES_MS
+        fits = at_ms < DRIVES_MS or self._ward.fits_everywhere
         if (self.is_blank and place is None) or (not self.is_blank and not fits):
             return None
         found = []
         people = [] if at_ms in self._ward.hidden_ms else self._ward.people(at_ms)
         for label, (x_m, z_m) in enumerate(people, start=1):
-            ahead_m = z_m - true_z(at_ms)
+            ahead_m = z_m - self._ward.true_z(at_ms)
             one = Silhouette(
                 label, (0, 0, 1, 1), x_m, ahead_m, math.hypot(x_m, ahead_m), round(ahead_m * 1000), "", ahead_m=ahead_m
             )
@@ -60,8 +60,12 @@ class Ward:
 
     def __init__(self) -> None:
         self.people: Callable[[int], list[tuple[float, float]]] = lambda _: [(0.2, 3.5)]
-        self.odometry: Callable[[int], Odometry | None] = lambda at_ms: Odometry(at_ms, true_z(at_ms), 0.0, 0.0)
+        self.true_z: Callable[[int], float] = true_z
+        self.odometry: Callable[[int], Odometry | None] = lambda at_ms: Odometry(at_ms, self.true_z(at_ms), 0.0, 0.0)
+        self.facing = Facing.FRONT
         self.odometry_late_ms = 0
+        self.fits_everywhere = False
+        self.keeps = True
         self.heard_from_ms = 0
         self.hidden_ms = range(0)
         self.allowed = True
@@ -71,16 +75,18 @@ class Ward:
         return self.allowed
 
     def play(self) -> Ward:
-        redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=DrivingCamera(Ground.of_mount(1.2, 0.0)))
-        redactor._hiders = [ScriptedHider(self, is_blank=False), ScriptedHider(self, is_blank=True)]
+        camera = DrivingCamera(Ground.of_mount(1.2, 0.0), keeps=self.keeps)
+        redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=camera)
+        blank = [ScriptedHider(self, is_blank=True)] if self.keeps else []
+        redactor._hiders = [ScriptedHider(self, is_blank=False), *blank]
         for at_ms in range(0, ENDS_MS, ODOMETRY_MS):
             place = self.odometry(at_ms - self.odometry_late_ms)
             if place is not None:
                 redactor.push_odometry(place)
             if at_ms % READING_MS == 0 and at_ms >= self.heard_from_ms:
                 x_m, z_m = self.people(at_ms)[0]
-                distance_m = math.hypot(x_m, z_m - true_z(at_ms))
-                heard = Sighting(at_ms, at_ms, "", 1, Facing.FRONT, -50.0, distance_m, 0.2)
+                distance_m = math.hypot(x_m, z_m - self.true_z(at_ms))
+                heard = Sighting(at_ms, at_ms, "", 1, self.facing, -50.0, distance_m, 0.2)
                 self.outputs += redactor.push_sighting("owner", heard)
             if at_ms % FRAME_MS == 0:
                 self.outputs += redactor.push_frame(Frame(at_ms, at_ms // FRAME_MS, EMPTY))
@@ -131,6 +137,42 @@ def test_without_odometry_nothing_is_kept_on_the_way() -> None:
     assert ward.withheld(DRIVES_MS)["moved"] >= 0.9 * DRIVING_COUNT
     assert ward.figures is not None
     assert ward.figures.unplaced_readings >= (ENDS_MS - UNKNOWN_MAX_MS) // READING_MS - 1
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_a_scene_that_seems_to_fit_on_the_way_is_not_taken_for_the_one_that_was_learned(*, keeps: bool) -> None:
+    """Driving along a bare corridor changes nothing that a camera sees of it, and all that is nearer seems to be people."""
+    ward = Ward()
+    ward.fits_everywhere, ward.keeps = True, keeps
+    ward.play()
+    assert ward.kept(blank=False)
+    left_ms = DRIVES_MS + round(1_000 * SPOT_M / SPEED_MPS) + FRAME_MS
+    assert all(kept.captured_at_ms <= left_ms for kept in ward.kept(blank=False))
+    assert bool(ward.kept(blank=True)) == keeps
+
+
+def test_a_robot_that_comes_back_to_its_place_hides_before_the_empty_scene_again() -> None:
+    ward = Ward()
+    ward.fits_everywhere = True
+    ward.true_z = lambda at_ms: 0.4 * max(0.0, 1 - abs(at_ms - 13_000) / 2_000)
+    ward.play()
+    room = [kept.captured_at_ms for kept in ward.kept(blank=False)]
+    assert not [at_ms for at_ms in room if 11_500 < at_ms < 14_500]
+    assert [at_ms for at_ms in room if at_ms > 16_000]
+
+
+def test_what_several_places_tell_together_binds_nobody() -> None:
+    """From one to the next all distances shrink alike: to a stranger ahead, and to the bearer beside them."""
+    stops = [(3_000 * stop + wait, float(stop % 3)) for stop in range(6) for wait in (0, 2_000)]
+    ward = Ward()
+    ward.fits_everywhere = True
+    ward.facing = Facing.UNKNOWN
+    ward.people = lambda _: [(0.0, 4.5)]
+    ward.true_z = lambda at_ms: float(np.interp(at_ms, *zip(*stops, strict=True)))
+    ward.play()
+    assert ward.outputs
+    assert not ward.kept(blank=True)
+    assert not ward.kept(blank=False)
 
 
 def test_readings_after_the_odometry_broke_off_wait_no_longer_than_their_time() -> None:
