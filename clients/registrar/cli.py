@@ -84,6 +84,7 @@ def issue(
     else:
         raise click.UsageError("There is no terminal to ask for the tag: give --uid-file.")
     opened = _open(registrar_dir, genesis)
+    organisation = asyncio.run(opened.find_organisation())
     replaced = opened.has_card(uid)
     if out is None:
         code = opened.issue(uid, role)
@@ -91,7 +92,7 @@ def issue(
         with new_file(out) as file:  # first: a code is shown once, and the tag's former card ends with it
             code = opened.issue(uid, role)
             until_ms = decode_card_code(code).not_after_ms
-            card = describe_card(out.suffix, code, role=role, organisation=opened.organisation, until_ms=until_ms)
+            card = describe_card(out.suffix, code, role=role, organisation=organisation, until_ms=until_ms)
             file.write(card.encode())
     if as_json:
         shown, file_name = ("", str(out)) if out else (code, "")

@@ -29,7 +29,7 @@ from consensus.members.roster import (
 )
 from consensus.members.vouchers import encode_card_code, issue_card
 from consensus.primitives.keys import PrivateKey
-from consensus.state.identity import HANDLE, MEMBER, MemberRow, member_with
+from consensus.state.identity import HANDLE, MEMBER, REGISTRAR, MemberRow, member_with
 
 CARD_LIFETIME_DEFAULT_MS = 14 * 24 * 3600 * 1000
 _CARDS_FILE = "cards.json"
@@ -69,7 +69,7 @@ class Registrar:
     """One organisation's registrar: a folder with a key and a list of cards."""
 
     def __init__(self, folder: Path, genesis: Genesis, clock: Clock | None = None) -> None:
-        """Raises DATA_DIRECTORY_INVALID without this network's registrar key."""
+        """Raises DATA_DIRECTORY_INVALID without a key."""
         self._folder = folder
         self._genesis = genesis
         self._clock = clock or SystemClock()
@@ -77,14 +77,26 @@ class Registrar:
             self.key = PrivateKey((folder / _KEY_FILE).read_bytes())
         except FileNotFoundError:
             raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {_KEY_FILE} in {folder}.") from None
-        registrars = {key for organisation in genesis.organisations for key in organisation.registrars}
-        if self.key.public_key not in registrars:
-            raise BlockRobotError("DATA_DIRECTORY_INVALID", "The key is not one of this network's registrars.")
 
-    @property
-    def organisation(self) -> str:
+    async def find_organisation(self) -> str:
+        """Return whose registrar this is, by the genesis file or, for a later one, by the chain.
+
+        Raises DATA_DIRECTORY_INVALID for a key that is no registrar's.
+        """
         own = self.key.public_key
-        return next(each.name for each in self._genesis.organisations if own in each.registrars)
+        for organisation in self._genesis.organisations:
+            if own in organisation.registrars:
+                return organisation.name
+        try:
+            async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
+                found = await proved_row(self._read(client), REGISTRAR, own)
+        except BlockRobotError as error:
+            if error.code != "SESSION_REFUSED":
+                raise
+            found = None
+        if found is None:
+            raise BlockRobotError("DATA_DIRECTORY_INVALID", "The key is not one of this network's registrars.")
+        return found
 
     def cards(self) -> list[CardEntry]:
         """Raises DATA_DIRECTORY_INVALID if the list is damaged."""

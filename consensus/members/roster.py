@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-from collections.abc import Collection
 from typing import Any
 
 from consensus.errors import BlockRobotError
@@ -108,14 +107,14 @@ def open_roster(
     sealed: bytes,
     sealing_private: bytes,
     *,
-    registrars: Collection[bytes],
     now_ms: int,
     robot: bytes | None = None,
     chain_id: bytes | None = None,
-) -> Roster:
-    """Open a sealed roster; check signer, form and age, and `robot` and `chain_id` if given.
+) -> tuple[Roster, bytes]:
+    """Open a sealed roster; check form and age, and `robot` and `chain_id` if given.
 
-    `registrars` are allowed 33-byte keys. Raises ROSTER_INVALID, ROSTER_EXPIRED (also if not yet valid).
+    Return it and the key (33 bytes) that signed it: whether that is a registrar's only the chain can say. Raises
+    ROSTER_INVALID, ROSTER_EXPIRED (also if not yet valid).
     """
     try:
         signed = decode(open_sealed(sealing_private, sealed), SignedRoster)
@@ -123,8 +122,6 @@ def open_roster(
         roster = decode(signed.roster, Roster)
     except BlockRobotError:
         raise BlockRobotError("ROSTER_INVALID") from None
-    if signer not in registrars:
-        raise BlockRobotError("ROSTER_INVALID", "The roster is not signed by a registrar of this network.")
     _check_form(roster)
     if robot is not None and roster.robot != robot:
         raise BlockRobotError("ROSTER_INVALID", "The roster is for another robot.")
@@ -132,7 +129,7 @@ def open_roster(
         raise BlockRobotError("ROSTER_INVALID", "The roster is of another network.")
     if not roster.issued_at_ms - ROSTER_CLOCK_TOLERANCE_MS <= now_ms < roster.not_after_ms:
         raise BlockRobotError("ROSTER_EXPIRED")
-    return roster
+    return roster, signer
 
 
 def verify_row(row: RosterRow, state_root: bytes) -> bytes:

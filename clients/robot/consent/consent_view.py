@@ -215,11 +215,12 @@ class Consents:
         except BlockRobotError as error:
             self.figures.failures += 1
             _log.warning("registry_read_failed", code=error.code)
-            if error.code in _NO_ROBOT and await self._majority.is_rejected_by_network():
+            is_over = error.code == "ROSTER_INVALID"
+            if is_over or (error.code in _NO_ROBOT and await self._majority.is_rejected_by_network()):
                 self._failure, self._view = error, None
 
     def raise_failure(self) -> None:
-        """Raise why reading ended for good: SESSION_REFUSED, INTERNAL."""
+        """Raise why reading ended for good: SESSION_REFUSED, ROSTER_INVALID, INTERNAL."""
         if self._failure is not None:
             raise self._failure
 

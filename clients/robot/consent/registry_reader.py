@@ -8,13 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from clients.robot.pairing.rosters import RosterBook
 from clients.sdk.chain.proved_rows import ProvingClient, in_session
 from clients.sdk.quorum import HeaderClient, confirm_with_quorum, is_rejected_by_network
+from consensus.errors import BlockRobotError
 from consensus.members.roster import RosterRow
 from consensus.primitives.keys import PrivateKey
 from consensus.state import consent, identity
 from consensus.state.consent import CHOICES, Choices, read_choices
-from consensus.state.identity import HANDLE, MEMBER, MemberRow
+from consensus.state.identity import HANDLE, MEMBER, REGISTRAR, MemberRow
 
 _COUNTS = (identity.CHANGES.flat, consent.CHANGES.flat)
 
@@ -63,10 +65,11 @@ class RegistrySnapshot:
 class RegistryReader:
     """Reads the registry for one roster, in the robot's session."""
 
-    def __init__(self, client: RegistryClient, key: PrivateKey, rows: tuple[RosterRow, ...]) -> None:
+    def __init__(self, client: RegistryClient, key: PrivateKey, roster: RosterBook) -> None:
         self._client = client
         self._key = key
-        self._rows = rows
+        self._rows = roster.rows
+        self._signer = roster.signer
 
     async def catch_up(self) -> None:
         """Raises NODE_UNREACHABLE and others."""
@@ -74,9 +77,17 @@ class RegistryReader:
 
     async def read(self, known: RegistrySnapshot | None) -> RegistrySnapshot:
         """Return a new reading; `known` is carried on while nothing changed. Change numbers are read first: later changes
-        show next time. Raises PROOF_INVALID, PROOF_STALE, network errors.
+        show next time. Raises PROOF_INVALID, PROOF_STALE, network errors, and ROSTER_INVALID if whoever signed the roster
+        is no registrar of the robot's organisation.
         """
-        state = await self._client.state_values(_COUNTS, self._key)
+        office = (MEMBER.key(self._key.public_key), REGISTRAR.key(self._signer))
+        state = await self._client.state_values([*_COUNTS, *office], self._key)
+        robot = MEMBER.among(state.values, self._key.public_key)
+        if robot is not None and REGISTRAR.among(state.values, self._signer) != robot.org:
+            raise BlockRobotError(
+                "ROSTER_INVALID",
+                f"The key that signed the roster is no registrar's of {robot.org}, or no more: have it made anew there.",
+            )
         counts = tuple(state.values[key] for key in _COUNTS)
         unchanged = known is not None and counts == known.counts
         people = known.people if known is not None and unchanged else await self._read_whole()

@@ -15,7 +15,6 @@ import structlog
 
 from clients.robot.identity.robot_keys import RobotIdentity
 from clients.sdk.terminal.json_answers import Answer, Count, doc
-from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.members.roster import Roster, RosterRow, is_usable, open_roster, roster_tag
 
@@ -37,7 +36,9 @@ class UnknownTagCounts(Answer, frozen=True, kw_only=True):
 class RosterBook:
     """Finds a tag's bearer by HMAC(roster key, UID)."""
 
-    def __init__(self, roster: Roster) -> None:
+    def __init__(self, roster: Roster, signer: bytes) -> None:
+        """`signer`: the key that signed it; `RegistryReader` asks the chain whose that is."""
+        self.signer = signer
         self._key = roster.key
         self._rows: dict[bytes, RosterRow] = {row.tag: row for row in roster.rows if is_usable(row)}
         if len(self._rows) < len(roster.rows):
@@ -79,20 +80,11 @@ class UnknownTags:
         return UnknownTagCounts(readings=self.readings_count, tags=len(self._tags), more_tags=self._has_more)
 
 
-def load_roster(path: Path, identity: RobotIdentity, genesis: Genesis, now_ms: int) -> RosterBook:
+def load_roster(path: Path, identity: RobotIdentity, chain_id: bytes, now_ms: int) -> RosterBook:
     """Open a sealed roster. Raises ROSTER_INVALID or ROSTER_EXPIRED."""
     try:
         sealed = path.read_bytes()
     except FileNotFoundError:
         raise BlockRobotError("ROSTER_INVALID", f"There is no roster at {path}.") from None
-    registrars = {key for organisation in genesis.organisations for key in organisation.registrars}
-    return RosterBook(
-        open_roster(
-            sealed,
-            identity.sealing,
-            registrars=registrars,
-            now_ms=now_ms,
-            robot=identity.identity.public_key,
-            chain_id=genesis.chain_id,
-        )
-    )
+    robot = identity.identity.public_key
+    return RosterBook(*open_roster(sealed, identity.sealing, now_ms=now_ms, robot=robot, chain_id=chain_id))

@@ -148,10 +148,10 @@ class _Run:
         self._client = client
         self._chain_id = client.genesis.chain_id
         self._network = RobotNetwork(client, self._identity, options.copies)
-        self._roster = load_roster(options.roster, self._identity, client.genesis, self._network.now_ms())
+        self._roster = load_roster(options.roster, self._identity, self._chain_id, self._network.now_ms())
         self._spool = Spool(folder / SPOOL_FOLDER, self._identity.spool)
         self._consents = Consents(
-            RegistryReader(client, self._identity.identity, self._roster.rows),
+            RegistryReader(client, self._identity.identity, self._roster),
             self._roster,
             majority=NetworkMajority(client, self._identity.identity),
             person_key=self._identity.spool,

@@ -106,4 +106,4 @@ def make_roster(chain: Chain, unit: Unit, holders: list[Holder]) -> RosterBook:
     )
     path = unit.folder / "roster"
     path.write_bytes(seal_roster(roster, chain.registrar, unit.identity.sealing_public))
-    return load_roster(path, unit.identity, chain.genesis, now_ms)
+    return load_roster(path, unit.identity, chain.chain_id, now_ms)

@@ -24,10 +24,12 @@ from consensus.members.roster import Roster, open_roster, roster_tag
 from consensus.members.vouchers import decode_card_code, recover_registrar
 from consensus.primitives.keys import PrivateKey
 from consensus.state.identity import HANDLE, MEMBER, MemberRow
+from consensus.state.identity import REGISTRAR as REGISTRAR_ROW
 from consensus.state.keys import to_value
 from tests.world.dicts import NOW_MS, make_genesis
 
 REGISTRAR = PrivateKey(bytes([2] * 32))
+LATER = PrivateKey(bytes([8] * 32))
 UID = "E2801160600002054A1B2C3D"
 ROBOT = PrivateKey(bytes([6] * 32)).public_key
 ROBOT_SEALING = SealingPrivateKey(bytes([11] * 32))
@@ -57,19 +59,6 @@ def test_without_a_key_there_is_no_desk(tmp_path: Path) -> None:
     with pytest.raises(BlockRobotError) as caught:
         Registrar(tmp_path, make_genesis())
     assert code_of(caught) == "DATA_DIRECTORY_INVALID"
-
-
-def test_a_key_of_another_network_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "registrar.key").write_bytes(secrets.token_bytes(32))
-    with pytest.raises(BlockRobotError) as caught:
-        Registrar(tmp_path, make_genesis())
-    assert code_of(caught) == "DATA_DIRECTORY_INVALID"
-
-
-def test_an_admins_key_is_no_registrars(tmp_path: Path) -> None:
-    (tmp_path / "registrar.key").write_bytes(bytes([1] * 32))
-    with pytest.raises(BlockRobotError):
-        Registrar(tmp_path, make_genesis())
 
 
 def test_a_card_carries_a_voucher_of_this_registrar_for_this_chain(desk: Registrar) -> None:
@@ -157,7 +146,7 @@ class FakeClient:
         return SimpleNamespace(txid=b"t" * 32)
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
-        assert key.public_key == REGISTRAR.public_key
+        assert key.public_key in {REGISTRAR.public_key, LATER.public_key}
         return ProvedState(1, NOW_MS, {flat: self.state.get(flat) for flat in keys})
 
 
@@ -187,14 +176,30 @@ def register(desk: Registrar, chain: dict[bytes, Any], uid: str, role: str, **st
 
 
 def opened(sealed: bytes) -> Roster:
-    return open_roster(
-        sealed,
-        bytes(ROBOT_SEALING),
-        registrars={REGISTRAR.public_key},
-        now_ms=NOW_MS,
-        robot=ROBOT,
-        chain_id=make_genesis().chain_id,
+    roster, signer = open_roster(
+        sealed, bytes(ROBOT_SEALING), now_ms=NOW_MS, robot=ROBOT, chain_id=make_genesis().chain_id
     )
+    assert signer == REGISTRAR.public_key
+    return roster
+
+
+async def test_a_registrar_of_the_genesis_file_needs_no_network_to_know_whose_it_is(desk: Registrar) -> None:
+    assert await desk.find_organisation() == make_genesis().organisations[0].name
+
+
+@pytest.mark.parametrize("known", [True, False])
+async def test_a_later_registrar_is_one_by_the_chain_alone(
+    tmp_path: Path, chain: dict[bytes, Any], *, known: bool
+) -> None:
+    (tmp_path / "registrar.key").write_bytes(LATER.secret)
+    desk = Registrar(tmp_path, make_genesis(), FixedClock())
+    if known:
+        chain[REGISTRAR_ROW.key(LATER.public_key)] = "clinic"
+        assert await desk.find_organisation() == "clinic"
+        return
+    with pytest.raises(BlockRobotError) as caught:
+        await desk.find_organisation()
+    assert code_of(caught) == "DATA_DIRECTORY_INVALID"
 
 
 async def test_a_roster_has_whoever_registered_and_nobody_else(desk: Registrar, chain: dict[Any, Any]) -> None:

@@ -15,10 +15,11 @@ from consensus.members.roster import Roster
 from consensus.primitives.keys import PrivateKey
 from consensus.state import consent, identity
 from consensus.state.consent import CHOICES
-from consensus.state.identity import HANDLE, MEMBER, MemberRow
+from consensus.state.identity import HANDLE, MEMBER, REGISTRAR, MemberRow
 from consensus.state.keys import to_value
 
 ROBOT = PrivateKey(bytes([5] * 32))
+SIGNER = PrivateKey(bytes([6] * 32)).public_key
 PERSON_KEY = bytes(range(32))
 
 
@@ -36,7 +37,13 @@ class RegistryStandIn:
         self.cut_off = False
         self.others_serve = False
         self.quorums_asked = 0
-        self.state: dict[bytes, Any] = {identity.CHANGES.flat: 1, consent.CHANGES.flat: 1}
+        robot = MemberRow(bytes(32), "robot", "ward", b"", b"", b"", "active", 0)
+        self.state: dict[bytes, Any] = {
+            identity.CHANGES.flat: 1,
+            consent.CHANGES.flat: 1,
+            MEMBER.key(ROBOT.public_key): to_value(robot),
+            REGISTRAR.key(SIGNER): "ward",
+        }
         for number, row in enumerate(roster.rows):
             member = b"M%32d" % number
             self.state[HANDLE.key(row.handle)] = member
@@ -106,8 +113,8 @@ def consents_on(
     tell: Callable[[str], None] = lambda _sentence: None,
 ) -> Consents:
     """The robot's view of that registry; nothing is read yet."""
-    book = RosterBook(roster)
-    reader = RegistryReader(registry, ROBOT, book.rows)
+    book = RosterBook(roster, SIGNER)
+    reader = RegistryReader(registry, ROBOT, book)
     return Consents(
         reader,
         book,

@@ -24,8 +24,8 @@ from consensus.errors import BlockRobotError
 from consensus.members.roster import ROSTER_VERSION, Roster, RosterRow
 from consensus.state import consent, identity
 from consensus.state.consent import CHOICES
-from consensus.state.identity import HANDLE, MEMBER
-from tests.unit.clients.robot.registry_stand_in import PERSON_KEY, ROBOT, RegistryStandIn, consents_on
+from consensus.state.identity import HANDLE, MEMBER, REGISTRAR
+from tests.unit.clients.robot.registry_stand_in import PERSON_KEY, ROBOT, SIGNER, RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_spool import clip
 from tests.virtual_time import in_virtual_time, run_virtual, virtual_now_ms
 
@@ -229,8 +229,10 @@ async def test_the_registry_is_asked_for_whole_and_only_when_it_changed(ward: Wa
     ward.registry.say(ANN)
     await ward.consents.refresh()
     members = [ward.registry.state[HANDLE.key(handle)] for handle in (ANN, BEN)]
+    office = [MEMBER.key(ROBOT.public_key), REGISTRAR.key(SIGNER)]
     whole = [
         *COUNTS,
+        *office,
         *(HANDLE.key(handle) for handle in (ANN, BEN)),
         *(MEMBER.key(member) for member in members),
         *(CHOICES.key(handle) for handle in (ANN, BEN)),
@@ -238,7 +240,7 @@ async def test_the_registry_is_asked_for_whole_and_only_when_it_changed(ward: Wa
     assert ward.registry.asked == whole
     ward.registry.asked.clear()
     await ward.consents.refresh()
-    assert ward.registry.asked == COUNTS
+    assert ward.registry.asked == [*COUNTS, *office]
     ward.registry.asked.clear()
     ward.registry.say(BEN, "refused")
     await ward.consents.refresh()
@@ -495,3 +497,20 @@ async def test_a_terminal_that_is_gone_ends_no_watch(ward: Ward) -> None:
     assert ward.refusal() is None
     assert not watch.done()
     watch.cancel()
+
+
+@story()
+async def test_a_roster_of_a_key_that_is_no_registrars_of_the_robots_organisation_ends_the_run(ward: Ward) -> None:
+    """A key that was replaced, or another organisation's, could lead a tag to whom it likes."""
+    await ward.consents.refresh()
+    office = REGISTRAR.key(SIGNER)
+    for spoilt in (None, "university"):
+        ward.registry.state[office] = spoilt
+        with pytest.raises(BlockRobotError, match="ROSTER_INVALID"):
+            await ward.consents.refresh()
+    watch = asyncio.create_task(ward.consents.watch())
+    await asyncio.sleep(2 * REFRESH_EVERY_MS / 1000)
+    watch.cancel()
+    with pytest.raises(BlockRobotError, match="ROSTER_INVALID"):
+        ward.consents.raise_failure()
+    assert not ward.consents.is_fresh()

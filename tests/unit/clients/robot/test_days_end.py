@@ -17,6 +17,7 @@ from clients.robot.run.run_summary import RunSummary
 from clients.robot.run.run_validity import LOOK_EVERY_S
 from clients.robot.sensing.sensor_events import Depth, Frame, SourceEvent
 from clients.robot.sources.source import Clock, StoppableClock
+from tests.unit.clients.robot.registry_stand_in import SIGNER
 from tests.unit.clients.robot.test_pipeline import UID, roster
 from tests.unit.clients.robot.test_replay_start import Start, begin
 from tests.virtual_time import VirtualLoop, virtual_now_ms
@@ -56,7 +57,7 @@ class Day:
                 self.after_frames()
 
     def roster_until(self, at_ms: int) -> None:
-        self.start.run._roster = RosterBook(msgspec.structs.replace(roster(), not_after_ms=at_ms))
+        self.start.run._roster = RosterBook(msgspec.structs.replace(roster(), not_after_ms=at_ms), SIGNER)
 
     def approve(self, *, for_s: float = DAY_MS / 1000) -> list[Depth]:
         empty = self.start.source.empty_frames()
@@ -100,7 +101,7 @@ def a_day(folder: Path, bag: Path, monkeypatch: pytest.MonkeyPatch, story: Calla
 
 
 def test_a_rosters_tags_lead_to_nobody_once_its_day_is_over() -> None:
-    book = RosterBook(msgspec.structs.replace(roster(), not_after_ms=1_000))
+    book = RosterBook(msgspec.structs.replace(roster(), not_after_ms=1_000), SIGNER)
     assert book.find(UID, 999) is not None
     assert book.find(UID, 1_000) is None
 

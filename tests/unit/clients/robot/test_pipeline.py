@@ -34,7 +34,7 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_metadata
 from consensus.records.metadata import RecordMetadata, find_chain_gaps
-from tests.unit.clients.robot.registry_stand_in import RegistryStandIn, consents_on
+from tests.unit.clients.robot.registry_stand_in import SIGNER, RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_delivery import FakeNetwork
 from tests.unit.clients.robot.test_spool import KEY
 from tests.virtual_time import run_virtual, virtual_now_ms
@@ -128,7 +128,7 @@ class Robot:
                 run=run,
                 empty_frames=tuple(empty_bank(empty)),
                 redactor=FrameRedactor(learn_background(empty), focal_px=self.source.focal_px or FOCAL_DEFAULT_PX),
-                roster=RosterBook(self.known),
+                roster=RosterBook(self.known, SIGNER),
                 spool=self.spool,
                 delivery=delivery,
                 statistics=self.statistics,

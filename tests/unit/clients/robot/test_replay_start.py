@@ -18,7 +18,7 @@ from clients.robot.run.runner import FRESH_WITHIN_MS, ReplayOptions
 from clients.robot.sources.recordings.bag_source import BagSource
 from consensus.chain.epoch_settings import ChainSettings
 from consensus.errors import BlockRobotError
-from tests.unit.clients.robot.registry_stand_in import ROBOT, RegistryStandIn
+from tests.unit.clients.robot.registry_stand_in import ROBOT, SIGNER, RegistryStandIn
 from tests.unit.clients.robot.test_delivery import FakeNetwork
 from tests.unit.clients.robot.test_pipeline import CHAIN, DAY_MS, roster
 from tests.unit.clients.robot.test_spool import KEY
@@ -58,7 +58,7 @@ class Start:
         self.network, self.stop = Network(), asyncio.Event()
         identity = RobotIdentity(ROBOT, ROBOT, ROBOT, bytes(32), KEY)
         monkeypatch.setattr(runner, "load_identity", lambda *_: identity)
-        monkeypatch.setattr(runner, "load_roster", lambda *_: RosterBook(known))
+        monkeypatch.setattr(runner, "load_roster", lambda *_: RosterBook(known, SIGNER))
         monkeypatch.setattr(runner, "RobotNetwork", lambda *_: self.network)
         monkeypatch.setattr(runner, "NetworkMajority", lambda *_: self.registry)
         options = ReplayOptions(folder / "roster", "demo", 200, folder / "events.jsonl", True, False)

@@ -26,6 +26,7 @@ from clients.robot.sources.live.synthetic_source import SyntheticSource
 from clients.robot.sources.source import Clock, StoppableClock, SystemClock, play_events
 from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scenario_bag import load_or_draw_tags
+from tests.unit.clients.robot.registry_stand_in import SIGNER
 from tests.unit.clients.robot.run_summaries import FRAMES, summary_of
 from tests.unit.clients.robot.test_pipeline import roster
 from tests.virtual_time import run_virtual
@@ -53,7 +54,7 @@ async def listen(stop: asyncio.Event, options: ReplayOptions, stop_after: int = 
     """Return how many events came until the end."""
     count = 0
     source: Any = Estimates()
-    tenure = RunValidity(RosterBook(roster()), SystemClock().now_ms)
+    tenure = RunValidity(RosterBook(roster(), SIGNER), SystemClock().now_ms)
     async for _ in _events(source, stop, options, tenure):
         count += 1
         if count == stop_after:

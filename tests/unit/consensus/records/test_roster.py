@@ -25,7 +25,6 @@ from contracts.state.view import MemoryState
 
 CHAIN, KEY = sha256(b"chain"), sha256(b"roster key")
 REGISTRAR = PrivateKey(sha256(b"registrar"))
-REGISTRARS = {REGISTRAR.public_key}
 ROBOT = PrivateKey(sha256(b"robot")).public_key
 MEMBER, SPEND, VIEW = (PrivateKey(sha256(name)).public_key for name in (b"m", b"s", b"v"))
 ROBOT_SEALING = bytes(range(32))
@@ -53,7 +52,9 @@ def _roster(*rows: RosterRow) -> Roster:
 
 
 def _open(sealed: bytes, now_ms: int = NOW + 1, **expected: bytes) -> Roster:
-    return open_roster(sealed, ROBOT_SEALING, registrars=REGISTRARS, now_ms=now_ms, **expected)
+    roster, signer = open_roster(sealed, ROBOT_SEALING, now_ms=now_ms, **expected)
+    assert signer == REGISTRAR.public_key
+    return roster
 
 
 def test_a_robot_opens_its_roster_and_finds_a_tag() -> None:
@@ -72,17 +73,17 @@ def test_no_form_of_the_uid_is_in_the_roster() -> None:
 def test_another_robot_cannot_open_it() -> None:
     sealed = seal_roster(_roster(), REGISTRAR, ROBOT_SEALING_PUBLIC)
     with pytest.raises(BlockRobotError, match="ROSTER_INVALID"):
-        open_roster(sealed, sha256(b"other"), registrars=REGISTRARS, now_ms=NOW)
+        open_roster(sealed, sha256(b"other"), now_ms=NOW)
     with pytest.raises(BlockRobotError, match="ROSTER_INVALID"):
         _open(sealed, robot=MEMBER)
     with pytest.raises(BlockRobotError, match="ROSTER_INVALID"):
         _open(sealed, chain_id=bytes(32))
 
 
-def test_a_roster_by_somebody_else_is_refused() -> None:
-    sealed = seal_roster(_roster(), PrivateKey(sha256(b"thief")), ROBOT_SEALING_PUBLIC)
-    with pytest.raises(BlockRobotError, match="ROSTER_INVALID"):
-        _open(sealed)
+def test_a_roster_tells_who_signed_it() -> None:
+    thief = PrivateKey(sha256(b"thief"))
+    _, signer = open_roster(seal_roster(_roster(), thief, ROBOT_SEALING_PUBLIC), ROBOT_SEALING, now_ms=NOW + 1)
+    assert signer == thief.public_key
 
 
 @pytest.mark.parametrize("place", [0, 40, -1])
