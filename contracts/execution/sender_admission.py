@@ -28,8 +28,6 @@ GRANTEE_ENTRIES = frozenset({"request_granted", "noticed"})
 PRODUCER_ENTRIES = frozenset({"ready", "accuse"})
 NOT_ADMITTED = "SENDER_NOT_ADMITTED"
 _REGISTER_ARGUMENTS_COUNT = 10
-_GRANTEES_OF = b"grantees of "
-_OFFICES = (b"admin of ", b"custodian of ", b"registrar of ")
 _RECOVERED_KEPT_COUNT = 256
 
 
@@ -54,60 +52,60 @@ def _is_grantees_matter(state: Reader, transaction: Transaction, now_ms: int) ->
     return grant is not None and (transaction.body.entry == "noticed" or now_ms < grant.ended_ms)
 
 
-def name_grantees(owner: bytes) -> bytes:
-    return _GRANTEES_OF + owner
+def name_grantees(owner: bytes) -> str:
+    return f"grantees of visit {owner.hex()}"
 
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """The account of queued transactions, unaffected by key changes.
+    """The account of queued transactions, unaffected by key changes. Its name tells an operator whose it is.
 
     `is_of_visit`: a visit's; `origin`: its robot, sharing visit limits; `is_shared`: used by many keys.
     """
 
-    name: bytes
+    name: str
     is_of_visit: bool = False
-    origin: bytes = b""
+    origin: str = ""
     is_shared: bool = False
 
+    def name_payer(self, sender: bytes) -> str:
+        """Return the account whatever its key, or the one of the keys that share it."""
+        return f"grantee {sender.hex()}" if self.is_shared else self.name
 
-def name_key(state: Reader, key: bytes) -> bytes:
+
+def name_key(state: Reader, key: bytes) -> str:
+    """Return whose key it is, for each kind in words of its own: handles are whatever a registrar draws."""
     member = MEMBER.at(state, key)
     if member is not None and member.is_active:
-        return member.handle
+        return _name_member(member.handle)
     office = office_of(state, key)
     if office is not None:
-        return " of ".join(office).encode()
-    if is_candidate(state, key):
-        return key
-    return decided_root(state, key) or key
+        return " of ".join(office)
+    root = None if is_candidate(state, key) else decided_root(state, key)
+    return f"key {key.hex()}" if root is None else _name_visit(root)
 
 
-def describe_account(account: Account) -> str:
-    """Return in words for an operator whose account it is: of a visit, an office, a member (by handle) or another key."""
-    name = account.name
-    if account.is_shared:
-        return f"grantees of visit {name.removeprefix(_GRANTEES_OF).hex()}"
-    if account.is_of_visit:
-        return f"visit {name.hex()}"
-    if name.startswith(_OFFICES):
-        return name.decode()
-    return f"member {name.hex()}" if len(name) == HASH_SIZE_BYTES else f"key {name.hex()}"
+def _name_member(handle: bytes) -> str:
+    return f"member {handle.hex()}"
 
 
-def _name_origin(state: Reader, root: bytes) -> bytes:
+def _name_visit(root: bytes) -> str:
+    return f"visit {root.hex()}"
+
+
+def _name_origin(state: Reader, root: bytes) -> str:
     visit = VISIT.at(state, root)
     robot = b"" if visit is None else visit.robot
-    return b"visits of " + (handle_of(state, robot) or robot)
+    return f"visits of {(handle_of(state, robot) or robot).hex()}"
 
 
-def _find_newcomer(transaction: Transaction) -> bytes:
+def _name_newcomer(transaction: Transaction) -> str:
     """Count by handle: one card signs many registrations."""
     try:
         handle = transaction.arguments()[0]
     except (BlockRobotError, IndexError):
-        return b""
-    return handle if isinstance(handle, bytes) and len(handle) == HASH_SIZE_BYTES else b""
+        return ""
+    return _name_member(handle) if isinstance(handle, bytes) and len(handle) == HASH_SIZE_BYTES else ""
 
 
 def find_account(state: Reader, transaction: Transaction) -> Account:
@@ -116,14 +114,13 @@ def find_account(state: Reader, transaction: Transaction) -> Account:
         origin = _name_origin(state, grant.owner)
         return Account(name_grantees(grant.owner), is_of_visit=True, origin=origin, is_shared=True)
     sender = transaction.body.sender
-    name = name_key(state, sender)
     # A robot may open a visit under anybody's key, which makes nobody else a visit's owner.
     is_other = is_registered(state, sender) or _has_office(state, sender) or is_candidate(state, sender)
-    if not is_other and _owns_visit(state, sender):
-        return Account(name, is_of_visit=True, origin=_name_origin(state, name))
-    if not is_other and is_registration(transaction):
-        name = _find_newcomer(transaction) or name
-    return Account(name)
+    root = None if is_other else decided_root(state, sender)
+    if root is not None:
+        return Account(_name_visit(root), is_of_visit=True, origin=_name_origin(state, root))
+    newcomer = "" if is_other or not is_registration(transaction) else _name_newcomer(transaction)
+    return Account(newcomer or name_key(state, sender))
 
 
 _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {

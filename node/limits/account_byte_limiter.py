@@ -32,9 +32,9 @@ class AccountByteLimiter:
         self._clock_s = clock_s
         self._bytes_per_s = bytes_per_s
         self._burst_bytes = burst_bytes
-        self._buckets: OrderedDict[bytes, tuple[float, float]] = OrderedDict()
+        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
-    def level(self, name: bytes, part: int = 1) -> float:
+    def level(self, name: str, part: int = 1) -> float:
         """Return bytes left under a name with 1/`part` of an account's bucket."""
         now_s, burst_bytes = self._clock_s(), self._burst_bytes / part
         level, seen_s = self._buckets.get(name, (burst_bytes, now_s))
@@ -54,14 +54,14 @@ class AccountByteLimiter:
             if name in self._buckets:
                 self._set(name, min(self._burst_bytes / part, self.level(name, part) + size_bytes))
 
-    def _set(self, name: bytes, level: float) -> None:
+    def _set(self, name: str, level: float) -> None:
         self._buckets[name] = level, self._clock_s()
         self._buckets.move_to_end(name)
         if len(self._buckets) > ACCOUNTS_MAX_COUNT:
             self._buckets.popitem(last=False)
 
 
-def _budgets_of(account: Account) -> list[tuple[bytes, int]]:
+def _budgets_of(account: Account) -> list[tuple[str, int]]:
     """Return (bucket name, divisor) pairs that an account pays from."""
     if not account.origin:
         return [(account.name, 1)]

@@ -25,7 +25,7 @@ class EvictionPlan(Generic[W]):
         self._lanes = lanes
         self._wanted_bytes = wanted_bytes
         self._freed_bytes = 0
-        self._freed: tuple[Counter[bytes], ...] = tuple(Counter() for _ in lanes)
+        self._freed: tuple[Counter[str], ...] = tuple(Counter() for _ in lanes)
         self._txids: dict[bytes, None] = {}
 
     def choose(self, account: Account, own_bytes: int, *, is_first: bool) -> Collection[bytes]:
@@ -49,11 +49,11 @@ class EvictionPlan(Generic[W]):
     def _take(
         self,
         lane: Lane[W],
-        freed: Counter[bytes],
-        accounts: Iterator[bytes],
+        freed: Counter[str],
+        accounts: Iterator[str],
         least_bytes: int,
         most_bytes: int,
-        but: bytes = b"",
+        but: str = "",
     ) -> None:
         for account in accounts:
             if self._freed_bytes >= most_bytes:

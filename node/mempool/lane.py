@@ -11,7 +11,7 @@ class Waiting(Protocol):
     """A waiting transaction: its account and size."""
 
     @property
-    def account(self) -> bytes: ...
+    def account(self) -> str: ...
 
     @property
     def is_of_visit(self) -> bool:
@@ -28,12 +28,12 @@ class Lane(Generic[W]):
     """Queues of accounts in turn order, classed by their size's bit length."""
 
     def __init__(self) -> None:
-        self.queues: OrderedDict[bytes, dict[bytes, W]] = OrderedDict()
+        self.queues: OrderedDict[str, dict[bytes, W]] = OrderedDict()
         self.size_bytes = 0
         self.size_of_visits_bytes = 0
-        self._sizes: dict[bytes, int] = {}
-        self._visits: set[bytes] = set()
-        self._classes: dict[tuple[int, bool], dict[bytes, None]] = {}
+        self._sizes: dict[str, int] = {}
+        self._visits: set[str] = set()
+        self._classes: dict[tuple[int, bool], dict[str, None]] = {}
 
     def add(self, txid: bytes, item: W) -> None:
         queue = self.queues.setdefault(item.account, {})
@@ -50,7 +50,7 @@ class Lane(Generic[W]):
             del self.queues[item.account]
             self._visits.discard(item.account)
 
-    def _resize(self, account: bytes, change_bytes: int) -> None:
+    def _resize(self, account: str, change_bytes: int) -> None:
         before = self._sizes.get(account, 0)
         after = before + change_bytes
         self.size_bytes += change_bytes
@@ -70,15 +70,15 @@ class Lane(Generic[W]):
         else:
             del self._sizes[account]
 
-    def size_of(self, account: bytes) -> int:
+    def size_of(self, account: str) -> int:
         return self._sizes.get(account, 0)
 
     @property
     def largest_bytes(self) -> int:
         """Bytes waiting of the largest account (within a factor of two)."""
-        return self.size_of(next(self.largest(), b""))
+        return self.size_of(next(self.largest(), ""))
 
-    def largest(self, *, of_visits: bool = False) -> Iterator[bytes]:
+    def largest(self, *, of_visits: bool = False) -> Iterator[str]:
         """Yield accounts, largest first within a factor of two; `of_visits`: only visits."""
         for key in sorted(self._classes, reverse=True):
             if key[1] or not of_visits:

@@ -40,7 +40,7 @@ class _Entry:
     payer: Account
 
     @property
-    def account(self) -> bytes:
+    def account(self) -> str:
         return self.payer.name
 
     @property
@@ -83,7 +83,9 @@ class Mempool:
         cache: TransactionCache,
         check_admission: Callable[[Transaction], bool],
         is_spent: Callable[[bytes], bool],
-        account_of: Callable[[Transaction], Account] = lambda transaction: Account(transaction.body.sender),
+        account_of: Callable[[Transaction], Account] = lambda transaction: Account(
+            f"key {transaction.body.sender.hex()}"
+        ),
         max_bytes: int = POOL_MAX_BYTES,
         sender_max_count: int = SENDER_MAX_COUNT,
         sender_max_bytes: int = SENDER_MAX_BYTES,
@@ -103,7 +105,7 @@ class Mempool:
         self._entries: dict[bytes, _Entry] = {}
         self._ordinary: Lane[_Entry] = Lane()
         self._reserved: Lane[_Entry] = Lane()
-        self._loads: dict[bytes, _Load] = {}  # of accounts, and of senders who share one
+        self._loads: dict[str, _Load] = {}  # of accounts, and of senders who share one
         self._roomy_blocks = 0
         self.evicted_count = 0
 
@@ -166,7 +168,7 @@ class Mempool:
         `check_admission`.
         """
         if transaction.txid in self._entries:
-            return Screened(transaction, Account(b""), reserved=False, is_verified=True, is_waiting=True)
+            return Screened(transaction, Account(""), reserved=False, is_verified=True, is_waiting=True)
         self._require_timely(transaction, now_ms)
         if self._is_spent(transaction.txid):
             raise BlockRobotError("TRANSACTION_REPLAYED")
@@ -212,7 +214,7 @@ class Mempool:
         size = len(transaction.wire)
         self._require_share(account.name, size)
         if account.is_shared:
-            self._require_share(transaction.body.sender, size, SHARED_DIVISOR)
+            self._require_share(account.name_payer(transaction.body.sender), size, SHARED_DIVISOR)
 
     def _require_timely(self, transaction: Transaction, now_ms: int) -> None:
         body = transaction.body
@@ -244,7 +246,7 @@ class Mempool:
             self._byte_budgets.refund(entry.payer, entry.size_bytes)
         self.evicted_count += self.remove(txids)
 
-    def _require_share(self, name: bytes, size_bytes: int, divisor: int = 1) -> None:
+    def _require_share(self, name: str, size_bytes: int, divisor: int = 1) -> None:
         load = self._loads.get(name, _Load())
         too_many = load.count >= max(1, self._sender_max_count // divisor)
         if too_many or load.size_bytes + size_bytes > self._sender_max_bytes // divisor:
@@ -255,7 +257,7 @@ class Mempool:
         size = len(transaction.wire)
         self._entries[transaction.txid] = entry
         (self._reserved if reserved else self._ordinary).add(transaction.txid, entry)
-        for name in dict.fromkeys((account.name, transaction.body.sender)):
+        for name in dict.fromkeys((account.name, account.name_payer(transaction.body.sender))):
             load = self._loads.setdefault(name, _Load())
             load.count, load.size_bytes = load.count + 1, load.size_bytes + size
 
@@ -269,7 +271,7 @@ class Mempool:
                 continue
             count += 1
             (self._reserved if entry.reserved else self._ordinary).remove(txid, entry)
-            for name in dict.fromkeys((entry.account, entry.transaction.body.sender)):
+            for name in dict.fromkeys((entry.account, entry.payer.name_payer(entry.transaction.body.sender))):
                 load = self._loads[name]
                 load.count, load.size_bytes = load.count - 1, load.size_bytes - entry.size_bytes
                 if not load.count:
@@ -316,7 +318,7 @@ class _Selection:
     timestamp_ms: int
     exclude: Collection[bytes]
     chosen: dict[bytes, Transaction] = field(default_factory=dict)
-    shares: Counter[bytes] = field(default_factory=Counter)
+    shares: Counter[str] = field(default_factory=Counter)
     size_bytes: int = 0
 
     def fill(self, lanes: Sequence[Lane[_Entry]], max_count: int, max_bytes: int) -> None:
@@ -324,7 +326,7 @@ class _Selection:
         turns = [
             (lane, account, iter(list(queue.values()))) for lane in lanes for account, queue in lane.queues.items()
         ]
-        served: list[tuple[Lane[_Entry], bytes]] = []
+        served: list[tuple[Lane[_Entry], str]] = []
         while turns and len(self.chosen) < max_count:
             remaining = []
             for lane, account, queue in turns:

@@ -16,7 +16,7 @@ import structlog
 
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
-from contracts.execution.sender_admission import describe_account, is_registration
+from contracts.execution.sender_admission import is_registration
 from node.limits.token_buckets import OWN, Allowance, Charge, Source, SourceKind, TokenBuckets, over_budget
 from node.limits.work_costs import EC_OPERATION_US, TRANSACTION_SCREENING_US
 from node.mempool.mempool import Mempool, Screened
@@ -145,10 +145,10 @@ class TransactionIntake:
         self._clock = clock
         self._on_over_budget = on_over_budget
         self._sources: TokenBuckets[Source] = TokenBuckets(lambda source: _ALLOWANCES[source.kind], self._loop.time)
-        self._senders: TokenBuckets[bytes] = TokenBuckets(lambda _sender: SENDER_ALLOWANCE, self._loop.time)
-        self._origins: TokenBuckets[bytes] = TokenBuckets(lambda _origin: ORIGIN_ALLOWANCE, self._loop.time)
+        self._senders: TokenBuckets[str] = TokenBuckets(lambda _sender: SENDER_ALLOWANCE, self._loop.time)
+        self._origins: TokenBuckets[str] = TokenBuckets(lambda _origin: ORIGIN_ALLOWANCE, self._loop.time)
         self._parts: TokenBuckets[Source] = TokenBuckets(lambda _part: VISIT_KEY_ALLOWANCE, self._loop.time)
-        self._trials: TokenBuckets[tuple[Source, bytes]] = TokenBuckets(lambda _pair: TRIAL_ALLOWANCE, self._loop.time)
+        self._trials: TokenBuckets[tuple[Source, str]] = TokenBuckets(lambda _pair: TRIAL_ALLOWANCE, self._loop.time)
         self._rings: tuple[OrderedDict[Source, _Queue], ...] = (OrderedDict(), OrderedDict())
         self._turn = 0
         self._task: asyncio.Task[None] | None = None
@@ -303,7 +303,8 @@ class TransactionIntake:
             item = self._mempool.screen(transaction, now_ms, job.also, is_verified=is_verified)
         except BlockRobotError as error:
             if error.code == _NOT_ADMITTED and source.kind not in _KNOW_MEMBERS and not cost_us:
-                self._pay_for_signature(source, transaction.body.sender)  # so that no stranger is told from a member
+                # so that no stranger is told from a member
+                self._pay_for_signature(source, f"key {transaction.body.sender.hex()}")
             raise
         paid = _Paid(item, receipts)
         if item.is_waiting:
@@ -313,7 +314,7 @@ class TransactionIntake:
             if source != OWN:
                 paid.by_sender = self._pay_as_sender(item)
                 try:
-                    receipts.append(self._pay_for_signature(source, payer_of(item)))
+                    receipts.append(self._pay_for_signature(source, item.account.name_payer(transaction.body.sender)))
                 except BlockRobotError:
                     _give_back(paid.by_sender)
                     raise
@@ -326,7 +327,8 @@ class TransactionIntake:
         return charge or self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
 
     def _pay_as_sender(self, item: Screened) -> list[Charge]:
-        account, payer, cost_us = item.account, payer_of(item), EC_OPERATION_US + TRANSACTION_SCREENING_US
+        account, cost_us = item.account, EC_OPERATION_US + TRANSACTION_SCREENING_US
+        payer = account.name_payer(item.transaction.body.sender)
         charges: list[Charge] = []
         for buckets, name in ((self._senders, payer), (self._origins, account.origin)):
             charge = buckets.take(name, cost_us) if name else None
@@ -334,11 +336,10 @@ class TransactionIntake:
                 charges.append(charge)
             elif name:
                 _give_back(charges)
-                who = f"grantee {payer.hex()}" if account.is_shared else describe_account(account)
-                self._refuse(who, buckets.wait_s(name, cost_us))
+                self._refuse(payer, buckets.wait_s(name, cost_us))
         return charges
 
-    def _pay_for_signature(self, source: Source, sender: bytes) -> Charge:
+    def _pay_for_signature(self, source: Source, sender: str) -> Charge:
         """Charge the source, or the sender's small budget behind an exhausted address."""
         source = source.shared
         charge = self._sources.take(source, EC_OPERATION_US)
@@ -369,7 +370,7 @@ class TransactionIntake:
             except BlockRobotError as refusal:
                 error = refusal
                 if refusal.code in _OWN_FAULTS and source != OWN:
-                    self._on_over_budget(describe_account(item.account), refusal)
+                    self._on_over_budget(item.account.name, refusal)
         if error is not None and source.kind not in _KNOW_MEMBERS:
             error = redact_for_clients(error)
         return Outcome(transaction.wire, transaction, is_new, error)
@@ -378,11 +379,6 @@ class TransactionIntake:
 def redact_for_clients(error: BlockRobotError) -> BlockRobotError:
     """Return the client's error: without a signature, equal for members and strangers."""
     return BlockRobotError(_NOT_ADMITTED) if error.code in _UNSIGNED else error
-
-
-def payer_of(item: Screened) -> bytes:
-    """Return the signature's payer: an account whatever its key, or a shared key."""
-    return item.transaction.body.sender if item.account.is_shared else item.account.name
 
 
 def _give_back(charges: list[Charge]) -> None:

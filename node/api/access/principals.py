@@ -30,7 +30,7 @@ class Principal:
 
     kind: SessionKind
     roles: frozenset[str]
-    account: bytes = field(default=b"", compare=False)
+    account: str = field(default="", compare=False)
 
 
 def resolve_principal(snapshot: LedgerView, key: bytes, grant_id: bytes = b"") -> Principal | None:

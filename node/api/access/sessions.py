@@ -41,7 +41,7 @@ class _Kept:
     public_key: bytes
     grant_id: bytes
     expires_at_ms: int
-    account: bytes
+    account: str
     is_of_visit: bool
 
 
@@ -55,8 +55,8 @@ class SessionTable:
         self._ledger = ledger
         self._challenges = ChallengeBook(clock)
         self._sessions: OrderedDict[bytes, _Kept] = OrderedDict()
-        self._of_members: dict[bytes, OrderedDict[bytes, None]] = {}
-        self._of_visits: dict[bytes, OrderedDict[bytes, None]] = {}
+        self._of_members: dict[str, OrderedDict[bytes, None]] = {}
+        self._of_visits: dict[str, OrderedDict[bytes, None]] = {}
         self._of_visits_count = 0
 
     def challenge(self, public_key: bytes) -> tuple[bytes, int]:
@@ -81,11 +81,11 @@ class SessionTable:
         token = secrets.token_bytes(TOKEN_SIZE_BYTES)
         expires_at_ms = self._clock.now_ms() + SESSION_LIFETIME_MS
         is_of_visit = principal.kind != "member"
-        kept = _Kept(public_key, grant_id, expires_at_ms, principal.account or public_key, is_of_visit)
+        kept = _Kept(public_key, grant_id, expires_at_ms, principal.account or public_key.hex(), is_of_visit)
         self._insert(sha256(token), kept)
         return token, _session(kept, principal)
 
-    def _accounts(self, kept: _Kept) -> dict[bytes, OrderedDict[bytes, None]]:
+    def _accounts(self, kept: _Kept) -> dict[str, OrderedDict[bytes, None]]:
         return self._of_visits if kept.is_of_visit else self._of_members
 
     def _insert(self, digest: bytes, kept: _Kept) -> None:

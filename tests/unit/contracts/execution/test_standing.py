@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from contracts.execution.sender_admission import is_admitted
+from consensus.primitives.encoding import encode_value
+from consensus.state.identity import ADMIN, HANDLE, MEMBER, MemberRow
+from consensus.state.keys import to_value
+from contracts.execution.sender_admission import find_account, is_admitted
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, key_of
 
 
@@ -72,3 +77,31 @@ def test_no_argument_whatever_breaks_the_check(hospital: Hospital, place: int, v
     assert is_admitted(hospital.state, transaction, hospital.time_ms) is (place == 9)
     short = hospital.sign(anna.identity, "identity", "register", *arguments[:place])
     assert not is_admitted(hospital.state, short, hospital.time_ms)
+
+
+class _Rows:
+    """A hospital's state with other rows before it."""
+
+    def __init__(self, hospital: Hospital, rows: dict[bytes, Any]) -> None:
+        self._hospital = hospital
+        self._rows = {key: encode_value(value) for key, value in rows.items()}
+
+    def get(self, key: bytes, /) -> bytes | None:
+        return self._rows.get(key) or self._hospital.state.get(key)
+
+
+def test_no_handle_makes_a_member_pay_from_an_offices_account() -> None:
+    """A registrar draws handles, and a name of an organisation can be as long as one."""
+    hospital = Hospital()
+    organisation = "institute-for-radiology"
+    handle = f"admin of {organisation}".encode()
+    assert len(handle) == 32
+    admin, thief = key_of("radiology/admin").public_key, key_of("thief").public_key
+    row = MemberRow(handle, "subject", "ward", thief, thief, bytes(32), "active", 0)
+    rows = {ADMIN.key(admin): organisation, HANDLE.key(handle): thief, MEMBER.key(thief): to_value(row)}
+    state = _Rows(hospital, rows)
+    names = {
+        find_account(state, hospital.sign(key_of(who), "consent", "object", bytes(32))).name
+        for who in ("radiology/admin", "thief")
+    }
+    assert names == {f"admin of {organisation}", f"member {handle.hex()}"}

@@ -114,7 +114,7 @@ def _shared(pool_fields: dict[str, int]) -> Mempool:
     own = sender(0).public_key
     return make_pool(
         account_of=lambda item: Account(
-            own if item.body.sender == own else b"grantees", is_shared=item.body.sender != own
+            "own" if item.body.sender == own else "grantees", is_shared=item.body.sender != own
         ),
         **pool_fields,
     )
@@ -208,9 +208,7 @@ def test_one_account_takes_a_part_of_a_block_at_most_however_few_others_wait() -
 def test_all_visits_that_one_robot_opened_take_a_part_of_a_block_at_most() -> None:
     def account_of(item: Transaction) -> Account:
         key = item.body.sender
-        return (
-            Account(key) if key == sender(9).public_key else Account(key, is_of_visit=True, origin=b"visits of a robot")
-        )
+        return Account(key.hex()) if key == sender(9).public_key else Account(key.hex(), True, "visits of a robot")
 
     pool = make_pool(account_of=account_of)
     for by in range(4):
@@ -353,7 +351,7 @@ def test_what_is_evicted_and_comes_again_is_paid_once() -> None:
     assert waiting[-1].txid not in pool
     pool.remove([transaction(0, by=1).txid, transaction(0, by=2).txid])
     assert pool.admit(waiting[-1].wire, NOW_MS)[1]
-    assert budgets.level(sender(0).public_key) == 17 * size - sum(len(item.wire) for item in waiting)
+    assert budgets.level(f"key {sender(0).public_key.hex()}") == 17 * size - sum(len(item.wire) for item in waiting)
 
 
 def test_an_ordinary_call_takes_no_room_from_the_tenth_that_is_kept_for_rights() -> None:
@@ -382,7 +380,7 @@ def _full_of_visits(entry: str = "request", contract: str = "access") -> Mempool
     size = len(transaction(1).wire) + 2
     visits = {sender(VISITS + number).public_key for number in range(130)}
     pool = make_pool(
-        max_bytes=100 * size, account_of=lambda item: Account(item.body.sender, item.body.sender in visits)
+        max_bytes=100 * size, account_of=lambda item: Account(item.body.sender.hex(), item.body.sender in visits)
     )
     for number in range(100):
         with suppress(BlockRobotError):
@@ -411,7 +409,7 @@ def test_members_that_have_as_much_waiting_lose_nothing_to_a_visit() -> None:
     size = len(transaction(1).wire) + 2
     pool = make_pool(
         max_bytes=20 * size,
-        account_of=lambda item: Account(item.body.sender, is_of_visit=item.body.sender == sender(99).public_key),
+        account_of=lambda item: Account(item.body.sender.hex(), is_of_visit=item.body.sender == sender(99).public_key),
     )
     for number in range(18):
         pool.admit(transaction(number, by=number).wire, NOW_MS)
