@@ -27,7 +27,7 @@ from node.api.access.request_rate_limiter import (
     source_of,
 )
 from node.api.access.route_access import Access
-from node.api.access.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
+from node.api.access.sessions import Session, SessionTable, read_token
 from node.api.bodies import Bodies
 from node.api.openapi.openapi_document import build_openapi
 from node.api.ports import ApiServices
@@ -68,13 +68,8 @@ class _Gate:
         self._open_count = 0
 
     def _session_of(self, request: web.Request) -> Session | None:
-        header = request.headers.get("Authorization")
-        if header is None:
-            return None
-        scheme, _, text = header.partition(" ")
-        if scheme != "Bearer" or len(text) != 2 * TOKEN_SIZE_BYTES or not set(text) <= set("0123456789abcdef"):
-            raise BlockRobotError("SESSION_EXPIRED", "The token does not have the form of one.")
-        return self._sessions.resolve(bytes.fromhex(text))
+        token = read_token(request)
+        return None if token is None else self._sessions.resolve(token)
 
     def _session_if_any(self, route: Route, request: web.Request) -> Session | None:
         try:

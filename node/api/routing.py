@@ -19,7 +19,7 @@ from consensus.primitives.encoding import EXACT_INTEGER_END
 from node.api.access.metering import Meter, Readings, Steps
 from node.api.access.request_rate_limiter import ChargedBudgets
 from node.api.access.route_access import Access
-from node.api.access.sessions import Session, SessionTable
+from node.api.access.sessions import Session, SessionTable, read_token
 from node.api.bodies import Hold
 from node.api.ports import ApiServices
 from node.limits.token_buckets import Source
@@ -99,6 +99,15 @@ class Call:
         Raises RATE_LIMITED in debt, and as the work.
         """
         return await self.readings.read(self.source, self.meter, work)
+
+    def is_allowed_still(self) -> bool:
+        """For an answer that goes on: whether its session still lets it."""
+        try:
+            token = read_token(self.http)
+            self.route.access.check(None if token is None else self.sessions.resolve(token))
+        except BlockRobotError:
+            return False
+        return True
 
     @property
     def caller(self) -> bytes:

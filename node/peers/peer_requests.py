@@ -26,6 +26,7 @@ OTHERS_AT_ONCE_COUNT = 4
 BRANCH_MAX_BYTES = 4 * 1024 * 1024
 BRANCH_STORED_MAX_COUNT = 128
 ANSWERS_KEPT_MAX_BYTES = 16 * 1024 * 1024
+ANSWER_OVERHEAD_BYTES = 512  # what an answer takes in memory besides, were it empty
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,10 @@ class _Kept:
     answer: bytes
     height: int
     is_full: bool
+
+    @property
+    def size_bytes(self) -> int:
+        return len(self.answer) + ANSWER_OVERHEAD_BYTES
 
 
 class PeerRequests:
@@ -87,7 +92,7 @@ class PeerRequests:
     def forget_below(self, height: int) -> None:
         self._dropped_below = height
         for request in [request for request in self._kept if request.from_height < height]:
-            self._kept_bytes -= len(self._kept.pop(request).answer)
+            self._drop(request)
 
     def _read_finalized(self, request: FinalizedRequest) -> _Kept:
         with self._ledger.snapshot() as snapshot:
@@ -99,12 +104,15 @@ class PeerRequests:
     def _keep(self, request: FinalizedRequest, found: _Kept) -> None:
         if request.from_height < self._dropped_below:
             return  # it may have been read just before
-        before = self._kept.pop(request, None)
-        self._kept_bytes += len(found.answer) - (0 if before is None else len(before.answer))
+        self._drop(request)
         self._kept[request] = found
+        self._kept_bytes += found.size_bytes
         while self._kept_bytes > ANSWERS_KEPT_MAX_BYTES:
-            _, oldest = self._kept.popitem(last=False)
-            self._kept_bytes -= len(oldest.answer)
+            self._drop(next(iter(self._kept)))
+
+    def _drop(self, request: FinalizedRequest) -> None:
+        gone = self._kept.pop(request, None)
+        self._kept_bytes -= 0 if gone is None else gone.size_bytes
 
     async def read_branch(self, request: BranchRequest, branch: list[bytes]) -> bytes:
         """Return a branch, oldest first, completed from the ledger. Raises STORAGE_*."""

@@ -9,6 +9,8 @@ import secrets
 from collections import Counter, OrderedDict
 from dataclasses import dataclass
 
+from aiohttp import web
+
 from consensus.chain.session_message import verify_session
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
@@ -43,6 +45,17 @@ class _Kept:
     expires_at_ms: int
     account: str
     is_of_visit: bool
+
+
+def read_token(request: web.Request) -> bytes | None:
+    """None without one. Raises SESSION_EXPIRED for what is none."""
+    header = request.headers.get("Authorization")
+    if header is None:
+        return None
+    scheme, _, text = header.partition(" ")
+    if scheme != "Bearer" or len(text) != 2 * TOKEN_SIZE_BYTES or not set(text) <= set("0123456789abcdef"):
+        raise BlockRobotError("SESSION_EXPIRED", "The token does not have the form of one.")
+    return bytes.fromhex(text)
 
 
 class SessionTable:

@@ -70,13 +70,12 @@ async def _stream(call: Call) -> web.StreamResponse:
 
 async def _send_events(call: Call) -> web.StreamResponse:
     ledger, peers_with_block = call.services.ledger, call.services.peers_with_block
-    expires_at_ms = call.session.expires_at_ms if call.session else 0
     with ledger.snapshot() as snapshot:
         height, after = _read_cursor(call, snapshot.header.height)
         require_not_pruned(snapshot, height, peers_with_block)
     response = web.StreamResponse(headers={"Content-Type": SSE, "Cache-Control": "no-store"})
     await response.prepare(call.http)
-    while call.services.clock.now_ms() < expires_at_ms:
+    while call.is_allowed_still():
         await call.meter.pace()
         part = await call.read(partial(_read_part, peers_with_block=peers_with_block, height=height, after=after))
         height, after = part.height, part.after

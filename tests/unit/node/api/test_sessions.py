@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from consensus.state.records import VisitRow
 from node.api.access import challenges, sessions
 from tests.state_rows import stored
 from tests.unit.node.api.small_network import LEFT, OWNER, REGISTRAR, ROBOT, STRANGER, SUBJECT, SmallNode, flat
+from tests.unit.node.api.test_routes import receipt_with_events
 
 
 async def ask_challenge(api: Any, key: PrivateKey) -> bytes:
@@ -100,6 +102,23 @@ async def test_a_session_ends_when_it_is_closed_or_its_member_leaves_and_after_t
     await node.ledger.extend(writes={flat("identity", b"member/" + SUBJECT.public_key): left})
     answer = await api.get("/v1/finality", headers=headers)
     assert (answer.status, (await answer.json())["code"]) == (403, "SESSION_REFUSED")
+
+
+@pytest.mark.parametrize("end", ["closed", "left"])
+async def test_a_stream_ends_with_its_session_or_with_its_keys_standing(
+    api: Any, open_session: Any, node: SmallNode, end: str
+) -> None:
+    headers = await open_session(SUBJECT)
+    async with api.get("/v1/events", headers=headers) as response, asyncio.timeout(5):
+        await node.ledger.extend(receipts=(receipt_with_events(bytes(32), "seen"),))
+        while b"seen" not in await response.content.readline():
+            pass
+        left = stored(MemberRow, role="subject", status="left")
+        writes = {flat("identity", b"member/" + SUBJECT.public_key): left} if end == "left" else {}
+        if end == "closed":
+            assert (await api.delete("/v1/sessions", headers=headers)).status == 204
+        await node.ledger.extend(writes=writes, receipts=(receipt_with_events(bytes(32), "unseen"),))
+        assert b"unseen" not in await response.content.read()
 
 
 async def test_the_table_stays_bounded(api: Any, open_session: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -428,3 +428,14 @@ def test_a_member_cannot_fill_disks_with_junk() -> None:
         pool.remove([each.txid])
     with pytest.raises(BlockRobotError, match="RATE_LIMITED"):
         pool.admit(junk[4].wire, NOW_MS)
+
+
+def test_the_cache_of_checked_transactions_is_bounded_by_count_and_by_bytes() -> None:
+    size = len(transaction(0).wire)
+    for cache in (TransactionCache(max_count=10), TransactionCache(max_bytes=10 * size)):
+        for number in (*range(30), 29, 29):
+            cache.add(transaction(number % 30))
+        kept = [number for number in range(30) if cache.get(transaction(number).wire)]
+        assert len(kept) <= 10
+        assert kept[-1] == 29
+        assert cache.size_bytes == sum(len(transaction(number).wire) for number in kept)

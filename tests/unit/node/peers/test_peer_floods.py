@@ -131,6 +131,18 @@ async def test_requests_in_a_loop_are_slowed_down_then_refused_and_other_peers_a
 
 
 @in_virtual_time
+async def test_answers_with_nothing_in_them_count_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("node.peers.peer_requests.ANSWERS_KEPT_MAX_BYTES", 100 * 1_024)
+    requests = await _requests([])
+    for number in range(1_000):
+        await requests.read_finalized(FinalizedRequest(from_height=1_000 + number, count=1))
+    assert len(requests._kept) <= 200
+    requests.forget_below(10_000)
+    assert (len(requests._kept), requests._kept_bytes) == (0, 0)
+    requests.stop()
+
+
+@in_virtual_time
 async def test_what_was_asked_for_lately_is_not_read_again() -> None:
     crowd = await SmallNodes(make_genesis(NAMES)).start()
     for number in range(4):
