@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from consensus.state.audit import DayRow
 from consensus.state.keys import HASH_BYTES, KEY_BYTES, TEXT, Prefix, Reader, Row, StateKey
 from consensus.visible_text import find_hidden
 
@@ -73,6 +74,8 @@ CUSTODIANS: StateKey[list[bytes]] = StateKey(IDENTITY, "custodians", list[bytes]
 ROBOT_NAME: Prefix[RobotNameRow] = Prefix(IDENTITY, "robot-name/", (KEY_BYTES,), RobotNameRow)
 PURPOSE: Prefix[bool] = Prefix(IDENTITY, "purpose/", (TEXT,), bool)
 """There for each purpose that the genesis file names."""
+ROTATIONS: Prefix[DayRow] = Prefix(IDENTITY, "rotations/", (HASH_BYTES,), DayRow)
+"""By handle: how often a member changed keys; each former key keeps its row."""
 CHANGES: StateKey[int] = StateKey(IDENTITY, "changes", int)
 """How often a member's keys or status changed."""
 LAYOUT = (
@@ -87,6 +90,7 @@ LAYOUT = (
     CUSTODIANS,
     ROBOT_NAME,
     PURPOSE,
+    ROTATIONS,
     CHANGES,
 )
 

@@ -1,7 +1,8 @@
 """Who is who: members, their handles and roles, organisations and custodians. Must never learn a tag's UID.
 
 A handle is a random name that a registrar drew for a card. It is registered once, by whoever holds the card's one-time
-key, under a registrar's voucher. What a member consents to is in the contract `consent` alone. What it keeps: docs/reference/state.md.
+key, under a registrar's voucher. What a member consents to is in the contract `consent` alone. What it keeps:
+docs/reference/state.md.
 """
 
 KEY_BYTES = 33
@@ -19,6 +20,8 @@ ROBOT_NAME_MAX_CHARS = 32
 ROBOT_PLACE_MAX_CHARS = 48
 NOT_SEEN = "\x7f\u00a0\u00ad"
 LAST_LATIN = "\u024f"
+DAY_MS = 86400000
+ROTATIONS_A_DAY_MAX_COUNT = 16
 
 
 @genesis
@@ -190,6 +193,12 @@ def rotate(handle: bytes, new_member: bytes, spend: bytes, view: bytes, sealing:
     message = ctx.chain + handle + ctx.caller + new_member + spend + view + sealing
     signer = recover(ROTATION_TAG, new_member_signature, message)
     require(signer == new_member, "ROTATION_SIGNATURE_WRONG", "The new key did not sign this rotation.")
+    today = ctx.time // DAY_MS
+    day, count = state.get(b"rotations/" + handle, [today, 0])
+    if day != today:
+        count = 0
+    require(count < ROTATIONS_A_DAY_MAX_COUNT, "WORDS_TOO_MANY", "A member changes keys 16 times a day.")
+    state.put(b"rotations/" + handle, [today, count + 1])
     old = reduced(entry, "rotated")
     entry["spend"] = spend
     entry["view"] = view

@@ -114,6 +114,20 @@ def test_rotation_hands_the_handle_to_the_new_key_and_empties_the_old(hospital: 
     hospital.must(new.identity, "identity", "authenticate", anna.handle)
 
 
+def test_a_member_changes_keys_16_times_a_day_and_goes_on_the_next(hospital: Hospital) -> None:
+    """Each former key keeps its row."""
+    anna = hospital.enrol("anna")
+    for number in range(16):
+        new = Person(f"anna-{number}", handle=anna.handle)
+        hospital.must(anna.identity, "identity", "rotate", *_rotation(hospital, anna, new, new.identity))
+        anna = new
+    last = Person("anna-last", handle=anna.handle)
+    arguments = _rotation(hospital, anna, last, last.identity)
+    assert hospital.send(anna.identity, "identity", "rotate", *arguments).code == "WORDS_TOO_MANY"
+    hospital.time_ms += DAY_MS
+    hospital.must(anna.identity, "identity", "rotate", *arguments)
+
+
 def test_rotation_needs_the_agreement_of_the_new_key(hospital: Hospital) -> None:
     anna, new, ben = hospital.enrol("anna"), Person("anna-new"), hospital.enrol("ben")
     forged = _rotation(hospital, anna, new, anna.identity)
