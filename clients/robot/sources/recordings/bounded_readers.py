@@ -1,4 +1,4 @@
-"""The library's readers of MCAP and ROS 1, which believe an index that names chunks again and again."""
+"""The library's readers, which believe an index that names chunks again and again, and load any YAML."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from rosbags.rosbag2 import reader as rosbag2
 from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 
 from clients.robot.sources.recordings.budget import RECORD_HELD_BYTES, current_budget
+from clients.robot.sources.recordings.metadata import METADATA_MAX_BYTES, BoundedYaml, ForeignMetadataError
 from clients.robot.sources.recordings.salvage import BrokenOffError, ros1_fields
 
 if TYPE_CHECKING:
@@ -28,6 +29,15 @@ class _OpenedOnce:
     def open(self) -> None:
         current_budget().open_once(self.path)
         super().open()  # type: ignore[misc]
+
+
+class BoundedDirectoryReader(rosbag2.DirectoryReader):
+    """Refuses a metadata.yaml that is larger than any."""
+
+    def open(self) -> None:
+        if (self.path / "metadata.yaml").stat().st_size > METADATA_MAX_BYTES:
+            raise ForeignMetadataError(f"Its metadata.yaml is larger than {METADATA_MAX_BYTES} bytes.")
+        super().open()
 
 
 class BoundedSqliteReader(_OpenedOnce, storage_sqlite3.Sqlite3Reader):
@@ -124,10 +134,21 @@ class _BoundedHeader(rosbag1.Header):
         return header
 
 
+def _no_profiles(_text: object) -> list[Any]:
+    """A topic's QoS is YAML as well, in any storage, and nobody asks for it."""
+    return []
+
+
 def bound_readers() -> None:
     """Install this module in the library."""
     found: Any = rosbag2
-    found.Reader.STORAGE_PLUGINS.update({".mcap": BoundedMcapReader, ".db3": BoundedSqliteReader})
+    found.Reader.STORAGE_PLUGINS.update(
+        {"dir": BoundedDirectoryReader, ".mcap": BoundedMcapReader, ".db3": BoundedSqliteReader}
+    )
     found.DirectoryReader.STORAGE_PLUGINS.update({"mcap": BoundedMcapReader, "sqlite3": BoundedSqliteReader})
+    found.YAML = BoundedYaml
+    modules: tuple[Any, ...] = (rosbag2, storage_mcap, storage_sqlite3)
+    for module in modules:
+        module.parse_qos = _no_profiles
     storage_mcap.msgsrc = _bounded_source  # type: ignore[assignment]
     rosbag1.Header = _BoundedHeader  # type: ignore[misc]

@@ -30,6 +30,7 @@ from clients.robot.sources.recordings.bounded_chunks import bound_chunks
 from clients.robot.sources.recordings.bounded_readers import BoundedRos1Reader, bound_readers
 from clients.robot.sources.recordings.budget import RecordingBudget, budget_for
 from clients.robot.sources.recordings.database import bound_databases
+from clients.robot.sources.recordings.metadata import ForeignMetadataError
 from clients.robot.sources.recordings.salvage import BrokenOffError, Channel, SalvagedMessage, scan_file
 from consensus.errors import BlockRobotError
 
@@ -160,6 +161,7 @@ class Recording:
         except BrokenOffError as error:
             self.broken = str(error)
         if first_ns is None:
+            self.broken = str(why) if isinstance(why, ForeignMetadataError) else self.broken
             raise self._damaged() from why
         self._learn(list(definitions.items()))
         seconds = max(0, last_ns - first_ns) / 1e9
