@@ -13,12 +13,13 @@ from clients.officer.breaches import Breach, Breaches, breach_answer
 from clients.officer.lost_keys_commands import lost_keys
 from clients.officer.officer_answers import BreachCloseAnswer, BreachesAnswer, CorrectionAnswer, CorrectionFile
 from clients.officer.officer_mandates_commands import mandates
+from clients.sdk.new_files import read_given_file
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, pluralize, print_answer
 from clients.wallet.cli.group_options import place_wallet, wallet_options
 from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from clients.wallet.records.rights_requests import read_correction, write_correction
-from consensus.bounded_text import read_json_text
+from consensus.bounded_text import JSON_MAX_BYTES, read_json_text
 from consensus.rights.right_codes import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
 from pages.time_format import format_time
 
@@ -186,7 +187,7 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
 
     Example: blockrobot officer correction correction.json
     """
-    correction = read_correction(file.read_bytes())
+    correction = read_correction(read_given_file(file, JSON_MAX_BYTES))
     number, row = run_with_wallet(ctx, lambda opened: Breaches(opened).get_correction(correction))
     if as_json:
         held = msgspec.convert(read_json_text(write_correction(correction)), CorrectionFile)

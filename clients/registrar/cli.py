@@ -17,7 +17,7 @@ from clients.registrar.registrar_answers import (
     CardRevokeAnswer,
     RosterMakeAnswer,
 )
-from clients.sdk.new_files import new_file, write_new_file
+from clients.sdk.new_files import new_file, read_given_text, write_new_file
 from clients.sdk.terminal.qr_codes import qr_columns, qr_lines
 from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
@@ -78,7 +78,7 @@ def issue(
     if out is not None and (out.suffix not in SUFFIXES or out.exists() or out.is_symlink()):
         raise click.UsageError(f"--out takes a new file that ends with {', '.join(SUFFIXES)}.")
     if uid_file:
-        uid = uid_file.read_text(encoding="utf-8")
+        uid = read_given_text(uid_file)
     elif can_ask():
         uid = click.prompt("Hold the tag to the reader (or type its UID)", hide_input=True)
     else:
@@ -142,7 +142,7 @@ def revoke(
     if (member is None) == (uid_file is None):
         raise click.UsageError("Give --member KEY or --uid-file FILE.")
     opened = _open(registrar_dir, genesis)
-    key = asyncio.run(opened.get_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(member, "--member")
+    key = asyncio.run(opened.get_member(read_given_text(uid_file))) if uid_file else _member_key(member, "--member")
     if not yes:
         role = asyncio.run(opened.get_role(key))
         if as_json or not can_ask():
@@ -181,7 +181,7 @@ def name_robot(
     if (robot is None) == (uid_file is None):
         raise click.UsageError("Give --robot KEY or --uid-file FILE.")
     opened = _open(registrar_dir, genesis)
-    key = asyncio.run(opened.get_member(uid_file.read_text("utf-8"))) if uid_file else _member_key(robot, "--robot")
+    key = asyncio.run(opened.get_member(read_given_text(uid_file))) if uid_file else _member_key(robot, "--robot")
     txid = asyncio.run(opened.name_robot(key, name, place))
     if as_json:
         print_answer(CardNameAnswer(txid=txid.hex(), robot=key.hex(), name=name, place=place))
@@ -201,7 +201,7 @@ def forget(registrar_dir: Path | None, genesis: Path | None, uid_file: Path | No
     Example: blockrobot card forget
     """
     opened = _open(registrar_dir, genesis)
-    count = opened.forget(uid_file.read_text("utf-8")) if uid_file else asyncio.run(opened.forget_former())
+    count = opened.forget(read_given_text(uid_file)) if uid_file else asyncio.run(opened.forget_former())
     if as_json:
         print_answer(CardForgetAnswer(forgotten=count))
     else:

@@ -5,6 +5,7 @@ nameless until they are finished, where the system can do that.
 from __future__ import annotations
 
 import errno
+import io
 import os
 import secrets
 import stat
@@ -15,6 +16,8 @@ from typing import BinaryIO
 
 from consensus.errors import BlockRobotError
 
+SMALL_FILE_MAX_BYTES = 64 * 1024
+"""A key, words, a passphrase, a UID, a text of some pages."""
 _DESCRIPTORS = Path("/proc/self/fd")
 _PRIVATE, _PUBLIC = 0o600, 0o644
 
@@ -26,6 +29,11 @@ def read_given_file(path: Path, max_bytes: int) -> bytes:
     if len(data) > max_bytes:
         raise BlockRobotError("FILE_UNUSABLE", f"{path} is larger than {max_bytes} bytes.")
     return data
+
+
+def read_given_text(path: Path, max_bytes: int = SMALL_FILE_MAX_BYTES, *, encoding: str = "utf-8") -> str:
+    """With line feeds as ends of lines. Raises FILE_UNUSABLE if too large, OSError, UnicodeDecodeError."""
+    return io.StringIO(read_given_file(path, max_bytes).decode(encoding), newline=None).read()
 
 
 def require_free(path: Path, *, replace: bool = False, hint: str = "") -> None:

@@ -17,8 +17,9 @@ import msgspec
 from pymongo import MongoClient
 from pymongo.errors import PyMongoError
 
-from clients.sdk.new_files import write_new_file
-from consensus.bounded_text import read_json_as
+from clients.bundle.layout import PICTURE_MAX_BYTES
+from clients.sdk.new_files import read_given_file, write_new_file
+from consensus.bounded_text import JSON_MAX_BYTES, read_json_as
 from consensus.chain.block import Block
 from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
@@ -105,7 +106,7 @@ def write_traces(path: Path, traces: Sequence[Trace]) -> None:
 def read_traces(path: Path) -> list[Trace]:
     """Raises FILE_UNUSABLE for another kind of file."""
     try:
-        kept = read_json_as(path.read_bytes(), _Kept)
+        kept = read_json_as(read_given_file(path, JSON_MAX_BYTES), _Kept)
         traces = [
             Trace(bytes.fromhex(name), pieces={kind: {bytes.fromhex(piece) for piece in found} for kind, found in each})
             for name, each in ((name, each.items()) for name, each in kept.records.items())
@@ -271,7 +272,7 @@ def trace_plaintext(trace: Trace, path: Path) -> None:
     import cv2  # noqa: PLC0415 - slow to import, and only for pictures
     import numpy as np  # noqa: PLC0415
 
-    content = path.read_bytes()
+    content = read_given_file(path, PICTURE_MAX_BYTES)
     trace.add("plaintext", content, PLAINTEXT_PIECES_COUNT)
     image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if content else None
     if image is not None:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.parsers import expat
 
+from clients.sdk.new_files import read_given_text
 from consensus.bounded_text import read_json_text
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
@@ -28,9 +29,7 @@ def read_log(path: Path) -> EventTable:
     FILE_UNUSABLE.
     """
     try:
-        if path.stat().st_size > EVENT_LOG_MAX_BYTES:
-            raise BlockRobotError("EVENT_LOG_INVALID", f"{path.name} is larger than 256 MiB.")
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_given_text(path, EVENT_LOG_MAX_BYTES, encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise BlockRobotError("EVENT_LOG_INVALID", f"{path.name} is not a text in UTF-8.") from None
     except OSError as error:

@@ -13,6 +13,7 @@ from typing import Any
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from clients.sdk.new_files import read_given_file
 from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import NodeEntry, Organisation
 from consensus.errors import BlockRobotError
@@ -27,17 +28,13 @@ CERTIFICATES_MAX_CHARS = 4096
 
 def read_public_text(path: Path) -> str:
     """Raises FILE_HOLDS_PRIVATE_KEY, FILE_UNUSABLE."""
-    with path.open("rb") as file:
-        data = file.read(HANDED_OVER_MAX_BYTES + 1)
+    data = read_given_file(path, HANDED_OVER_MAX_BYTES)
     if b"PRIVATE KEY" in data:
         raise BlockRobotError("FILE_HOLDS_PRIVATE_KEY", f"{path} holds a private key; nothing of it was sent.")
     try:
-        text = data.decode("utf-8")
+        return data.decode("utf-8")
     except UnicodeDecodeError:
-        text = None
-    if text is None or len(data) > HANDED_OVER_MAX_BYTES:
-        raise BlockRobotError("FILE_UNUSABLE", f"{path} is no text file of a moderate size.")
-    return text
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} is no text file.") from None
 
 
 def public_certificates(text: str, place: Path) -> str:
@@ -60,7 +57,7 @@ def read_authority_certificates(path: Path) -> str:
 def read_certificate(path: Path) -> x509.Certificate:
     """Raises FILE_UNUSABLE."""
     try:
-        return x509.load_pem_x509_certificate(path.read_bytes())
+        return x509.load_pem_x509_certificate(read_given_file(path, HANDED_OVER_MAX_BYTES))
     except (ValueError, x509.InvalidVersion):
         raise BlockRobotError("FILE_UNUSABLE", f"{path} is no certificate in PEM.") from None
 

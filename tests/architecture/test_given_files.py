@@ -1,10 +1,10 @@
-"""What others wrote is parsed within bounds by one module, and files that a user names are written by one module."""
+"""What others wrote is parsed within bounds by one module, and files that a user names are read and written by one."""
 
 from __future__ import annotations
 
 import re
 
-from tests.architecture.test_tidy import ROOT, matches, modules
+from tests.architecture.test_tidy import ROOT, matches, modules, place
 
 BOUNDED_TEXT = ROOT / "consensus" / "bounded_text.py"
 PARSES = re.compile(r"\bjson\.loads?\b|\btomllib\.|\bmsgspec\.(?:json\.(?:decode|Decoder)|toml|yaml)\b|\byaml\.\w*load")
@@ -23,7 +23,54 @@ def test_texts_of_others_are_parsed_and_files_of_users_written_by_one_module_eac
     assert {found.split(":")[0] for found in matches(others, WRITES)} == set(WRITES_BESIDE)
 
 
+def test_files_of_users_are_read_up_to_a_limit() -> None:
+    """Elsewhere a sparse file of some gigabytes would end a command with a traceback, or the machine's memory."""
+    others = [path for path in modules() if path != NEW_FILES and place(path).startswith(GIVEN_FILES)]
+    others = [path for path in others if not place(path).startswith(PLAYED)]
+    assert {found.split(":")[0] for found in matches(others, READS_WHOLE)} == set(READS_WHOLE_BESIDE)
+
+
 NEW_FILES = ROOT / "clients" / "sdk" / "new_files.py"
+GIVEN_FILES = ("clients/", "contracts/kit/", "network/")
+PLAYED = ("network/bench/", "network/demo/", "network/lab/")
+"""These read what they wrote."""
+READS_WHOLE = re.compile(
+    r"^(?!.*resources\.files\().*(?:\.read_text\(|\.read_bytes\(\)|(?<!await response)(?<!self)\.read\(\)|\bclick\.File\b)"
+)
+READS_WHOLE_BESIDE = {
+    # what a robot, a registrar, a wallet or a network holds in a folder of its own
+    "clients/registrar/registrar.py": "a registrar's key and list of cards",
+    "clients/robot/backgrounds/background_banks.py": "a robot's empty frames",
+    "clients/robot/identity/robot_keys.py": "a robot's keys",
+    "clients/robot/identity/sealed_file.py": "a robot's spool",
+    "clients/robot/recording/event_log.py": "a robot's log, which may be long",
+    "clients/robot/synthetic/scenario_bag.py": "the mark of a recording that was made here",
+    "clients/sdk/trust_pin.py": "what a client has seen of a chain",
+    "network/cluster.py": "a local network's files, and what the system says of its processes",
+    "network/console/live.py": "a local network's genesis file, and pages of ours",
+    "network/custody/custody_requests.py": "a node's token",
+    "network/doctor/examination.py": "a local network's genesis file",
+    "network/faults/control.py": "a node's token",
+    "network/notices/notice_publishing.py": "a local network's genesis file and key",
+    "network/provisioning/certificate_authority.py": "a network's certificate authority",
+    "network/provisioning/node_certificates.py": "a node's certificate and key",
+    # what a command wrote itself
+    "network/cli/contract/contract_author_commands.py": "a report, in a folder that is new",
+    "network/cli/contract/contract_events_commands.py": "the events that it wrote so far, which may be many",
+    "network/experiments/guard.py": "what the system says of a process",
+    "network/experiments/pages/experiment_page.py": "a picture of an experiment",
+    "network/experiments/run_all.py": "a picture of an experiment",
+    # what is installed with us
+    "clients/robot/synthetic/driving/drive_file.py": "a scene",
+    "clients/robot/synthetic/scenario.py": "a scenario",
+    "clients/wallet/presentation/guardian_sheets.py": "styles",
+    "clients/wallet/text_catalogue.py": "what the wallet says",
+    "network/cli/tool_commands.py": "reference pages",
+    "network/report_page.py": "styles",
+    # within limits that others keep
+    "clients/robot/sources/recordings/salvage.py": "a record of bounded length",
+    "clients/sdk/terminal/qr_reading.py": "from the process that started it, which bounds it",
+}
 WRITES = re.compile(r"\.write_bytes\(|(?<!formatter)\.write_text\(|\bopen\((?:.*, )?[\"'][wax]|\bO_CREAT\b")
 WRITES_BESIDE = {
     # below a folder that is made for it with mode 0700, or that a node, a robot or a wallet holds

@@ -11,6 +11,7 @@ import msgspec
 
 from clients.bundle import documents as doc
 from clients.bundle.checks.chain_proofs import ProvedChain, ProvedValue
+from clients.sdk.new_files import read_given_file
 from consensus.bounded_text import TextInvalidError, read_json_as, read_json_text
 from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.chain.transaction import decode_transaction
@@ -172,10 +173,8 @@ class CheckedFile:
 
 def check_file(path: Path, expected: Genesis | bytes | None = None) -> CheckedFile:
     """Raises RECEIPT_FILE_DAMAGED, CONSENT_RECEIPT_INVALID, BUNDLE_OTHER_CHAIN."""
-    if path.stat().st_size > FILE_MAX_BYTES:
-        raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} is too large.")
     try:
-        content = read_json_as(path.read_bytes(), ReceiptFile)
+        content = read_json_as(read_given_file(path, FILE_MAX_BYTES), ReceiptFile)
         genesis = genesis_from_json(content.genesis)
         chain = ProvedChain(genesis, content.epochs)
     except TextInvalidError:

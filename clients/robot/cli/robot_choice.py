@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from clients.robot.identity.robot_keys import RobotIdentity, is_sealed, load_identity
+from clients.sdk.new_files import SMALL_FILE_MAX_BYTES, read_given_file
 from clients.sdk.terminal.terminal import can_ask
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -42,7 +43,7 @@ class RobotPlace:
             return None
         file = self.genesis.parent / "organisations" / organisation / "admin.key"
         try:
-            return PrivateKey(file.read_bytes())
+            return PrivateKey(read_given_file(file, SMALL_FILE_MAX_BYTES))
         except OSError:
             raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key file {file}.") from None
 

@@ -14,10 +14,13 @@ from typing import Annotated
 import structlog
 
 from clients.robot.identity.robot_keys import RobotIdentity
+from clients.sdk.new_files import read_given_file
 from clients.sdk.terminal.json_answers import Answer, Count, doc
 from consensus.errors import BlockRobotError
 from consensus.members.roster import Roster, RosterRow, is_usable, open_roster, roster_tag
 
+ROSTER_FILE_MAX_BYTES = 128 * 1024 * 1024
+"""10,000 rows, each with proofs of some kilobytes."""
 UNKNOWN_TAGS_MAX_COUNT = 4_096
 """So many are told apart; readings of further ones are counted, the tags are not."""
 
@@ -81,9 +84,9 @@ class UnknownTags:
 
 
 def load_roster(path: Path, identity: RobotIdentity, chain_id: bytes, now_ms: int) -> RosterBook:
-    """Open a sealed roster. Raises ROSTER_INVALID or ROSTER_EXPIRED."""
+    """Open a sealed roster. Raises ROSTER_INVALID, ROSTER_EXPIRED, FILE_UNUSABLE."""
     try:
-        sealed = path.read_bytes()
+        sealed = read_given_file(path, ROSTER_FILE_MAX_BYTES)
     except FileNotFoundError:
         raise BlockRobotError("ROSTER_INVALID", f"There is no roster at {path}.") from None
     robot = identity.identity.public_key

@@ -14,6 +14,7 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from clients.sdk.new_files import read_given_text
 from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.errors import BlockRobotError
 
@@ -293,9 +294,9 @@ def named_faults() -> Iterator[None]:
 def load_scenario(path: Path) -> Scenario:
     """Raises CONFIGURATION_INVALID, also for a file whose robot drives."""
     try:
-        if path.stat().st_size > SCENARIO_FILE_MAX_BYTES:
-            raise BlockRobotError("CONFIGURATION_INVALID", "The scenario file is too large.")
-        text = path.read_text(encoding="utf-8")
+        text = read_given_text(path, SCENARIO_FILE_MAX_BYTES)
+    except BlockRobotError as error:
+        raise BlockRobotError("CONFIGURATION_INVALID", error.detail) from None
     except (OSError, UnicodeDecodeError) as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The scenario {path.name} cannot be read.") from error
     scenario = parse_scenario(text)

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from rich.text import Text
 
+from clients.sdk.new_files import read_given_text
 from clients.sdk.terminal.ascii_output import is_utf8
 from clients.sdk.terminal.safe_output import SafeConsole, keep_own_tags, overwrite_line, write_trusted
 from consensus import exit_codes
@@ -56,11 +57,12 @@ def home_folder() -> Path:
 
 
 def load_genesis(path: Path) -> Genesis:
-    """Raises GENESIS_INVALID, also if missing."""
-    from consensus.chain.genesis import genesis_from_json  # noqa: PLC0415 - help needs no genesis
+    """Raises GENESIS_INVALID, also if missing; FILE_UNUSABLE if too large."""
+    from consensus.bounded_text import JSON_MAX_BYTES  # noqa: PLC0415 - help needs no genesis
+    from consensus.chain.genesis import genesis_from_json  # noqa: PLC0415
 
     try:
-        return genesis_from_json(path.read_text(encoding="utf-8"))
+        return genesis_from_json(read_given_text(path, JSON_MAX_BYTES))
     except FileNotFoundError:
         raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
     except UnicodeDecodeError:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+from clients.sdk.new_files import read_given_text
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask_for, ask_for_enter, clear_screen, console
 from clients.wallet.presentation.translations import WrongUsage, text
@@ -24,7 +25,7 @@ def write_words(path: Path, words: str) -> None:
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
-        if path.read_text(encoding="utf-8").strip() == words:
+        if read_given_text(path).strip() == words:
             return
         raise WrongUsage("file_there", path=path) from None
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import click
 
+from clients.sdk.new_files import read_given_text
 from clients.sdk.node_answers import FAULTY
 from clients.sdk.terminal.terminal import (
     EXIT_FAILED,
@@ -100,7 +101,7 @@ def read_new_passphrase() -> str:
 def _passphrase_from_file() -> str | None:
     path = os.environ.get(_PASSPHRASE_FILE)
     if path:
-        return Path(path).read_text(encoding="utf-8").rstrip("\n")
+        return read_given_text(Path(path)).rstrip("\n")
     if not can_ask():
         raise WrongUsage("no_terminal_passphrase", variable=_PASSPHRASE_FILE)
     return None

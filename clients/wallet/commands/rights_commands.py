@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.new_files import new_file
+from clients.sdk.new_files import new_file, read_given_text
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import EXISTING_FILE, FILE, can_ask, command_output, console, print_answer
 from clients.wallet.answers.rights_answers import (
@@ -195,7 +195,7 @@ def object_to(
 
 def _read_text(text_file: Path | None) -> str:
     if text_file is not None:
-        return text_file.read_text(encoding="utf-8").strip()
+        return read_given_text(text_file).strip()
     if not can_ask():
         raise WrongUsage("no_terminal_text")
     return str(click.prompt(text("rights.ask_correction"))).strip()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from clients.sdk.new_files import replace_file
+from clients.sdk.new_files import read_given_file, replace_file
 from clients.sdk.passphrase import (
     PassphraseCost,
     PassphraseError,
@@ -176,11 +176,11 @@ class Keystore:
     def open(cls, path: Path, passphrase: str) -> Keystore:
         """Raises WALLET_NOT_FOUND, WALLET_DAMAGED or WALLET_PASSPHRASE_WRONG."""
         try:
-            data = path.read_bytes()
+            data = read_given_file(path, WALLET_FILE_MAX_BYTES)
         except FileNotFoundError:
             raise refusal("WALLET_NOT_FOUND", "wallet_not_found", path=str(path)) from None
-        if len(data) > WALLET_FILE_MAX_BYTES:
-            raise refusal("WALLET_DAMAGED", "wallet_large", path=str(path))
+        except BlockRobotError:
+            raise refusal("WALLET_DAMAGED", "wallet_large", path=str(path)) from None
         try:
             plain, key = open_sealed(data, passphrase, _FORMAT)
         except SealedFileError as error:

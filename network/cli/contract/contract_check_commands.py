@@ -13,6 +13,7 @@ from clients.sdk.terminal.terminal import EXISTING_FILE, FOLDER, command_output,
 from consensus.visible_text import escape_controls
 from contracts import vectors as golden
 from contracts.execution.chain_refusals import find_refusals
+from contracts.kit.sources import read_source_bytes
 from contracts.vm import LANGUAGE_VERSION, Diagnostic, Entry, compile_contract, find_problems
 from network.cli.contract.contract_answers import (
     CheckedEntry,
@@ -29,8 +30,8 @@ LINE_SHOWN_MAX_CHARS = 120
 
 
 def check_file(path: Path, name: str) -> tuple[list[str], tuple[Diagnostic, ...], list[CheckedEntry]]:
-    """Lines, problems, and ABI entries if sound. Raises OSError."""
-    data = path.read_bytes()
+    """Lines, problems, and ABI entries if sound. Raises FILE_UNUSABLE if too large, OSError."""
+    data = read_source_bytes(path)
     try:
         source = data.decode()
     except UnicodeDecodeError as error:

@@ -7,10 +7,11 @@ from tempfile import TemporaryDirectory
 
 import click
 
+from clients.bundle.layout import BACKGROUND_MAX_BYTES
 from clients.sdk.chain.empty_frames import PREVIEW_FILE, ROBOT_FILE, approve_frames, read_approved, withdraw_frames
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.new_files import write_new_file
+from clients.sdk.new_files import read_given_file, read_given_text, write_new_file
 from clients.sdk.pictures.rendition_picture import draw_preview
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer
@@ -55,8 +56,8 @@ def _read_folder(folder: Path, robot: str | None) -> tuple[bytes, list[bytes]]:
     known = folder / ROBOT_FILE
     if robot is None and not known.exists():
         raise click.UsageError(f"Say whose they are, since {known} is not there: --robot MEMBER_KEY.")
-    contents = [path.read_bytes() for path in pictures]
-    member = _read_hex(robot or known.read_text(encoding="ascii", errors="replace"), _KEY_BYTES, "A member key")
+    contents = [read_given_file(path, BACKGROUND_MAX_BYTES) for path in pictures]
+    member = _read_hex(robot or read_given_text(known, encoding="latin-1"), _KEY_BYTES, "A member key")
     return member, contents
 
 
@@ -80,8 +81,8 @@ def _look_at(place: Path, preview: bytes) -> None:
 def _require_shown(place: Path, preview: bytes) -> None:
     """Raises BACKGROUND_PREVIEW_DIFFERS."""
     try:
-        shown = (place / PREVIEW_FILE).read_bytes()
-    except OSError:
+        shown = read_given_file(place / PREVIEW_FILE, len(preview))
+    except (OSError, BlockRobotError):
         shown = b""
     if shown != preview:
         raise BlockRobotError("BACKGROUND_PREVIEW_DIFFERS")

@@ -22,6 +22,7 @@ from clients.sdk.chain.governance import (
     resolve_proposal,
 )
 from clients.sdk.network_client import NetworkClient, open_pinned_client
+from clients.sdk.new_files import SMALL_FILE_MAX_BYTES, read_given_file
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console, load_genesis, print_answer
 from clients.sdk.trust_pin import PIN_FILE
@@ -63,7 +64,7 @@ def admin_keys(folder: Path) -> dict[str, Path]:
 def read_private_key(path: Path) -> PrivateKey:
     """32 raw bytes. Raises ORGANISATION_KEY_NOT_FOUND, KEY_INVALID."""
     try:
-        return PrivateKey(path.read_bytes())
+        return PrivateKey(read_given_file(path, SMALL_FILE_MAX_BYTES))
     except FileNotFoundError:
         raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key file {path}.") from None
 

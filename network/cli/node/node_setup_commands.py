@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.new_files import write_new_file
+from clients.sdk.new_files import read_given_file, write_new_file
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
@@ -18,7 +18,7 @@ from clients.sdk.terminal.terminal import (
     load_genesis,
     print_answer,
 )
-from consensus.bounded_text import read_json_as
+from consensus.bounded_text import JSON_MAX_BYTES, read_json_as
 from consensus.chain.genesis import Genesis
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table
@@ -96,7 +96,7 @@ def init(
     configs = list(Cluster(network).configs.values()) if (network / "genesis.json").is_file() else []
     known = newest_directory(beginning, of_chain(configs, beginning.chain_id))
     if directory_file is not None:
-        directory_content = decode_directory(directory_file.read_bytes(), beginning.chain_id)
+        directory_content = decode_directory(read_given_file(directory_file, JSON_MAX_BYTES), beginning.chain_id)
         known = max(known, directory_content, key=lambda content: content.height)
     newcomer = JoiningNode(
         name=name,

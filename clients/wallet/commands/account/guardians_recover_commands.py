@@ -13,6 +13,7 @@ import click
 from msgspec import UNSET
 from shamir_mnemonic import Share
 
+from clients.sdk.new_files import read_given_text
 from clients.sdk.terminal.ascii_output import printable
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
@@ -332,7 +333,7 @@ def recover(
     _require_possible(files, words_file, only=only, show=show, as_json=as_json)
     member, membership, known = "", "", False
     with contextlib.nullcontext() if only else _place(ctx, path, words_file):
-        replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
+        replaced = [read_words(read_given_text(file)) for file in former]
         gathering, words = _gather(files, as_json=as_json)
         require_distinct(words, replaced)
         if not as_json:

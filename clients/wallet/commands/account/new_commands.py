@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 from nacl import pwhash
 
+from clients.sdk.new_files import read_given_text
 from clients.sdk.passphrase import PassphraseCost
 from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
@@ -127,9 +128,9 @@ def restore(
     if words_file is None and not can_ask():
         raise WrongUsage("no_terminal_words")
     with _place(ctx, path):
-        words = words_file.read_text(encoding="utf-8") if words_file else _ask_for_words()
+        words = read_given_text(words_file) if words_file else _ask_for_words()
         keys = derive_keys(words)
-        replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
+        replaced = [read_words(read_given_text(file)) for file in former]
         require_distinct(read_words(words), replaced)
         passphrase = read_new_passphrase()
         known = restore_wallet(path, read_words(words), replaced, passphrase, guess_cost(fast_passphrase), genesis_path)
