@@ -67,7 +67,8 @@ def _escaped(character: str) -> str:
 
 
 def one_entry(text: str) -> str:
-    return text.replace("\n", f"\n{FURTHER_LINE}")
+    """Mark each further line, once."""
+    return text.replace(f"\n{FURTHER_LINE}", "\n").replace("\n", f"\n{FURTHER_LINE}")
 
 
 def split_lines(text: str) -> list[str]:

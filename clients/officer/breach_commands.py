@@ -21,6 +21,7 @@ from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet
 from clients.wallet.records.rights_requests import read_correction, write_correction
 from consensus.bounded_text import JSON_MAX_BYTES, read_json_text
 from consensus.rights.right_codes import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
+from consensus.visible_text import one_entry
 from pages.time_format import format_time
 
 T = TypeVar("T")
@@ -201,7 +202,7 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
         f"Said by the owner of visit {correction.visit[:12]} on {format_time(row.time)} (block {row.height}), "
         f"of {of} of it, about its {correction.kind}:\n"
     )
-    console.print(correction.text, markup=False)
+    console.print(one_entry(correction.text), markup=False)
 
 
 def _tell(ctx: click.Context, breach: Breach, line: str, *, as_json: bool, erasing: int | None = None) -> None:

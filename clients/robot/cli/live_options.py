@@ -23,6 +23,7 @@ from clients.robot.sources.messages.topics import (
     with_topic,
 )
 from consensus.errors import BlockRobotError
+from consensus.visible_text import escape_controls
 
 SYNTHETIC = "synthetic"
 LOOK_DEFAULT_S = 3.0
@@ -117,6 +118,6 @@ def notice_teller(*, as_json: bool) -> OnProgress:
     def on_progress(sentence: str) -> None:
         if not as_json:
             clear_line()
-        click.echo(json.dumps({"notice": sentence}) if as_json else sentence, err=True)
+        click.echo(json.dumps({"notice": sentence}) if as_json else escape_controls(sentence, ""), err=True)
 
     return on_progress

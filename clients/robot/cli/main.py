@@ -63,6 +63,7 @@ from clients.sdk.terminal.terminal import (
     home_folder,
     load_genesis,
     print_answer,
+    print_line,
     problem_json,
 )
 from consensus.chain.genesis import Genesis
@@ -288,7 +289,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         print_answer(answer, ok=_count_lost(summary) == 0 and error is None)
         sys.exit(EXIT_DONE if error is None else exit_code_of(error.entry))
     for line in summary_lines(summary, _silent_tag_topics(source, summary)):
-        console.print(line, markup=False)
+        print_line(line)
     if was_ended:
         console.print(ended_line())
     if error is not None:

@@ -13,7 +13,7 @@ from clients.robot.sources.live.live_sampling import Sample
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.recordings.topic_listing import ListedTopic, draft_topics, list_topics, next_steps
 from clients.sdk.new_files import write_new_file
-from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer
+from clients.sdk.terminal.terminal import FILE, command_output, console, print_answer, print_line
 
 
 @click.command()
@@ -47,11 +47,11 @@ def topics(recording: Path | None, draft: Path | None, as_json: bool, **options:
     for item in listed:
         guess = f"  could be {' or '.join(item.could_be)}" if item.could_be else ""
         kind = f"{item.figures.type} {item.encoding}".strip()
-        console.print(f"{item.figures.name}  {kind}  {item.figures.count} messages, {item.figures.rate_hz}/s{guess}")
+        print_line(f"{item.figures.name}  {kind}  {item.figures.count} messages, {item.figures.rate_hz}/s{guess}")
     if broken:
-        console.print(f"The recording breaks off: {broken} What stands before the break can be used.")
+        print_line(f"The recording breaks off: {broken} What stands before the break can be used.")
     for step in steps:
-        console.print(step, markup=False)
+        print_line(step)
     if draft is not None:
         use = f"replay {recording}" if recording else f"run --source {options['source']} --viewpoint NAME"
         console.print(f"A draft is in {draft}. Next: check it, then blockrobot robot {use} --topics {draft}.")

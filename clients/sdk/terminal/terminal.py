@@ -24,6 +24,7 @@ from clients.sdk.terminal.ascii_output import is_utf8
 from clients.sdk.terminal.safe_output import SafeConsole, keep_own_tags, overwrite_line, write_trusted
 from consensus import exit_codes
 from consensus.errors import BlockRobotError
+from consensus.visible_text import escape_controls, one_entry
 
 if TYPE_CHECKING:
     from clients.sdk.terminal.json_answers import Answer
@@ -93,6 +94,11 @@ def print_answer(answer: Answer, *, ok: bool = True) -> None:
     import msgspec  # noqa: PLC0415 - help needs none
 
     print_json({"ok": ok, **msgspec.to_builtins(answer, builtin_types=(bytes,))})
+
+
+def print_line(text: str) -> None:
+    """On one line, without markup, whatever names of others stand in it."""
+    console.print(escape_controls(text, ""), markup=False)
 
 
 @contextmanager
@@ -205,7 +211,7 @@ def set_error_formatter(context: click.Context, saying: Callable[[BlockRobotErro
 def _say(error: BlockRobotError) -> str:
     context = click.get_current_context(silent=True)
     saying = None if context is None else context.meta.get(_SAYING_KEY)
-    return saying(error) if saying else f"{error.detail}\n  {error.code}. Next step: {error.next_step}"
+    return saying(error) if saying else f"{one_entry(error.detail)}\n  {error.code}. Next step: {error.next_step}"
 
 
 def problem_json(error: BlockRobotError) -> dict[str, str]:

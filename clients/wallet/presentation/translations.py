@@ -12,6 +12,7 @@ from clients.wallet.presentation.invocation import with_command_prefix
 from clients.wallet.text_catalogue import BECAUSE, DEFAULT_LANGUAGE, explain, form_of, load
 from consensus.contract_refusals import refusal_code
 from consensus.errors import BlockRobotError
+from consensus.visible_text import one_entry
 
 LANGUAGES = ("en", "pt")
 LANGUAGE_VARIABLE = "BLOCKROBOT_LANGUAGE"
@@ -144,4 +145,4 @@ def _because(error: BlockRobotError, language: str) -> str:
 
 def error_text(error: BlockRobotError) -> str:
     detail, next_step = describe_error(error)
-    return text("ask.error", detail=detail, code=error.code, next_step=next_step)
+    return text("ask.error", detail=one_entry(detail), code=error.code, next_step=next_step)

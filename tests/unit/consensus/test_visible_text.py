@@ -9,7 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.unicode_table import CONTROL_RANGES, UNICODE_VERSION
-from consensus.visible_text import escape_controls, find_hidden, is_control, is_hidden, one_entry, split_lines
+from consensus.visible_text import (
+    FURTHER_LINE,
+    escape_controls,
+    find_hidden,
+    is_control,
+    is_hidden,
+    one_entry,
+    split_lines,
+)
 
 CONTROL_CATEGORIES = {"Cc", "Cf", "Zl", "Zp", "Cs", "Co", "Cn"}
 ANY_TEXT = st.text(st.characters(exclude_categories=()))
@@ -110,3 +118,10 @@ def test_no_line_of_an_entry_looks_like_the_next_entry():
         one_entry("organisation a\norganisation b: approved\n")
         == "organisation a\n    | organisation b: approved\n    | "
     )
+
+
+@given(ANY_TEXT)
+def test_what_is_marked_as_an_entry_stays_as_it_is(text):
+    entry = one_entry(text)
+    assert one_entry(entry) == entry
+    assert all(line.startswith(FURTHER_LINE) for line in entry.split("\n")[1:])

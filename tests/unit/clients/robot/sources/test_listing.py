@@ -94,6 +94,30 @@ OWN = {
 }
 
 
+HOSTILE_NAMES = (
+    '/q"\n[odometry]\nkeep = true\n#',
+    "/depth\x1b]0;other\x07",
+    "/a[bold red]x[/bold red][red]y[/red]",
+    "/tag\u202e\u009b31m\ttab",
+    "/n\r\u2028\u0085line",
+)
+
+
+def test_a_name_that_holds_ends_of_lines_or_controls_is_listed_on_one_line(tmp_path: Path) -> None:
+    """A listing is read line by line, and its lines are copied into a topics file."""
+    path = recorded(tmp_path, *((name, "std_msgs/msg/String") for name in HOSTILE_NAMES))
+    plain = recorded(
+        tmp_path / "plain", *((f"/t{number}", "std_msgs/msg/String") for number in range(len(HOSTILE_NAMES)))
+    )
+    shown, expected = (CliRunner().invoke(topics, [str(one)]).output.splitlines() for one in (path, plain))
+    assert len(shown) == len(expected)
+    assert "".join(shown).isprintable()
+    assert any(line.startswith('/q"\\u000a[odometry]\\u000akeep = true\\u000a#  ') for line in shown)
+    assert any("/a[bold red]x[/bold red][red]y[/red]" in line for line in shown)
+    told = json.loads(CliRunner().invoke(topics, [str(path), "--json"]).output)
+    assert {row["topic"] for row in told["topics"]} >= set(HOSTILE_NAMES)
+
+
 def recorded(folder: Path, *topics: tuple[str, str], types: Mapping[str, str] = OWN) -> Path:
     """Record one message each of these topics, as (name, type), beside depth."""
     found = [Topic("/depth", "sensor_msgs/msg/Image", [(0, image(DEPTH))])]
