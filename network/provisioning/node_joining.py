@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from clients.sdk.connections import NodeAddress, check_address
 from consensus.chain.genesis import Genesis, NodeEntry, genesis_to_json, prove_possession
@@ -136,22 +136,23 @@ def init_node(
         producer_possession=prove_possession(keys.producer, newcomer.name),
         custodian_key=b"" if keys.custodian is None else keys.custodian.public_key,
     )
-    making = folder.with_name(f".{folder.name}.new")
-    shutil.rmtree(making, ignore_errors=True)
-    create_node(
-        making,
-        entry,
-        keys,
-        authority,
-        genesis_to_json(genesis),
-        store_uri_of(newcomer.store, genesis.network, newcomer.name),
-        faults=newcomer.faults,
-        organisation=newcomer.organisation,
-    )
-    if directory.height > 0:
-        write_secret(making / DIRECTORY_FILE, encode_directory(genesis.chain_id, directory))
-    (making / ENTRY_FILE).write_text(entry_to_json(entry), encoding="utf-8")
-    making.rename(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as own:
+        making = Path(own, folder.name)
+        create_node(
+            making,
+            entry,
+            keys,
+            authority,
+            genesis_to_json(genesis),
+            store_uri_of(newcomer.store, genesis.network, newcomer.name),
+            faults=newcomer.faults,
+            organisation=newcomer.organisation,
+        )
+        if directory.height > 0:
+            write_secret(making / DIRECTORY_FILE, encode_directory(genesis.chain_id, directory))
+        (making / ENTRY_FILE).write_text(entry_to_json(entry), encoding="utf-8")
+        making.rename(folder)
     return entry
 
 

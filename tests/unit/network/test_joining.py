@@ -98,6 +98,19 @@ def test_a_data_directory_is_never_overwritten_and_ports_are_those_behind_all_kn
     assert next_base_port(content_of_genesis(genesis), configs) == BASE_PORT + 2 * PORTS_PER_NODE
 
 
+def test_a_folder_beside_a_new_node_stays_whatever_its_name_is(folder: Path, genesis: Genesis, tmp_path: Path) -> None:
+    place, mine = tmp_path / "far" / "n9", tmp_path / "far" / ".n9.new" / "mine.txt"
+    authority, directory = get_authority(folder, "hospital"), content_of_genesis(genesis)
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine", encoding="utf-8")
+    init_node(place, newcomer(), genesis, authority, directory)
+    assert load_config(place).name == "node-3"
+    assert mine.read_text(encoding="utf-8") == "mine"
+    with pytest.raises(BlockRobotError, match="CONFIGURATION_INVALID"):
+        init_node(place.with_name("n10"), newcomer(store="neither"), genesis, authority, directory)
+    assert sorted(path.name for path in place.parent.iterdir()) == [".n9.new", "n9"]
+
+
 def test_whose_a_node_is_and_who_is_there_stands_in_genesis_or_its_own_file(folder: Path, genesis: Genesis) -> None:
     configs = list(Cluster(folder).configs.values())
     assert [organisation_of(config, configs) for config in configs] == ["hospital", "university"]
