@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 from consensus.chain.block import Block, EpochProof, FinalityProof, Header
@@ -29,7 +29,6 @@ from node.storage.synced_directory import sync_directory
 
 STATE_ROWS_MAX_COUNT = 1 << 60
 ROW_OVERHEAD_BYTES = 16
-UNFINISHED_SUFFIX = ".unfinished"
 
 Progress = Callable[[int, int], None]
 """Called now and then with how many chunks and bytes are done."""
@@ -141,7 +140,7 @@ def make_snapshot(ledger: LedgerSnapshot, sink: SnapshotSink, progress: Progress
 
 class _NewFolder:
     def __init__(self, path: Path) -> None:
-        self._unfinished = path.with_name(path.name + UNFINISHED_SUFFIX)
+        self._path = path
 
     def put_chunk(self, index: int, data: bytes) -> None:
         self._write(chunk_name(index), data)
@@ -150,7 +149,7 @@ class _NewFolder:
         self._write(MANIFEST_NAME, data)
 
     def _write(self, name: str, data: bytes) -> None:
-        with (self._unfinished / name).open("wb") as file:
+        with (self._path / name).open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
@@ -160,15 +159,15 @@ def make_snapshot_folder(ledger: LedgerSnapshot, path: Path, progress: Progress 
     """Make a snapshot folder that appears once whole. Raises FOLDER_NOT_EMPTY, FILE_UNUSABLE."""
     if path.exists():
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"There is something at {path} already.")
-    unfinished = path.with_name(path.name + UNFINISHED_SUFFIX)
     try:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        unfinished.mkdir(parents=True, mode=0o700)
-        manifest = make_snapshot(ledger, _NewFolder(path), progress)
-        unfinished.rename(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as own:
+            unfinished = Path(own, path.name)
+            unfinished.mkdir(mode=0o700)
+            manifest = make_snapshot(ledger, _NewFolder(unfinished), progress)
+            unfinished.rename(path)
         sync_directory(path.parent)
     except OSError as error:
-        shutil.rmtree(unfinished, ignore_errors=True)
         raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror}.") from error
     return manifest
 

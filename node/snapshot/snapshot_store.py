@@ -13,7 +13,7 @@ import structlog
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from node.p2p.wire import SnapshotRequest
-from node.snapshot.making import UNFINISHED_SUFFIX, make_snapshot_folder
+from node.snapshot.making import make_snapshot_folder
 from node.snapshot.snapshot_format import Manifest, SnapshotFolder, compute_content_id, read_manifest
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 
@@ -102,7 +102,6 @@ class SnapshotStore:
         if height in self._known:
             return None
         self._folder.mkdir(parents=True, mode=0o700, exist_ok=True)
-        shutil.rmtree(self._folder / (self._place(height).name + UNFINISHED_SUFFIX), ignore_errors=True)
         return make_snapshot_folder(snapshot, self._place(height))
 
     def _place(self, height: int) -> Path:

@@ -392,9 +392,13 @@ async def test_a_folder_appears_whole_and_never_over_another(tmp_path: Path) -> 
     chain = written(3)
     store = await filled(chain)
     seen: list[tuple[int, int]] = []
+    mine = tmp_path / "snap.unfinished"
+    mine.mkdir()
+    (mine / "thesis.txt").touch()
     with store.snapshot() as ledger:
         manifest = make_snapshot_folder(ledger, tmp_path / "snap", lambda *done: seen.append(done))
-        assert names_in(tmp_path) == ["snap"]
+        assert names_in(tmp_path) == ["snap", "snap.unfinished"]
+        assert names_in(mine) == ["thesis.txt"], "whatever the name of a neighbour is, it is somebody's"
         assert seen[-1] == (len(manifest.chunks), manifest.size_bytes)
         with pytest.raises(BlockRobotError, match=r"^FOLDER_NOT_EMPTY:"):
             make_snapshot_folder(ledger, tmp_path / "snap")
