@@ -1,6 +1,6 @@
 """Removes a local network.
 
-Only parts with a network's names are removed, and the folder only if then empty. Networks are created in a marked
+Only files with a network's names are removed, and folders only if then empty. Networks are created in a marked
 temporary folder; the mark is locked while its process lives.
 """
 
@@ -14,8 +14,8 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from clients.sdk.trust_pin import PIN_FILE
 from consensus.errors import BlockRobotError
+from network.provisioning.network_files import find_foreign
 
 GENESIS_FILE = "genesis.json"
 NETWORK_FOLDERS = ("nodes", "organisations")
@@ -25,7 +25,7 @@ _CHANCE = re.compile(r"[a-z0-9_]{8}")
 
 
 def remove_network(directory: Path) -> None:
-    """Remove a stopped network's parts, and its folder if then empty.
+    """Remove a stopped network's files, and its folder if then empty. Whatever else lies there stays.
 
     Raises DATA_DIRECTORY_INVALID if there is no network, or a part is a symlink elsewhere.
     """
@@ -36,14 +36,21 @@ def remove_network(directory: Path) -> None:
         raise BlockRobotError(
             "DATA_DIRECTORY_INVALID", f"A folder of the network in {directory} is a link: not removed."
         )
+    foreign = set(find_foreign(directory))
     for part in parts:
-        if part.is_dir():
-            shutil.rmtree(part)
-    for name in (PIN_FILE, MAKING_MARK):
-        (directory / name).unlink(missing_ok=True)
+        for place, _, files in os.walk(part, topdown=False):
+            for path in {Path(place, name) for name in files} - foreign:
+                path.unlink(missing_ok=True)
+            _remove_if_empty(Path(place))
+    for path in {path for path in directory.iterdir() if not path.is_dir()} - foreign - {directory / GENESIS_FILE}:
+        path.unlink()
     (directory / GENESIS_FILE).unlink()  # last: until then the folder is still known for what it is
-    if not any(directory.iterdir()):
-        directory.rmdir()
+    _remove_if_empty(directory)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    if not any(folder.iterdir()):
+        folder.rmdir()
 
 
 @contextlib.contextmanager
@@ -70,20 +77,13 @@ def remove_abandoned(directory: Path) -> None:
 def _remove_if_abandoned(place: Path) -> None:
     if place.is_symlink() or not place.is_dir():
         return
-    mark, parts = place / MAKING_MARK, [place / name for name in NETWORK_FOLDERS]
+    mark = place / MAKING_MARK
     with contextlib.suppress(OSError):  # no mark, not ours to read, or locked by its living maker: left as it is
         descriptor = os.open(mark, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             is_marked = os.read(descriptor, len(_MARK_TEXT) + 1) == _MARK_TEXT
-            holds_more = {item.name for item in place.iterdir()} - {MAKING_MARK, GENESIS_FILE, *NETWORK_FOLDERS}
-            if not is_marked or holds_more or any(part.is_symlink() for part in parts):
-                return
-            for part in parts:
-                if part.is_dir():
-                    shutil.rmtree(part)
-            (place / GENESIS_FILE).unlink(missing_ok=True)
-            mark.unlink()
-            place.rmdir()
+            if is_marked and not any(find_foreign(place)):
+                shutil.rmtree(place)
         finally:
             os.close(descriptor)

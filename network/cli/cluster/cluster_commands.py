@@ -23,6 +23,7 @@ from network.cli.cluster.status_answers import NodeStatus, StatusAnswer
 from network.cluster import Cluster, NodeStatusReport
 from network.cluster_monitor import accusers_of, kept_lines
 from network.notices.notice_publishing import publish_demo_notice
+from network.provisioning.network_files import require_own
 from network.provisioning.network_layout import create_network
 from network.provisioning.network_removal import remove_network
 
@@ -70,6 +71,7 @@ def up(
     """
     place = network_folder(folder)
     if ephemeral and (place / "genesis.json").exists():
+        require_own(place)
         Cluster(place).stop_all()
         remove_network(place)
     is_new = not (place / "genesis.json").exists()

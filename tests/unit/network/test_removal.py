@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import shutil
 import signal
@@ -115,6 +116,32 @@ def test_a_new_network_that_did_not_start_says_the_last_lines_of_the_logs_that_g
     assert not place.exists()
 
 
+@pytest.mark.parametrize("mine", ["thesis.tex", "nodes/thesis.tex", "nodes/node-1/ledger/old.mdb", "organisations/x/a"])
+def test_beginning_anew_deletes_nothing_where_something_else_lies_among_a_network(
+    tmp_path: Path, mine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, stopped = tmp_path / "network", list[str]()
+    create_network(place, nodes=1, organisations=1, base_port=25_000)
+    (place / mine).parent.mkdir(parents=True, exist_ok=True)
+    (place / mine).write_text("words", encoding="utf-8")
+    before = contents(place)
+    monkeypatch.setattr(Cluster, "stop_all", lambda self: stopped.extend(self.names))
+    result = CliRunner().invoke(main, ["up", "--ephemeral", "--dir", str(place), "--nodes", "1", "--json"])
+    assert json.loads(result.stdout)["error"]["code"] == "FOLDER_NOT_EMPTY"
+    assert str(place / mine) in json.loads(result.stdout)["error"]["detail"]
+    assert (contents(place), stopped) == (before, [])
+
+
+def test_what_lies_among_the_files_of_a_network_that_is_removed_stays(home: Path, tmp_path: Path) -> None:
+    place = tmp_path / "network"
+    create_network(place, nodes=1, organisations=1, base_port=25_000)
+    (place / "nodes" / "node-1" / "mine.txt").write_text("mine", encoding="utf-8")
+    (place / "nodes" / "node-1" / "custody").symlink_to(home, target_is_directory=True)
+    remove_network(place)
+    assert contents(place) == ["nodes", "nodes/node-1", "nodes/node-1/custody", "nodes/node-1/mine.txt"]
+    assert contents(home) == ["letters", "letters/dear.txt"]
+
+
 HALF_MADE = """
 import signal, sys
 from pathlib import Path
@@ -155,8 +182,8 @@ def test_what_a_killed_maker_left_is_removed_by_the_next_of_the_same_name_and_no
 def test_what_only_looks_left_behind_stays(tmp_path: Path, home: Path) -> None:
     """Names of eight characters are anybody's, and a mark may be copied to where something else lies."""
     text = b"BlockRobot makes a network here.\n"
-    unmarked, otherwise, mixed, linked = (
-        tmp_path / f".network.{name}" for name in ("unmarked", "a_letter", "mixed_up", "linked_x")
+    unmarked, otherwise, mixed, linked, inside = (
+        tmp_path / f".network.{name}" for name in ("unmarked", "a_letter", "mixed_up", "linked_x", "inside_1")
     )
     for folder in (unmarked, otherwise, mixed, linked):
         (folder / "nodes").mkdir(parents=True)
@@ -167,10 +194,14 @@ def test_what_only_looks_left_behind_stays(tmp_path: Path, home: Path) -> None:
     (linked / "organisations").symlink_to(home, target_is_directory=True)
     (home / MAKING_MARK).write_bytes(text)
     (tmp_path / ".network.homelink").symlink_to(home, target_is_directory=True)
+    (inside / "nodes").mkdir(parents=True)
+    (inside / MAKING_MARK).write_bytes(text)
+    (inside / "nodes" / "thesis.tex").write_text("words", encoding="utf-8")
     before = contents(home)
     create_network(tmp_path / "network", nodes=1, organisations=1, base_port=25_000)
     assert contents(unmarked) == ["nodes"]
     assert contents(otherwise) == [MAKING_MARK, "nodes"]
     assert contents(mixed) == [MAKING_MARK, "nodes", "thesis.tex"]
+    assert contents(inside) == [MAKING_MARK, "nodes", "nodes/thesis.tex"]
     assert contents(linked)[:2] == [MAKING_MARK, "nodes"]
     assert contents(home) == before
