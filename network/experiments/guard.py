@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from network.experiments.out_folder import stop_network
+from network.run_folder import stop_network
 
 _COMMAND_MODULE = b"network.cli.main"
 

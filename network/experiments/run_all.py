@@ -19,7 +19,7 @@ from network.demo.checks import Check, CheckList
 from network.experiments.comparison import MAP_FILE, write_reading
 from network.experiments.definitions import Experiment
 from network.experiments.guard import Guard
-from network.experiments.out_folder import REPORT_FILE, SUMMARY_FILE, make_experiment_folder, reserved_folder
+from network.experiments.out_folder import REPORT_FILE, SUMMARY_FILE, make_experiment_folder, reserved_out
 from network.experiments.pages.experiment_page import build_index, build_page
 from network.experiments.run_one import ExperimentRun, Outcome, OutcomeFigures
 from network.testbed import NODES_COUNT
@@ -48,7 +48,7 @@ async def run_experiments(
         nodes=NODES_COUNT, scenarios={item.name: scenario_of(scene).digest[:16] for item, scene in chosen}
     )
     outcomes = []
-    with reserved_folder(options.out), Guard() as guard:
+    with reserved_out(options.out), Guard() as guard:
         started = time.monotonic()
         for experiment, scene in chosen:
             outcomes.append(await _run_one(experiment, scene, options, guard))

@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 
 from network.bench.fresh_network import find_base_port
+from network.cli.measure.demo_commands import MARK, OWN_FILES
+from network.run_folder import reserved_folder
 from tests.ui.reading_reports import look_all_ways, pictures_in, print_on_a4, watched_page
 
 DEMO_TIMEOUT_S = 480
@@ -115,6 +117,8 @@ def test_the_whole_story_holds_on_embedded_parts(embedded: DemoRun) -> None:
     report = (out / "report.html").read_text(encoding="utf-8")
     assert "data:image/png;base64," in report
     assert json.loads((out / "summary.json").read_text(encoding="utf-8")) == answer
+    with reserved_folder(out, MARK, OWN_FILES):  # it knows all that it wrote as its own
+        pass
     activities = {json.loads(line)["activity"] for line in (out / "events.jsonl").read_text().splitlines()}
     assert {"IMAGE_RETRIEVE", "RFID_RETRIEVE", "IMAGE_PAIRED", "BLOCKCHAIN_TRANSACTION"} <= activities
 

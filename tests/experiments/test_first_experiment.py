@@ -15,7 +15,7 @@ from network.cluster import Cluster
 from network.demo.checks import Check
 from network.experiments.comparison import read_and_work_out
 from network.experiments.definitions import Experiment
-from network.experiments.out_folder import reserved_folder
+from network.experiments.out_folder import reserved_out
 from tests.experiments.short_run import run_short
 from tests.ui.reading_reports import look_all_ways, pictures_in, print_on_a4, watched_page
 
@@ -64,7 +64,7 @@ async def test_a_short_run_holds_and_leaves_log_map_tables_and_page(short_run: S
     assert forms[0].graph == forms[1].graph == forms[2].graph
     report = (folder / "report.html").read_text(encoding="utf-8")
     assert "corruption off-chain is detected, and the frame named" in report
-    with reserved_folder(out):  # it knows all that it wrote as its own
+    with reserved_out(out):  # it knows all that it wrote as its own
         pass
     nodes = Cluster(folder / "network")
     assert [name for name in nodes.names if nodes.is_running(name)] == []

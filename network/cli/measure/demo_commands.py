@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import shlex
-import shutil
 import signal
 import sys
 import time
@@ -16,27 +15,15 @@ from rich.status import Status
 
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, FOLDER, command_output, console, home_folder, print_json
-from consensus.errors import BlockRobotError
-from network.cluster import Cluster
 from network.demo.checks import Check, CheckList, ProgressThrottle
 from network.demo.report import build_summary, write_report
 from network.demo.story import Demo, DemoOptions
+from network.run_folder import STAGE_FILES, empty, reserved_folder
 
 DEFAULT_DEMO_BASE_PORT = 7472
 NODES_COUNT = 4
-_MARKER = ".blockrobot-demo"
-
-
-def _clear(out: Path) -> None:
-    """Never deletes a folder that no demonstration made."""
-    if out.exists() and any(out.iterdir()):
-        if not (out / _MARKER).exists():
-            raise BlockRobotError("FOLDER_NOT_EMPTY", f"{out} is not empty and not of an earlier demonstration.")
-        if (out / "network" / "genesis.json").exists():
-            Cluster(out / "network").stop_all()
-        shutil.rmtree(out)
-    out.mkdir(parents=True, exist_ok=True)
-    (out / _MARKER).touch()
+MARK = ".blockrobot-demo"
+OWN_FILES = rf"(?:drive-)?events\.jsonl|patient-b\.zip|summary\.json|report\.html|{STAGE_FILES}"
 
 
 @click.command()
@@ -52,8 +39,12 @@ def demo(out: Path, store: str, base_port: int, keep: bool, as_json: bool) -> No
 
     Example: blockrobot demo --keep
     """
-    place = out.resolve()
-    _clear(place)
+    with reserved_folder(out, MARK, OWN_FILES):
+        empty(out, MARK)
+        _run(out.resolve(), store, base_port, keep=keep, as_json=as_json)
+
+
+def _run(place: Path, store: str, base_port: int, *, keep: bool, as_json: bool) -> None:
     status = Status("starting", console=console)
 
     def show(check: Check) -> None:

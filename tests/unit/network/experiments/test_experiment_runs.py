@@ -20,7 +20,7 @@ from network.experiments import guard as guard_module
 from network.experiments.comparison import work_out
 from network.experiments.definitions import EXPERIMENTS
 from network.experiments.guard import run_guard
-from network.experiments.out_folder import MARK, make_experiment_folder, reserved_folder
+from network.experiments.out_folder import MARK, make_experiment_folder, reserved_out
 from network.experiments.pages.event_table import EventTable, LoggedEvent
 from network.experiments.pages.experiment_page import build_index, build_page
 from network.experiments.pages.tables import figure_rows
@@ -32,7 +32,7 @@ from tests.unit.clients.robot.run_summaries import summary_of
 
 
 def refused(out: Path) -> str:
-    with pytest.raises(BlockRobotError) as caught, reserved_folder(out):
+    with pytest.raises(BlockRobotError) as caught, reserved_out(out):
         raise AssertionError("the folder was taken")
     assert caught.value.code == "FOLDER_NOT_EMPTY"
     return caught.value.detail
@@ -60,13 +60,13 @@ def test_a_new_an_empty_and_an_earlier_folder_are_taken(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     earlier(tmp_path / "again")
     for name in ("new", "empty", "again"):
-        with reserved_folder(tmp_path / name):
+        with reserved_out(tmp_path / name):
             assert (tmp_path / name / MARK).is_file()
 
 
 def test_somebody_elses_folder_is_left_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work", encoding="utf-8")
-    assert "not of earlier experiments" in refused(tmp_path)
+    assert "not of an earlier run" in refused(tmp_path)
     assert [item.name for item in tmp_path.iterdir()] == ["thesis.txt"]
 
 
