@@ -19,7 +19,7 @@ from consensus.errors import BlockRobotError
 SMALL_FILE_MAX_BYTES = 64 * 1024
 """A key, words, a passphrase, a UID, a text of some pages."""
 _DESCRIPTORS = Path("/proc/self/fd")
-_PRIVATE, _PUBLIC = 0o600, 0o644
+_PRIVATE, _PRIVATE_FOLDER, _PUBLIC = 0o600, 0o700, 0o644
 
 
 def read_given_file(path: Path, max_bytes: int) -> bytes:
@@ -42,6 +42,13 @@ def require_free(path: Path, *, replace: bool = False, hint: str = "") -> None:
         raise BlockRobotError("FILE_EXISTS", f"{path} is there already; nothing was written.{hint}")
     if not path.parent.is_dir():
         raise BlockRobotError("FILE_UNUSABLE", f"There is no folder {path.parent}.")
+
+
+def require_own_folder(folder: Path) -> None:
+    """Make it, private, if it is not there. Raise FILE_EXISTS for a link or a file: what lies behind it is somebody's."""
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise BlockRobotError("FILE_EXISTS", f"{folder} is a link or a file, and no folder: it was left as it is.")
+    folder.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
 
 
 def write_new_file(path: Path, data: bytes | str, *, private: bool = True, replace: bool = False) -> None:

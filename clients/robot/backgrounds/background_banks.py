@@ -14,12 +14,13 @@ import numpy.typing as npt
 
 from clients.robot.hiding.background import empty_bank
 from clients.robot.sensing.sensor_events import Depth, check_depth
-from clients.sdk.new_files import write_private
+from clients.sdk.new_files import require_own_folder, write_private
 from clients.sdk.pictures.rendition_picture import colourise, decode_depth_png
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 
 FOLDER = "empty-scenes"
+NUMBERED_PICTURES = "[0-9][0-9][0-9].png"
 FRAMES_MIN_COUNT = 8
 FRAMES_MAX_COUNT = 45
 PUBLISHED_MAX_COUNT = 8
@@ -80,7 +81,7 @@ class EmptyScene:
 
 
 def record_scene(robot: Path, viewpoint: str, frames: Sequence[Depth], now_ms: int) -> EmptyScene:
-    """Unapproved. Raises BACKGROUND_INVALID (name, number, motion)."""
+    """Unapproved. Raises BACKGROUND_INVALID (name, number, motion), FILE_EXISTS for a linked folder."""
     folder = _folder(robot, viewpoint)
     if len(frames) < FRAMES_MIN_COUNT:
         raise BlockRobotError("BACKGROUND_INVALID", f"There are {len(frames)} frames; {FRAMES_MIN_COUNT} are needed.")
@@ -88,8 +89,8 @@ def record_scene(robot: Path, viewpoint: str, frames: Sequence[Depth], now_ms: i
     chosen = [check_depth(frame, shape=frames[0].shape[:2]) for frame in frames[::step][:FRAMES_MAX_COUNT]]
     check_empty(chosen)
     pngs = [frame.png for frame in empty_bank(chosen)]
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    for old in folder.glob("*.png"):
+    require_own_folder(folder)
+    for old in folder.glob(NUMBERED_PICTURES):
         old.unlink()
     for number, png in enumerate(pngs):
         write_private(folder / f"{number:03d}.png", png)

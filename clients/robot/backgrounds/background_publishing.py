@@ -6,9 +6,10 @@ import shlex
 from pathlib import Path
 from typing import Protocol
 
+from clients.robot.backgrounds.background_banks import NUMBERED_PICTURES
 from clients.robot.hiding.background import EmptyFrame
 from clients.sdk.chain.empty_frames import PREVIEW_FILE, ROBOT_FILE
-from clients.sdk.new_files import write_private
+from clients.sdk.new_files import require_own_folder, write_private
 from clients.sdk.pictures.rendition_picture import draw_preview
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -48,8 +49,8 @@ async def publish_frames(
 def write_for_approval(robot: Path, member: bytes, frames: list[EmptyFrame]) -> Path:
     """Return their folder."""
     place = robot / FOLDER
-    place.mkdir(parents=True, exist_ok=True, mode=0o700)
-    for old in place.glob("*.png"):
+    require_own_folder(place)
+    for old in place.glob(NUMBERED_PICTURES):
         old.unlink()
     for number, frame in enumerate(frames):
         write_private(place / f"{number:03d}.png", frame.png)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from clients.sdk.new_files import write_private
+from clients.sdk.new_files import require_own_folder, write_private
 from clients.sdk.pictures.depth_colours import Depth, colour_pixels
 from clients.sdk.pictures.picture_names import is_picture_name, name_picture
 from clients.sdk.pictures.rendition_files import own_depth, own_pixels, sense_file
@@ -18,7 +18,6 @@ from clients.sdk.pictures.rendition_picture import colourise, compose
 from clients.wallet.records.viewing import FrameView, RecordView, RecordViewer
 from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG16, ENCODING_PNG_RGBA, Rendition
 
-_PRIVATE_FILE, _PRIVATE_FOLDER = 0o600, 0o700
 FindBackground = Callable[[Rendition], Awaitable[bytes | None]]
 Seen = Callable[[int, int, Callable[[], Image.Image], bool], None]
 
@@ -43,10 +42,10 @@ async def write_frames(
 ) -> list[Path]:
     """Write whole frames, readable by this user only.
 
-    `seen` gets number from 1, capture time (ms), maker, whether colours are distances.
+    `seen` gets number from 1, capture time (ms), maker, whether colours are distances. Raises FILE_EXISTS for a link.
     """
     folder = out / record_id.hex()
-    folder.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
+    require_own_folder(folder)
     written = []
     backgrounds: dict[bytes, bytes | None] = {}
     for frame in frames:
@@ -88,7 +87,8 @@ def _paint(depth: Depth) -> Image.Image:
 
 
 def delete_frames(folder: Path) -> list[Path]:
-    """Delete what `write_frames` wrote; return other files, which stay."""
+    """Delete what `write_frames` wrote; return other files, which stay. Raises FILE_EXISTS for a link."""
+    require_own_folder(folder)
     others = []
     for path in sorted(folder.iterdir()):
         if is_picture_name(path.name) and not path.is_dir():

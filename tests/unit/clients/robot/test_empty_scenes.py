@@ -163,3 +163,14 @@ def test_an_approval_without_a_terminal_says_what_to_give(tmp_path: Path) -> Non
         == 0
     )
     assert get_scene(tmp_path, "ward-3").approved_by == "A. Nurse"
+
+
+def test_recording_again_deletes_no_picture_of_somebodys_and_follows_no_link(tmp_path: Path) -> None:
+    folder = record_scene(tmp_path, "ward-3", empty_frames(20), NOW_MS).folder
+    (folder / "ward.png").write_bytes(b"mine")
+    record_scene(tmp_path, "ward-3", empty_frames(9), NOW_MS + 1)
+    assert (folder / "ward.png").read_bytes() == b"mine"
+    folder.rename(tmp_path / "elsewhere")
+    folder.symlink_to(tmp_path / "elsewhere", target_is_directory=True)
+    assert code_of(record_scene, tmp_path, "ward-3", empty_frames(20), NOW_MS + 2) == "FILE_EXISTS"
+    assert len(list((tmp_path / "elsewhere").glob("0*.png"))) == 9

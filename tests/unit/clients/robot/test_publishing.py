@@ -66,8 +66,10 @@ async def test_what_is_not_approved_is_left_for_a_person_to_look_at_with_the_nex
 async def test_frames_of_an_earlier_run_are_not_left_among_those_to_approve(tmp_path: Path) -> None:
     network = Network()
     await refusal_of(network, bank(5), tmp_path)
+    (tmp_path / FOLDER / "ward.png").write_bytes(b"a nurse's")
     await refusal_of(network, bank(2), tmp_path)
-    files = [path for path in (tmp_path / FOLDER).glob("*.png") if path.name != PREVIEW_FILE]
+    assert (tmp_path / FOLDER / "ward.png").read_bytes() == b"a nurse's"
+    files = list((tmp_path / FOLDER).glob("0*.png"))
     assert len(files) == 2
     for path in files:
         check_depth_png(path.read_bytes())

@@ -14,7 +14,7 @@ import pytest
 from clients.sdk.new_files import write_private
 from clients.sdk.pictures.rendition_files import sense_file
 from clients.sdk.pictures.rendition_picture import decode_depth_png, encode_depth_png
-from clients.wallet.records.picture_files import write_frames
+from clients.wallet.records.picture_files import delete_frames, write_frames
 from clients.wallet.records.viewing import FrameView
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import Rendition, decode_rendition, encode_rendition
@@ -117,3 +117,29 @@ def test_a_picture_over_a_file_that_others_could_read_is_for_its_owner_alone(tmp
     path.chmod(0o644)
     write_private(path, b"picture")
     assert (path.read_bytes(), path.stat().st_mode & 0o777) == (b"picture", 0o600)
+
+
+async def test_no_picture_is_written_or_deleted_through_a_link(tmp_path: Path) -> None:
+    out, elsewhere = tmp_path / "pics", tmp_path / "elsewhere"
+    record, mine = out / bytes(16).hex(), elsewhere / "picture-0001.frame-00000000.png"
+    for folder in (out, elsewhere):
+        folder.mkdir()
+    mine.write_bytes(b"mine")
+    record.symlink_to(elsewhere, target_is_directory=True)
+    for _ in range(2):
+        with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
+            await write_frames(no_room, bytes(16), [own_box(0)], out)
+        with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
+            delete_frames(record)
+        record.unlink()
+        record.touch()
+    record.unlink()
+    record.mkdir()
+    (record / mine.name).symlink_to(mine)
+    with pytest.raises(BlockRobotError, match="FILE_EXISTS"):
+        await write_frames(no_room, bytes(16), [own_box(0)], out)
+    assert (list(elsewhere.iterdir()), mine.read_bytes()) == ([mine], b"mine")
+
+
+async def no_room(_rendition: Rendition) -> bytes | None:
+    return None
