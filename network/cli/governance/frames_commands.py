@@ -67,8 +67,8 @@ def _look_at(place: Path, preview: bytes) -> None:
     """
     if not can_ask():
         file = place / PREVIEW_FILE
-        file.unlink(missing_ok=True)  # what lies there may be a link to elsewhere
-        write_new_file(file, preview)
+        if file.is_symlink() or not _is_shown(file, preview):
+            write_new_file(file, preview, replace=(place / ROBOT_FILE).is_file())  # a robot leaves both
         raise click.UsageError(
             f"There is no terminal to ask: look at {file}, which was drawn just now, and give --yes."
         )
@@ -78,14 +78,11 @@ def _look_at(place: Path, preview: bytes) -> None:
         ask(f"Have you looked at {file}, and is nobody in it?", err=True)
 
 
-def _require_shown(place: Path, preview: bytes) -> None:
-    """Raises BACKGROUND_PREVIEW_DIFFERS."""
+def _is_shown(file: Path, preview: bytes) -> bool:
     try:
-        shown = read_given_file(place / PREVIEW_FILE, len(preview))
+        return read_given_file(file, len(preview)) == preview
     except (OSError, BlockRobotError):
-        shown = b""
-    if shown != preview:
-        raise BlockRobotError("BACKGROUND_PREVIEW_DIFFERS")
+        return False
 
 
 def _report(receipt: FinalReceipt | None, what: str, digests: list[bytes], *, as_json: bool) -> None:
@@ -114,9 +111,9 @@ def approve(place: Path, robot: str | None, yes: bool, *, admin: AdminOptions, a
     """
     member, contents = _read_folder(place, robot)
     preview, digests = draw_preview(contents), [sha256(content) for content in contents]
-    if yes:
-        _require_shown(place, preview)
-    else:
+    if yes and not _is_shown(place / PREVIEW_FILE, preview):
+        raise BlockRobotError("BACKGROUND_PREVIEW_DIFFERS")
+    if not yes:
         _look_at(place, preview)
     signer = admin.signer()
     receipt = with_client(signer, lambda client: approve_frames(client, signer.key, member, digests))

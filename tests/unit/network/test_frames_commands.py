@@ -64,11 +64,17 @@ def test_what_is_approved_is_what_the_preview_shows(tmp_path: Path) -> None:
     (folder / "000.png").write_bytes(encode_depth_png(np.full((8, 8), 2_000, np.uint16)))
     assert code_of(call(*asked, "--yes")) == "BACKGROUND_PREVIEW_DIFFERS", "there is none"
     (folder / PREVIEW_FILE).symlink_to(elsewhere)
-    call(*asked)
+    assert code_of(call(*asked)) == "FILE_EXISTS"
     assert elsewhere.read_text() == "hers"
+    (folder / PREVIEW_FILE).unlink()
+    for _ in range(2):
+        assert "drawn just now" in call(*asked).output
     assert code_of(call(*asked, "--yes")) == "CLUSTER_NOT_RUNNING"
     (folder / "000.png").write_bytes(encode_depth_png(np.full((8, 8), 3_000, np.uint16)))
     assert code_of(call(*asked, "--yes")) == "BACKGROUND_PREVIEW_DIFFERS", "the frame was exchanged since"
+    assert code_of(call(*asked)) == "FILE_EXISTS", "a picture that no robot left there is somebody's"
+    (folder / "robot.txt").write_text(MEMBER)
+    assert "drawn just now" in call(*asked).output
 
 
 def test_a_preview_shows_every_frame_whole_and_large_ones_are_approved_in_parts() -> None:
