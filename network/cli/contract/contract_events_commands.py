@@ -20,7 +20,7 @@ import msgspec
 
 from clients.sdk.chain.contract_events import EventPage, FoundEvent, Place, read_events, read_place
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.new_files import SMALL_FILE_MAX_BYTES, open_to_append, read_given_file, replace_file
+from clients.sdk.new_files import SMALL_FILE_MAX_BYTES, open_to_append, read_given_file, replace_file, require_free
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console
 from consensus.bounded_text import read_json_text
@@ -53,7 +53,8 @@ class EventFilter:
         return json.dumps(fields).encode() + b"\n"
 
     def remembered(self, path: Path) -> Place | None:
-        """The position in a state file. Raises EVENTS_STATE_OF_OTHERS, EVENTS_STATE_BROKEN."""
+        """The position in a state file. Raises EVENTS_STATE_OF_OTHERS, EVENTS_STATE_BROKEN, FILE_EXISTS for a link."""
+        require_free(path, replace=True)
         try:
             fields = read_json_text(read_given_file(path, SMALL_FILE_MAX_BYTES))
             place = read_place(fields["next"])

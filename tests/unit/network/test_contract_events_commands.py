@@ -105,6 +105,10 @@ def test_a_state_file_remembers_where_to_go_on(story: Story, tmp_path: Path) -> 
     others = run("--state", str(state), "--contract", "notes", "--name", "other")
     assert (others.exit_code, "EVENTS_STATE_OF_OTHERS" in others.stderr) == (1, True)
     assert "among all events, and you ask for the events other of the contract notes." in others.stderr
+    link = tmp_path / "link"
+    link.symlink_to(state)
+    assert "FILE_EXISTS" in run("--state", str(link)).stderr
+    assert link.is_symlink()
     state.write_text("{}", encoding="utf-8")
     assert "EVENTS_STATE_BROKEN" in run("--state", str(state)).stderr
 
