@@ -7,13 +7,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import shutil
+import re
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from clients.sdk.new_files import require_own_folder
 from clients.sdk.node_answers import FAULTY
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
 from clients.wallet.page.jobs import Jobs
@@ -37,6 +38,7 @@ AWAY_TOLD_MS = 5 * 60_000
 UNKNOWN_YET = "SESSION_REFUSED"
 """What a node says that has not followed the chain to the owner's registration."""
 _PRIVATE_FOLDER = 0o700
+_OWN_FILE = re.compile(r"\.?export-[0-9a-f]+\.zip(?:\.[0-9a-f]{8})?|open-[0-9a-f]+\.html")
 _DESCRIPTORS = Path("/proc/self/fd")
 _log = logging.getLogger("wallet.page")
 
@@ -155,8 +157,11 @@ class PageSession:
     def _clear_folder(self) -> None:
         for name in list(self.exports):
             self.forget_export(name)
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.folder.mkdir(mode=_PRIVATE_FOLDER, parents=True, exist_ok=True)
+        require_own_folder(self.folder)
+        self.folder.chmod(_PRIVATE_FOLDER)
+        for path in self.folder.iterdir():
+            if _OWN_FILE.fullmatch(path.name):
+                path.unlink()
 
     # Use
 

@@ -32,9 +32,12 @@ async def test_what_a_page_left_behind_when_it_was_killed_is_deleted_at_the_next
 ) -> None:
     folder = tmp_path / ".ann.page"
     folder.mkdir()
-    (folder / "export-0.zip").write_bytes(b"pictures")
+    names = ["export-0.zip", ".export-0.zip.0123abcd", "open-0.html"]
+    for name in (*names, "letter.txt"):
+        (folder / name).write_bytes(b"pictures")
     async with PageSession(ward.wallet, "ann", folder, read_every_s=3_600.0):
-        assert list(folder.iterdir()) == []
+        assert [path.name for path in folder.iterdir()] == ["letter.txt"], "a session deletes what sessions write"
+    assert (folder / "letter.txt").exists()
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
