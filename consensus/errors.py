@@ -219,7 +219,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("ROBOT_PASSPHRASE_MISSING", 403, "The robot's key file is sealed under a passphrase.", "Name a file that holds it: `blockrobot robot --passphrase-file FILE ...`, or start at a terminal and type it."),
     ErrorEntry("ROBOT_PASSPHRASE_WRONG", 403, "The passphrase does not open the robot's key file.", "Try again; if it is lost, have the robot revoked at the desk (`blockrobot card revoke`) and make a new one."),
     ErrorEntry("ROBOT_NOT_FOUND", 404, "There is no robot at this place.", "Make one with `blockrobot robot new`, or name the right one with --name."),
-    ErrorEntry("FOLDER_NOT_EMPTY", 409, "The folder holds something that this command did not make.", "Name a folder that does not exist yet."),
+    ErrorEntry("FOLDER_NOT_EMPTY", 409, "The folder holds something that this command did not make.", "Name a folder that does not exist yet, or move away what is there."),
     ErrorEntry("SPOOL_FULL", 507, "The robot's spool is full.", "Reconnect the robot to the network.", retryable=True),
     ErrorEntry("SPOOL_DAMAGED", 500, "The robot's spool is damaged.", "Keep the directory for inspection and start with a new one."),
     ErrorEntry("WALLET_EXISTS", 409, "There is already a wallet at this place.", "It is left as it is: make or bring back another one beside it under another name, with --profile NAME."),

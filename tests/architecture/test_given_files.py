@@ -30,6 +30,30 @@ def test_files_of_users_are_read_up_to_a_limit() -> None:
     assert {found.split(":")[0] for found in matches(others, READS_WHOLE)} == set(READS_WHOLE_BESIDE)
 
 
+def test_whole_folders_are_deleted_only_where_nothing_of_a_users_lies() -> None:
+    """A name that a user may have given to a folder of their own is no reason to delete it."""
+    assert {found.split(":")[0] for found in matches(modules(), DELETES)} == set(DELETES_BESIDE)
+
+
+DELETES = re.compile(r"\brmtree\b")
+DELETES_BESIDE = {
+    # what the same call made, under a name that nobody else has
+    "network/bench/custody/custody_bench.py": "mkdtemp",
+    "network/bench/fresh_network.py": "mkdtemp",
+    "network/bench/robot/robot_bench.py": "mkdtemp",
+    "network/bench/catch_up.py": "a ledger of a network that the bench made",
+    "network/provisioning/network_layout.py": "mkdtemp",
+    # what holds nothing but files of the program's own
+    "network/provisioning/network_removal.py": "a half-made network, by its mark, without a foreign file",
+    "network/run_folder.py": "a folder that is reserved by its mark, without a foreign file",
+    # folders that a program keeps for itself
+    "clients/robot/synthetic/scenario_bag.py": "half a recording in the cache, named by a hash",
+    "node/snapshot/fetching.py": "snapshots.fetched in a data directory: what was erased since may stand in it",
+    "node/snapshot/snapshot_store.py": "snapshots in a data directory: what was erased since may stand in it",
+    "node/snapshot/restoring.py": "ledger.incoming and ledger.replaced in a data directory",
+}
+
+
 NEW_FILES = ROOT / "clients" / "sdk" / "new_files.py"
 GIVEN_FILES = ("clients/", "contracts/kit/", "network/")
 PLAYED = ("network/bench/", "network/demo/", "network/lab/")
