@@ -61,7 +61,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("PURPOSE_UNKNOWN", 400, "The network publishes no such purpose.", "Choose one of those that the sentence names."),
     ErrorEntry("SENSOR_UNKNOWN", 400, "There is no such sensor.", "Choose one of those that the sentence names."),
     ErrorEntry("ERASURE_NOT_CONFIRMED", 504, "The erasure is asked for, and not confirmed by all custodians yet.", "Nothing has to be asked again: custodians go on by themselves. See who has confirmed with `blockrobot wallet erasures`.", retryable=True),
-    ErrorEntry("TRANSACTION_NOT_FINAL_IN_TIME", 504, "The transaction was not final within the time given.", "It may still become final: wait ten minutes, see whether it did (`blockrobot wallet audit`, `blockrobot contract trace TXID`), and only then do it again. If nothing becomes final: `blockrobot doctor`.", retryable=True),
+    ErrorEntry("TRANSACTION_NOT_FINAL_IN_TIME", 504, "The transaction was not final within the time given.", "It may still become final: wait ten minutes, see whether it did (`blockrobot wallet audit` for records, `blockrobot wallet consent list` for consent, `blockrobot contract trace TXID`), and only then do it again. If nothing becomes final: `blockrobot doctor`.", retryable=True),
     # Governance
     ErrorEntry("GOVERNANCE_NOT_ADMIN", 403, "Only an admin of an active organisation may do that.", "Sign with the key of an admin who may: --as ORGANISATION; `blockrobot org list` shows the organisations."),
     ErrorEntry("GOVERNANCE_APPROVED_ALREADY", 409, "The organisation has said so already; each has one voice.", "Let an admin of another organisation approve."),
@@ -163,7 +163,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("VISIT_NOT_OPEN", 409, "The chain knows no open visit of this robot under the clip's owner key.", "Open the visit and wait until that is final, then upload.", retryable=True),
     ErrorEntry("EMPTY_FRAME_NOT_APPROVED", 403, "Nobody of the robot's organisation has approved the empty frame on the chain, or it was withdrawn.", "Look at the frames: is nobody in them? Then an admin says `blockrobot frames approve FOLDER`; on a network for trials the robot's own `--approve-as ORG` does it."),
     ErrorEntry("EMPTY_FRAME_WITHDRAWN", 404, "The empty frame was withdrawn: no robot may publish it any more.", "Nothing is to be done: what was recorded on it is shown without the room."),
-    ErrorEntry("ROOM_NOT_RECORDED", 404, "The robot was driving, so there is no room in these pictures: they show the owner alone.", "Nothing is to be done: distances and outlines are as they were measured."),
+    ErrorEntry("ROOM_NOT_RECORDED", 404, "The robot was driving, and could not tell the room from people in it.", "Nothing is to be done: distances and outlines are as they were measured."),
     ErrorEntry("BACKGROUND_NOT_A_PICTURE", 400, "The empty frame is no depth picture: a greyscale PNG of 16 bits.", "Record it with `blockrobot robot background record`."),
     ErrorEntry("UPLOAD_INVALID", 400, "The upload is incomplete or too large.", "Build it with the robot client of the same version."),
     ErrorEntry("CLIP_NOT_CONFIRMED", 409, "The clip's record is not final yet.", "Try again in a second.", retryable=True),

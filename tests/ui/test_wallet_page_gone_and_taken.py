@@ -64,7 +64,7 @@ async def test_she_erases_one_picture_out_of_the_player_and_the_others_stay(
         await confirm_with(page, recorded_network.passphrase)
         await expect(page.get_by_role("heading", name="Erased everywhere")).to_be_visible(timeout=SETTLED_MS)
         custodians = recorded_network.genesis.custodians
-        await expect(page.locator(".receipts li.good", has_text="1 picture destroyed")).to_have_count(len(custodians))
+        await expect(page.locator(".receipts li.good", has_text="1 key destroyed")).to_have_count(len(custodians))
         await go(page, "erasing")
         await expect(main).to_contain_text("1 picture of a recording", timeout=SETTLED_MS)
         await expect(main).to_contain_text("check numbers, which prove the other pictures and show nothing")

@@ -29,6 +29,11 @@ def complete_profiles(ctx: click.Context, _: click.Parameter, incomplete: str) -
     return [name for name in names if name.startswith(incomplete)]
 
 
+visit_option = click.option(
+    "--visit", "visits", multiple=True, help="A whole visit, by the beginning of its name; may be repeated."
+)
+
+
 def complete_records(ctx: click.Context, _: click.Parameter, incomplete: str) -> list[str]:
     """Id prefixes of records written below `--out` (`pictures`)."""
     folder = Path(ctx.params.get("out") or "pictures")

@@ -15,7 +15,7 @@ from clients.sdk.terminal.json_answers import Problem
 from clients.sdk.terminal.terminal import ask, can_ask, command_output, console, print_answer, problem_json
 from clients.wallet.answers.record_answers import ErasuresAnswer
 from clients.wallet.answers.sharing_answers import EraseAnswer, ErasureRequest
-from clients.wallet.cli.group_options import complete_records
+from clients.wallet.cli.group_options import complete_records, visit_option
 from clients.wallet.cli.wallet_context import read_only_wallet, run_with_wallet, warn_of_linked_visits
 from clients.wallet.commands.share_commands import print_copies, print_recipients
 from clients.wallet.ledger.record_filter import choose_records
@@ -37,9 +37,10 @@ _NUMBER = re.compile(r"[1-9][0-9]{0,8}", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class _EraseOptions:
-    """Parsed options; empty `record_ids`: all records, empty `frames` (indexes): whole records."""
+    """Parsed options; no `record_ids` and `visits`: all records, empty `frames` (indexes): whole records."""
 
     record_ids: tuple[str, ...]
+    visits: tuple[str, ...]
     frames: list[int]
     wait: bool
     yes: bool
@@ -115,6 +116,7 @@ def _show_receipts() -> Callable[[Sequence[ErasureReport]], None]:
 
 @click.command()
 @click.argument("record_ids", nargs=-1, shell_complete=complete_records)
+@visit_option
 @click.option("--all", "everything", is_flag=True, help="Erase all records of all visits.")
 @click.option("--frames", help="Only these pictures of one record, counted from 1: 1,4,5. Files in exports: from 0.")
 @click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
@@ -124,6 +126,7 @@ def _show_receipts() -> Callable[[Sequence[ErasureReport]], None]:
 def erase(
     ctx: click.Context,
     record_ids: tuple[str, ...],
+    visits: tuple[str, ...],
     everything: bool,
     frames: str | None,
     wait: bool,
@@ -134,14 +137,16 @@ def erase(
 
     Example: blockrobot wallet erase 3fa2c19b07de --frames 1,4 --wait
     """
-    if not record_ids and not everything:
+    if not record_ids and not visits and not everything:
         raise WrongUsage("erase_what")
     frame_indexes = _read_frames(frames)
-    if frame_indexes and (everything or len(record_ids) != 1):
+    if frame_indexes and (everything or visits or len(record_ids) != 1):
         raise WrongUsage("frames_of_one")
     if not yes and not can_ask():
         raise WrongUsage("no_terminal_yes")
-    wish = _EraseOptions(() if everything else record_ids, frame_indexes, wait, yes, as_json)
+    if everything:
+        record_ids, visits = (), ()
+    wish = _EraseOptions(record_ids, visits, frame_indexes, wait, yes, as_json)
     done = run_with_wallet(ctx, functools.partial(_erase, wish))
     if as_json:
         print_answer(_erase_answer(done), ok=done.late is None)
@@ -157,7 +162,7 @@ def erase(
 async def _erase(wish: _EraseOptions, opened: Wallet) -> _EraseResult:
     """Raises Abort, WrongUsage."""
     erasing, done = ErasureClient(opened), _EraseResult()
-    plan = await erasing.plan(await choose_records(opened, wish.record_ids), wish.frames)
+    plan = await erasing.plan(await choose_records(opened, wish.record_ids, wish.visits), wish.frames)
     _require_pictures(plan)
     done.left_out = plan.gone
     if plan.gone and not wish.as_json:

@@ -20,7 +20,7 @@ from clients.wallet.answers.rights_answers import (
     VisitStatement,
     WrongPersonAnswer,
 )
-from clients.wallet.cli.group_options import for_option
+from clients.wallet.cli.group_options import for_option, visit_option
 from clients.wallet.cli.wallet_context import confirm_or_print, require_new, run_with_wallet
 from clients.wallet.consent.consent_by_mandate import RepresentedPerson, handle_of, resolve_represented
 from clients.wallet.ledger.wallet import Wallet
@@ -37,10 +37,7 @@ Spoken = tuple[list[RightsStatement], BlockRobotError | None]
 
 
 def _what(command: Any) -> Any:
-    visit = click.option(
-        "--visit", "visits", multiple=True, help="A whole visit, by the beginning of its name; may be repeated."
-    )
-    return click.argument("record_ids", nargs=-1)(visit(command))
+    return click.argument("record_ids", nargs=-1)(visit_option(command))
 
 
 def _now(command: Any) -> Any:

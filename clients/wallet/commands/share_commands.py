@@ -16,6 +16,7 @@ from clients.wallet.answers.sharing_answers import (
     ShareAnswer,
     SharesAnswer,
 )
+from clients.wallet.cli.group_options import visit_option
 from clients.wallet.cli.times import read_time
 from clients.wallet.cli.wallet_context import confirm_or_print, read_only_wallet, run_with_wallet
 from clients.wallet.ledger.record_filter import refuse_erased
@@ -100,7 +101,7 @@ def _print_shared(shared: FinalGrant, grantee: Grantee) -> None:
 
 @click.command()
 @click.argument("record_ids", nargs=-1)
-@click.option("--visit", "visits", multiple=True, help="A whole visit, by the beginning of its name.")
+@visit_option
 @click.option(
     "--with", "wanted", required=True, help="The other's handle (or @FILE), or a name under which you shared before."
 )

@@ -11,7 +11,7 @@ import click
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer, status_line
 from clients.wallet.answers.record_answers import FrameStatus, MissingRoom, VerifyAnswer, ViewAnswer, ViewedRecord
-from clients.wallet.cli.group_options import complete_records
+from clients.wallet.cli.group_options import complete_records, visit_option
 from clients.wallet.cli.wallet_context import on_abort, read_only_wallet, run_with_wallet, warn_of_linked_visits
 from clients.wallet.ledger.record_filter import choose_records
 from clients.wallet.ledger.wallet import RecordEntry, Wallet
@@ -111,6 +111,7 @@ def _counts(view: RecordView) -> str:
 
 @click.command()
 @click.argument("record_ids", nargs=-1, shell_complete=complete_records)
+@visit_option
 @click.option("--out", type=FOLDER, default=Path("pictures"), show_default=True)
 @click.option("--sheet/--no-sheet", default=True, help="Write contact sheets and animations too, or leave them.")
 @click.option("--show/--no-show", default=True, help="Show some pictures in the terminal, where it can.")
@@ -119,7 +120,14 @@ def _counts(view: RecordView) -> str:
 @command_output
 @read_only_wallet
 def view(
-    ctx: click.Context, record_ids: tuple[str, ...], out: Path, sheet: bool, show: bool, purpose: str, as_json: bool
+    ctx: click.Context,
+    record_ids: tuple[str, ...],
+    visits: tuple[str, ...],
+    out: Path,
+    sheet: bool,
+    show: bool,
+    purpose: str,
+    as_json: bool,
 ) -> None:
     """Fetch, check and decrypt records (all if none is named) and write them as pictures, labels and sounds.
 
@@ -132,7 +140,7 @@ def view(
     album, sheets = Album(out), list[Path]()
 
     async def action(opened: Wallet) -> list[RecordView]:
-        entries = warn_of_linked_visits(await choose_records(opened, record_ids), as_json=as_json)
+        entries = warn_of_linked_visits(await choose_records(opened, record_ids, visits), as_json=as_json)
         with status_line(text("view.asking"), as_json=as_json) as on_progress:
             views = await _view_all(opened, entries, purpose, verdict=False, album=album, on_progress=on_progress)
             if sheet:
@@ -143,7 +151,7 @@ def view(
 
     with on_abort(ctx, lambda: text("view.stopped", count=len(album.written), out=out)):
         views = run_with_wallet(ctx, action)
-    earlier = _find_earlier(album, views, of_all=not record_ids)
+    earlier = _find_earlier(album, views, of_all=not record_ids and not visits)
     if as_json:
         answer = ViewAnswer(
             records=[_viewed_record(view) for view in views],
@@ -167,18 +175,21 @@ def view(
 
 @click.command()
 @click.argument("record_ids", nargs=-1, shell_complete=complete_records)
+@visit_option
 @click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
 @click.pass_context
 @command_output
 @read_only_wallet
-def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_json: bool) -> None:
+def verify(
+    ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], purpose: str, as_json: bool
+) -> None:
     """Check records against the chain on this machine, trusting no node, and put the verdict on the chain.
 
     Example: blockrobot wallet verify
     """
 
     async def action(opened: Wallet) -> list[RecordView]:
-        entries = warn_of_linked_visits(await choose_records(opened, record_ids), as_json=as_json)
+        entries = warn_of_linked_visits(await choose_records(opened, record_ids, visits), as_json=as_json)
         with status_line(text("view.asking"), as_json=as_json) as on_progress:
             return await _view_all(opened, entries, purpose, verdict=True, on_progress=on_progress)
 

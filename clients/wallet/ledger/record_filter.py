@@ -6,7 +6,7 @@ import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from clients.wallet.ledger.id_prefix import RECORD, resolve_id_prefix
+from clients.wallet.ledger.id_prefix import RECORD, VISIT, resolve_id_prefix
 from clients.wallet.ledger.visit_audit import audit_visit
 from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
@@ -100,15 +100,26 @@ def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_pa
     return Page(visits, page, pages_count, matching, sum(len(report.records) for report in reports))
 
 
-async def choose_records(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
-    """None named: all except denied visits'. Raises RECORD_NOT_FOUND, CLIP_ERASED."""
+async def choose_records(
+    opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str, ...] = ()
+) -> list[RecordEntry]:
+    """None named: all except denied visits'. Raises RECORD_NOT_FOUND, VISIT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS,
+    CLIP_ERASED.
+    """
     reports = await opened.records()
     await refuse_erased(opened, reports, record_ids)
-    reports = [report for report in reports if record_ids or not report.rights.breach_id]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
-    if not record_ids:
-        return list(entries.values())
-    return [entries[resolve_record(list(entries), record_id)] for record_id in record_ids]
+    if not record_ids and not visits:
+        return [entry for report in reports if not report.rights.breach_id for entry in report.records]
+    whole = {find_visit(reports, start).visit.owner for start in visits}
+    chosen = {name: entry for name, entry in entries.items() if entry.visit.owner in whole}
+    names = [resolve_record(list(entries), record_id) for record_id in record_ids]
+    return list({**{name: entries[name] for name in names}, **chosen}.values())
+
+
+def find_visit(reports: Sequence[VisitReport], start: str) -> VisitReport:
+    """Raises VISIT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
+    return reports[resolve_id_prefix(VISIT, [report.visit.owner.hex() for report in reports], start)]
 
 
 async def refuse_erased(opened: Wallet, reports: Sequence[VisitReport], record_ids: Sequence[str]) -> None:

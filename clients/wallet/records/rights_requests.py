@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from clients.wallet.ledger.id_prefix import VISIT, resolve_id_prefix
+from clients.wallet.ledger.record_filter import find_visit
 from clients.wallet.ledger.visit_scan import resolve_record
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.store.keystore import KnownVisit
@@ -64,7 +64,7 @@ def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Se
     """Resolve record ids and visit name prefixes (hex). Raises RECORD_NOT_FOUND, VISIT_NOT_FOUND, NAME_TOO_SHORT,
     NAME_AMBIGUOUS.
     """
-    chosen = [RecordChoice(_find_visit(reports, start).visit) for start in visits]
+    chosen = [RecordChoice(find_visit(reports, start).visit) for start in visits]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
     by_visit: dict[bytes, list[RecordEntry]] = {}
     for record_id in dict.fromkeys(resolve_record(list(entries), start) for start in record_ids):
@@ -72,10 +72,6 @@ def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Se
     whole = {one.visit.owner for one in chosen}
     chosen += [RecordChoice(part[0].visit, tuple(part)) for owner, part in by_visit.items() if owner not in whole]
     return chosen
-
-
-def _find_visit(reports: Sequence[VisitReport], start: str) -> VisitReport:
-    return reports[resolve_id_prefix(VISIT, [report.visit.owner.hex() for report in reports], start)]
 
 
 class Rights:

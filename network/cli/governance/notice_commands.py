@@ -60,7 +60,7 @@ from pages.time_format import format_time
 
 @click.group()
 def notice() -> None:
-    """What people are told before anything is recorded of them (GDPR Art. 13 and 14), and the register of Art. 30.
+    """What people are told before anything is recorded of them (GDPR, Articles 13 and 14), and the register of Article 30.
 
     Example: blockrobot notice publish notice.toml --as hospital
     """

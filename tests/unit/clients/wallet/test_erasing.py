@@ -150,7 +150,7 @@ async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World
         lines = "\n".join(erasure_lines(erasure, NAMES))
         assert "1 record: not erased everywhere yet." in lines
         assert "node-1 of ward confirmed" in lines
-        assert "12 pictures destroyed." in lines
+        assert "12 keys destroyed." in lines
         assert ("node-2 of lab is OVERDUE" in lines) == overdue
         assert ("node-2 of lab has not confirmed yet" in lines) != overdue
 
@@ -183,12 +183,12 @@ async def test_in_portuguese_the_same_is_said_with_what_remains_and_who_is_late(
     head, first, second = erasure_lines(erasure, names, "pt")
     assert head.endswith("  1 gravação: ainda não apagado em todo o lado.")
     assert "node-1 de ward confirmou em " in first
-    assert first.endswith(": 1 imagem destruída.")
+    assert first.endswith(": 1 chave destruída.")
     assert second.startswith(f"  depositário {(b'b' * 33).hex()[:12]} está ATRASADO.")
     late = await _described(world, {b"a" * 33: leaves}, age_ms=0, frames=[0, 1])
     head, first, second = erasure_lines(late, names, "pt")
     assert "2 imagens de uma gravação: " in head
-    assert "2 imagens destruídas; o que lá fica: números de controlo" in first
+    assert "2 chaves destruídas; o que lá fica: números de controlo" in first
     assert second.endswith(" ainda não confirmou.")
     assert erasure_row(erasure, NAMES).custodians[0].name == "node-1 of ward"
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ from clients.wallet.cli import filter_options
 from clients.wallet.cli.filter_options import read_days, read_filter, read_minutes
 from clients.wallet.cli.main import wallet
 from clients.wallet.commands import records_commands
-from clients.wallet.ledger.record_filter import Filter, refuse_erased, select
+from clients.wallet.ledger.record_filter import Filter, choose_records, refuse_erased, select
 from clients.wallet.ledger.wallet import RecordEntry, VisitReport, Wallet
 from clients.wallet.presentation.translations import LANGUAGES
 from clients.wallet.store.keystore import KnownVisit
@@ -242,3 +243,45 @@ async def test_a_start_that_several_erased_records_share_says_of_none_that_it_wa
     with pytest.raises(BlockRobotError, match=r"^NAME_AMBIGUOUS:"):
         await refuse_erased(opened, [erased], ["A"])
     await refuse_erased(opened, [erased], ["b", ""])
+
+
+async def test_records_are_chosen_by_name_by_visit_or_all_that_are_not_denied() -> None:
+    first, second, denied = (
+        visit(*(entry("2027-01-31", 10 * place + number) for number in range(3))) for place in range(3)
+    )
+    owners = [bytes([place + 1]) * 33 for place in range(3)]
+    reports = [
+        _owned(report, owner, breach=owner == owners[2])
+        for report, owner in zip((first, second, denied), owners, strict=True)
+    ]
+    opened: Any = SimpleNamespace(records=_answering(reports))
+    everything = [one.record_id for report in reports for one in report.records]
+
+    async def chosen(*record_ids: str, visits: tuple[str, ...] = ()) -> list[bytes]:
+        return [one.record_id for one in await choose_records(opened, record_ids, visits)]
+
+    assert await chosen() == everything[:6]
+    assert await chosen(visits=("02020202",)) == everything[3:6]
+    assert await chosen(everything[0].hex(), everything[4].hex(), visits=("02020202",)) == [
+        everything[0],
+        everything[4],
+        everything[3],
+        everything[5],
+    ]
+    with pytest.raises(BlockRobotError, match=r"^VISIT_NOT_FOUND:"):
+        await chosen(visits=("0a0b0c0d",))
+
+
+def _owned(report: VisitReport, owner: bytes, *, breach: bool) -> VisitReport:
+    known = msgspec.structs.replace(report.visit, owner=owner)
+    rights: Any = SimpleNamespace(breach_id=b"b" * 32 if breach else b"")
+    return replace(
+        report, visit=known, records=tuple(replace(one, visit=known) for one in report.records), rights=rights
+    )
+
+
+def _answering(reports: list[VisitReport]) -> Callable[[], Awaitable[list[VisitReport]]]:
+    async def records() -> list[VisitReport]:
+        return reports
+
+    return records

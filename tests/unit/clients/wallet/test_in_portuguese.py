@@ -241,7 +241,7 @@ def test_wrong_usage_is_told_in_portuguese_and_to_a_program_in_english(run: Any,
     world.record(world.open_visit())
     for arguments, said in (
         (("records", "--day", "amanhã"), "'amanhã' não é um dia: escreva today, yesterday, 2027-01-31"),
-        (("erase",), "Indique as gravações a apagar, ou diga --all."),
+        (("erase",), "Indique as gravações a apagar, ou --visit, ou diga --all."),
         (("restrict", "--ground", "legal-claim"), "Indique gravações, ou um encontro inteiro com --visit."),
         (("--profile", "a b", "records"), "O nome de um perfil só tem letras, algarismos, - e _."),
     ):

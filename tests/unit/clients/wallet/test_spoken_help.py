@@ -115,7 +115,7 @@ def test_words_of_click_and_what_stands_for_something_are_said_in_portuguese() -
         "wallet share [OPÇÕES] [GRAVAÇÃO]...",
         "Partilha gravações de um encontro com um membro do pessoal",
         'Exemplo: blockrobot wallet share --visit 02ab34cd --with IDENTIFICADOR --as "Dr Weber" --purpose care',
-        "Opções: --visit TEXTO Um encontro inteiro, pelo começo do seu nome.",
+        "Opções: --visit TEXTO Um encontro inteiro, pelo começo do seu nome; pode indicar vários.",
         "com que já partilhou. [obrigatório]",
         "--help Mostra esta mensagem e termina.",
     ):
