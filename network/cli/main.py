@@ -49,7 +49,8 @@ _COMMANDS = {
     ),
     "notice": LazyCommand(
         "network.cli.governance.notice_commands:notice",
-        "What people are told before anything is recorded of them (GDPR, Articles 13 and 14), and the register of Article 30.",
+        "What people are told before anything is recorded of them (GDPR, Articles 13 and 14), and the register of Article "
+        "30.",
     ),
     "contract": LazyCommand(
         "network.cli.contract.contract_commands:contract",
