@@ -119,7 +119,8 @@ class Reader:
         """Type one line of the page, answer what is asked, and return what was written, as a person reads it."""
         for written, told in self._told.items():
             command = command.replace(written, told)
-        self._shell.sendline(f"{command} --base-port {self._base_port}" if command == "blockrobot up" else command)
+        bare = command.partition("#")[0].strip()
+        self._shell.sendline(f"{bare} --base-port {self._base_port}" if bare == "blockrobot up" else command)
         code, output = self._hear(command)
         assert (code != 0) == fails, f"{command}\n{output}"
         for written, pattern in self._placeholders.items():
