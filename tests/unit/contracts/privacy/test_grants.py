@@ -313,8 +313,8 @@ def test_the_key_of_a_grant_says_something_for_90_days_after_the_end(
     assert hospital.send(key, "access", "noticed", shared, visit.records[1:2]).code == "GRANT_ENDED"
 
 
-def origin_of(hospital: Hospital) -> bytes:
-    return b"visits of " + hospital.robot.handle
+def origin_of(hospital: Hospital) -> str:
+    return f"visits of {hospital.robot.handle.hex()}"
 
 
 def test_nobody_spends_a_visits_key_by_sharing_with_it_first(hospital: Hospital, visit: Visit, nurse: Person) -> None:
@@ -326,7 +326,7 @@ def test_nobody_spends_a_visits_key_by_sharing_with_it_first(hospital: Hospital,
     hospital.must(hospital.robot.identity, "records", "open_visit", *opened)
     asking = hospital.sign(key, "access", "request", [], "care")
     assert is_admitted(hospital.state, asking, hospital.time_ms)
-    assert find_account(hospital.state, asking) == Account(root, is_of_visit=True, origin=origin_of(hospital)), (
+    assert find_account(hospital.state, asking) == Account(f"visit {root.hex()}", True, origin_of(hospital)), (
         "in her own turns, not in those of his grantees"
     )
     hospital.must(key, "access", "request", [], "care")
