@@ -34,6 +34,8 @@ _WHERE = """() => {
   return {stop: active.dataset.tabStop ?? null, rings, name: active.localName + (active.id ? '#' + active.id : '')};
 }"""
 
+_STILL_THERE = "() => [...document.querySelectorAll('[data-tab-stop]')].map((element) => element.dataset.tabStop)"
+
 _CLEAR = """() => {
   document.querySelectorAll('[data-tab-stop]').forEach((element) => delete element.dataset.tabStop);
   if (document.activeElement && !document.activeElement.closest('dialog[open]')) document.activeElement.blur();
@@ -80,5 +82,7 @@ async def _walk(page: Page, stops: list[str]) -> list[str]:
         missing.discard(where["stop"])
         if not where["rings"]:
             faults.append(f"focus: nothing shows that it is on {stops[int(where['stop'])]}")
+    if missing:  # a page that follows a live network may have drawn some anew meanwhile
+        missing &= set(await page.evaluate(_STILL_THERE))
     faults += [f"keyboard: Tab does not reach {stops[int(number)]}" for number in sorted(missing, key=int)]
     return faults
