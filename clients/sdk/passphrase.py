@@ -85,7 +85,7 @@ def new_sealing_key(passphrase: str, seal_format: SealFormat, cost: PassphraseCo
 
 
 def open_sealed(data: bytes, passphrase: str, seal_format: SealFormat) -> tuple[bytes, SealingKey]:
-    """And its key for resealing. Raises SealedFileError, PassphraseError."""
+    """Return the content and the key for resealing. Raises SealedFileError, PassphraseError."""
     try:
         header, nonce, sealed, checksum = msgspec.msgpack.decode(data, type=tuple[bytes, bytes, bytes, bytes])
     except msgspec.MsgspecError:

@@ -86,7 +86,7 @@ def _last_answer(error: BlockRobotError) -> web.Response:
 
 
 def name_server(response: web.StreamResponse) -> None:
-    """Nosniff, and no software or version."""
+    """Set nosniff, and name no software or version."""
     response.headers["X-Content-Type-Options"] = "nosniff"
     response.headers["Server"] = "blockrobot"
 

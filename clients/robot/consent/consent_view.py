@@ -284,7 +284,7 @@ class Consents:
         return any(place[:3] == (handle, purpose, sensor) for place in self._coming)
 
     def find_beginning(self, handle: bytes, purpose: str, sensor: str) -> int | None:
-        """Of the present unbroken one."""
+        """Return when the present unbroken consent began."""
         consent = None if self._view is None else self._consent(self._view, handle, purpose, sensor)
         return None if consent is None else self._began_ms(handle, purpose, sensor, consent)
 

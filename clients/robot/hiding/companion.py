@@ -74,7 +74,7 @@ class Trees:
     certain: float
 
     def log_odds(self, cues: Floats) -> float:
-        """Of more than one person."""
+        """Return the log-odds of more than one person."""
         rows = np.arange(self.feature.shape[0])
         node = np.zeros(self.feature.shape[0], dtype=np.int64)
         for _ in range(self.depth):

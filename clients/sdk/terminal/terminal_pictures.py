@@ -104,7 +104,7 @@ def half_blocks(picture: Image.Image, columns: int) -> Iterator[Text]:
 
 
 def letters(picture: Image.Image, columns: int) -> Iterator[Text]:
-    """Denser ones for brighter parts."""
+    """Draw in letters, denser ones for brighter parts."""
     small = _cells(picture, columns, 1).convert("L")
     for y in range(small.height):
         greys = small.crop((0, y, small.width, y + 1)).tobytes()

@@ -131,7 +131,7 @@ class Wallet:
         return owner_key(visit, self.eras[visit.era], self.genesis.chain_id)
 
     def open_metadata(self, sealed: bytes) -> tuple[bytes, WalletKeys]:
-        """And the keys it was sealed to. Raises ENVELOPE_INVALID."""
+        """Return the metadata and the keys it was sealed to. Raises ENVELOPE_INVALID."""
         return self._with_any(lambda keys: (open_metadata(keys.sealing, sealed), keys))
 
     def open_data_key(self, sealed: bytes) -> bytes:

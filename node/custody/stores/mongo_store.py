@@ -434,7 +434,7 @@ class MongoStore(MongoShares, MongoUploads):
         )
 
     async def _size_bytes(self) -> int | None:
-        """Of data and indexes; None without permission."""
+        """Return the size of data and indexes; None without permission."""
         if self._database is None:
             raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
         try:

@@ -98,7 +98,7 @@ def _not_importable(error: Exception) -> NotFoundError:
 
 
 def _field_type(kind: str) -> tuple[str, str]:
-    """And its message type, if any."""
+    """Return a field's `.msg` type and its message type, if any."""
     if found := _LIST.fullmatch(kind):
         text, nested = _field_type(found[1])
         return f"{text}[{'<=' + found[2] if found[2] else ''}]", nested

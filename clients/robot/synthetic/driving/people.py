@@ -187,7 +187,7 @@ def _walk(rng: np.random.Generator, space: Space, margin_m: float, duration_s: f
 
 
 def facing_along(rng: np.random.Generator, person: Person) -> Person:
-    """And on where they stop."""
+    """Return the person looking along their way, and on where they stop."""
     first, last = person.path[0][0], person.path[-1][0]
     times = [float(at_s) for at_s in np.arange(first, last, FACING_STEP_S)] + [last]
     seen = [replace(person, facing=()).heading(at_s) for at_s in times]
