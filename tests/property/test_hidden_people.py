@@ -15,7 +15,7 @@ STORY = st.lists(st.tuples(st.integers(0, 15), st.integers(1, 25)), max_size=6)
 
 
 def seen(x_m: float, z_m: float) -> Silhouette:
-    return Silhouette(1, (0, 0, 1, 1), x_m, z_m, math.hypot(x_m, z_m), round(z_m * 1000), "", ahead_m=z_m)
+    return Silhouette(1, (0, 0, 1, 1), x_m, z_m, math.hypot(x_m, z_m), round(z_m * 1000), "", ahead_m=z_m, right_m=x_m)
 
 
 @given(people=PLACES, story=STORY, last=st.integers(1, 14), step_ms=st.sampled_from([33, 100, 200]))

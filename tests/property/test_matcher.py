@@ -7,9 +7,9 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.robot.hiding.match_evidence import DISTANCE_LOG_ODDS_MIN
-from clients.robot.hiding.matcher import BIND_LOG_ODDS, UNBIND_LOG_ODDS, Matcher
 from clients.robot.hiding.tracking import Track
+from clients.robot.matching.match_evidence import DISTANCE_LOG_ODDS_MIN
+from clients.robot.matching.matcher import BIND_LOG_ODDS, UNBIND_LOG_ODDS, Matcher
 from clients.robot.sensing.sensor_events import Facing, Sighting
 
 LAST_MS = 12_000
@@ -20,7 +20,8 @@ def track(number: int, began_ms: int, lasts_ms: int, ranges: tuple[float, float]
     times = list(range(began_ms, began_ms + lasts_ms + 1, 100))
     near, far = ranges
     values = [near + (far - near) * i / len(times) for i in range(len(times))]
-    return Track(number, times[0], times[-1], 0.0, values[-1], times=times, ranges=values)
+    bearings = [8.0 * number - 20 for _ in times]
+    return Track(number, times[0], times[-1], 0.0, values[-1], times=times, ranges=values, bearings=bearings)
 
 
 range_m = st.sampled_from([1.0, 2.0, 2.2, 3.5, 5.0])
@@ -36,12 +37,14 @@ def scenes(draw: st.DrawFn) -> tuple[list[Track], list[Sighting]]:
     """People in view, and readings that mostly follow one of them."""
     tracks = draw(people)
     worn = draw(st.sampled_from(tracks))
-    rows = draw(st.lists(st.tuples(st.integers(0, LAST_MS), errors, facings, st.booleans()), min_size=5, max_size=30))
+    row = st.tuples(st.integers(0, LAST_MS), errors, facings, st.booleans(), st.booleans())
+    rows = draw(st.lists(row, min_size=5, max_size=30))
     readings = []
-    for at, error, facing, measured in rows:
-        distance = (worn.range_at(at) or 4.0) + error
-        measure = (distance, 0.2) if measured or error == 0.0 else (None, None)
-        readings.append(Sighting(at, at, "", 1, facing, -50.0, *measure))
+    for at, error, facing, measured, located in rows:
+        range_m, bearing_deg = worn.place_at(at) or (4.0, 0.0)
+        measure = (range_m + error, 0.2) if measured or error == 0.0 else (None, None)
+        bearing = (bearing_deg + 40 * error, 8.0) if located else (None, None)
+        readings.append(Sighting(at, at, "", 1, facing, -50.0, *measure, *bearing))
     return tracks, readings
 
 

@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.tracking import Track
+from clients.robot.matching.matcher import Matcher
 from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
 from clients.robot.sensing.sensor_events import Facing, Sighting
 from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, TagMap
@@ -89,6 +89,7 @@ def time_to_bind_s(sigma_m: float, facing: Facing, every_ms: int, *, walks: bool
         range_m = _STANDS_AT_M + _WALKS_M * turn
         track.times.append(at_ms)
         track.ranges.append(range_m)
+        track.bearings.append(0.0)
         track.seen_ms = at_ms
         if at_ms % every_ms == 0:
             distance_m = max(0.01, range_m + float(noise.normal(0.0, sigma_m)))

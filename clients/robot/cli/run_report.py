@@ -9,9 +9,9 @@ from typing import TypeVar
 from msgspec import UnsetType
 
 from clients.robot.consent.consent_view import ConsentCounts
-from clients.robot.hiding.match_evidence import Obstacle
 from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.withhold_reason import MergedBy, WithholdReason
+from clients.robot.matching.match_evidence import Obstacle
 from clients.robot.pairing.rosters import UnknownTagCounts
 from clients.robot.recording.frame_answers import AmbiguousTag, FrameCounts, MergedTag
 from clients.robot.run.run_summary import RunIntake, RunProgress, RunSummary

@@ -1,1 +1,1 @@
-"""Hides everyone but the owner: segmentation, tracking, tag matching, and cutting."""
+"""Hides everyone but the owner: segmentation, tracking and cutting."""

@@ -14,8 +14,6 @@ from clients.robot.hiding.background import Background
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.hider import FoundPeople, Hider
-from clients.robot.hiding.match_evidence import MatchEvidence
-from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
@@ -24,6 +22,8 @@ from clients.robot.hiding.own_motion import OwnMotion, RobotPlace, Spot
 from clients.robot.hiding.standing_hider import StandingHider
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
+from clients.robot.matching.match_evidence import MatchEvidence
+from clients.robot.matching.matcher import Matcher
 from clients.robot.pairing.tag_pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
 from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
 from clients.robot.sensing.sensor_events import Depth, Frame, Odometry, Sighting, check_depth

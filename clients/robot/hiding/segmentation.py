@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import cv2
@@ -39,7 +40,7 @@ _TOUCH = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * TOUCH_HALF_PX + 1, 2 
 @dataclass(frozen=True, slots=True, eq=False)
 class Silhouette:
     """One person-sized blob, by `label` in the label image. `x_m`, `z_m`: its place in plan, before the camera or in the
-    odometry's frame; `ahead_m`: how far along the camera's axis.
+    odometry's frame; `ahead_m`, `right_m`: how far along the camera's axis, and to the right of it.
 
     `withhold_reason`: why it is not cut (`merged`, `contact`, `occluded`), or empty. `companion_odds`: log-odds of several
     people; `company`: evidence.
@@ -55,6 +56,11 @@ class Silhouette:
     companion_odds: float = 0.0
     company: MergedEvidence | None = None
     ahead_m: float = field(kw_only=True)
+    right_m: float = field(kw_only=True)
+
+    @property
+    def bearing_deg(self) -> float:
+        return math.degrees(math.atan2(self.right_m, self.ahead_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,6 +202,7 @@ def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouet
         x_m=x_m,
         z_m=z_m,
         ahead_m=z_m,
+        right_m=x_m,
         range_m=float(np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)),
         median_mm=median,
         withhold_reason=withhold_reason,

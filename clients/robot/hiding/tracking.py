@@ -37,7 +37,7 @@ TOGETHER_COUNT = 2
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """One silhouette: identity, follower, range (m) by time (ms)."""
+    """One silhouette: identity, follower, range (m) and bearing (degrees from the camera's axis) by time (ms)."""
 
     number: int
     began_ms: int
@@ -50,20 +50,21 @@ class Track:
     since_ms: int = 0  # since when somebody is seen there: before `began_ms` where an earlier track ended in doubt
     times: list[int] = field(default_factory=list)
     ranges: list[float] = field(default_factory=list)
+    bearings: list[float] = field(default_factory=list)
 
     def predicted(self, at_ms: int) -> tuple[float, float]:
         """Predict at most half a second unseen."""
         ahead = min(at_ms - self.seen_ms, 500) / 1000
         return self.x_m + self.speed_x * ahead, self.z_m + self.speed_z * ahead
 
-    def range_at(self, at_ms: int) -> float | None:
-        """None if too far."""
+    def place_at(self, at_ms: int) -> tuple[float, float] | None:
+        """Return range and bearing; None if not seen within `NEAREST_RANGE_MS`."""
         place = bisect_left(self.times, at_ms)
         near = [i for i in (place - 1, place) if 0 <= i < len(self.times)]
         best = min(near, key=lambda i: abs(self.times[i] - at_ms), default=None)
         if best is None or abs(self.times[best] - at_ms) > NEAREST_RANGE_MS:
             return None
-        return self.ranges[best]
+        return self.ranges[best], self.bearings[best]
 
     def overlaps(self, other: Track) -> bool:
         return self.began_ms <= other.seen_ms and other.began_ms <= self.seen_ms
@@ -76,9 +77,10 @@ class Track:
         self.x_m, self.z_m, self.seen_ms = seen.x_m, seen.z_m, at_ms
         self.times.append(at_ms)
         self.ranges.append(seen.range_m)
+        self.bearings.append(seen.bearing_deg)
         if self.times[0] < at_ms - 2 * HISTORY_MS:
             keep = bisect_left(self.times, at_ms - HISTORY_MS)
-            del self.times[:keep], self.ranges[:keep]
+            del self.times[:keep], self.ranges[:keep], self.bearings[:keep]
 
 
 @dataclass(slots=True, eq=False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from clients.robot.hiding.match_evidence import MatchNumbers
 from clients.robot.hiding.withhold_reason import MergedNumbers
+from clients.robot.matching.match_evidence import MatchNumbers
 from clients.sdk.terminal.json_answers import Answer, Count, MsFloat, doc
 
 

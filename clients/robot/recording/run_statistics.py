@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from clients.robot.hiding import match_evidence
-from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.withhold_reason import MERGED_HELP, MergedEvidence
+from clients.robot.matching import match_evidence
+from clients.robot.matching.match_evidence import MatchEvidence
 from clients.robot.recording.frame_answers import (
     AmbiguousTag,
     DistancesOff,

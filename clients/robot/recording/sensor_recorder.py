@@ -16,8 +16,8 @@ import msgspec
 from clients.robot.consent.consent_view import Consents
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import KeptFrame, SampleForm, WithheldFrame
-from clients.robot.hiding.match_evidence import MatchEvidence
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
+from clients.robot.matching.match_evidence import MatchEvidence
 from clients.robot.recording.batching import Batcher, ReadyClip
 from clients.robot.recording.event_log import EventLog
 from clients.robot.recording.run_statistics import RunStatistics

@@ -22,6 +22,9 @@ DISTANCE_SIGMA_MAX_M = 2.0
 """The largest error of a distance that is taken. People whom the camera sees are about as far from each other: a reader
 that errs by more does not tell where in a room somebody is, and its readings count as readings without a distance."""
 
+BEARING_SIGMA_MAX_DEG = 45.0
+"""The largest error of a bearing that is taken: more than the width of a picture tells nobody in it from anybody else."""
+
 Depth = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
@@ -51,8 +54,9 @@ class Frame:
 class Sighting:
     """One tag reading over the reader's interval.
 
-    `distance_m` from camera, standard deviation `sigma_m`, None if unknown; `received_at_ms`: host or None; `origin`:
-    topic or reader. UID is left out of repr.
+    `distance_m` from camera, standard deviation `sigma_m`, None if unknown; `bearing_deg` from the camera's axis, positive
+    to the right, and its standard deviation, likewise; `received_at_ms`: host or None; `origin`: topic or reader. UID is
+    left out of repr.
     """
 
     first_seen_ms: int
@@ -63,6 +67,8 @@ class Sighting:
     rssi_dbm: float = 0.0
     distance_m: float | None = None
     sigma_m: float | None = None
+    bearing_deg: float | None = None
+    bearing_sigma_deg: float | None = None
     read_count: int = 1
     received_at_ms: int | None = field(default=None, compare=False)  # the same reading may be reported twice
     origin: str = field(default="", compare=False)

@@ -15,10 +15,10 @@ from clients.robot.hiding.background import Background, fits, learn_background
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cutouts import Cutout, extract_cutout
 from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
-from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.segmentation import Segmented, Silhouette, segment
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import WithholdReason
+from clients.robot.matching.matcher import Matcher
 from clients.robot.sensing.sensor_events import Depth, Frame, Mask, Sighting
 from clients.robot.synthetic.camera import Labels
 from clients.robot.synthetic.render import Reading, Renderer, readings

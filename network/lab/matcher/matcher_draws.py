@@ -5,7 +5,8 @@ Independent of the matcher's constants: changing them there leaves the draws.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -27,6 +28,14 @@ DRIFT_S = 2.0
 # the robot but beside the picture, and keeps at the range of somebody in view as others do.
 FRONT_SHARES = {"present": (18, 2), "absent": (4, 16), "behind": (2, 18), "aside": (18, 2)}
 WEAK_FRONT_SHARES = {"present": (12, 4), "absent": (6, 10), "behind": (4, 12), "aside": (12, 4)}
+
+# Bearings: of whoever is in the picture, and of a bearer who is not, by where they are: from, to, on either side.
+VIEW_MAX_DEG = 28.0
+BEARINGS_DEG = {"absent": (32.0, 180.0), "behind": (100.0, 180.0), "aside": (32.0, 60.0)}
+BEARING_SPEED_DEG_S = 12.0
+BEARING_BIAS_SIGMA_DEG, BEARING_BIAS_OFF_SIGMA_DEG = 4.0, 10.0
+BEARING_OUTLIER_SHARE, BEARING_OUTLIER_MAX_DEG = 0.15, 90.0
+BEARING_UNDERSTATED, BEARING_OFF_DRIFT_S = 1.5, 6.0
 
 Bearer = Literal["present", "absent", "behind", "aside"]
 Array = npt.NDArray[np.float64]
@@ -51,6 +60,8 @@ class Setting:
     weak_fronts: bool = False
     outliers: bool = False
     ranges_off: bool = False
+    bearing_sigma_deg: float | None = None
+    bearings_off: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +92,9 @@ def draw(setting: Setting, seed: int, number: int) -> Drawn:
     readings = _readings(rng, setting, worn)
     seen = [_as_measured(rng, values) if setting.ranges_off else values for values in ranges]
     tracks = tuple(_track(i + 1, values) for i, values in enumerate(seen))
+    if setting.bearing_sigma_deg is not None:
+        # Chance of its own, so that draws without bearings stay as they are.
+        readings = _with_bearings(np.random.default_rng([seed, number, 1]), setting, tracks, owner, readings)
     return Drawn(setting, tracks, readings, owner + 1 if owner >= 0 else None, min(gaps, default=np.inf))
 
 
@@ -106,9 +120,9 @@ def _beside(rng: np.random.Generator, other: Array) -> Array:
     return _reflect(mine - mine[0] + other[0] + offset)
 
 
-def _reflect(ranges: Array) -> Array:
-    width = FARTHEST_M - NEAREST_M
-    return np.asarray(NEAREST_M + width - np.abs(np.mod(ranges - NEAREST_M, 2 * width) - width))
+def _reflect(values: Array, least: float = NEAREST_M, most: float = FARTHEST_M) -> Array:
+    width = most - least
+    return np.asarray(least + width - np.abs(np.mod(values - least, 2 * width) - width))
 
 
 def _as_measured(rng: np.random.Generator, ranges: Array) -> Array:
@@ -118,7 +132,7 @@ def _as_measured(rng: np.random.Generator, ranges: Array) -> Array:
 
 def _track(number: int, ranges: Array) -> Track:
     track = Track(number, 0, TRACK_MS, 0.0, float(ranges[-1]))
-    track.times, track.ranges = list(_TIMES_MS), ranges.tolist()
+    track.times, track.ranges, track.bearings = list(_TIMES_MS), ranges.tolist(), [0.0] * ranges.size
     return track
 
 
@@ -140,6 +154,42 @@ def _readings(rng: np.random.Generator, setting: Setting, worn: Array) -> tuple[
         measured = (distance, setting.sigma_m) if setting.distance else (None, None)
         made.append(Sighting(at, at, "", 1 if ahead else 2, facing, -50.0, *measured))
     return tuple(made)
+
+
+def _with_bearings(
+    rng: np.random.Generator, setting: Setting, tracks: Sequence[Track], owner: int, readings: tuple[Sighting, ...]
+) -> tuple[Sighting, ...]:
+    """Give every track its bearings, and every reading the bearer's as the reader measures it."""
+    for track in tracks:
+        track.bearings = _turn(rng, -VIEW_MAX_DEG, VIEW_MAX_DEG).tolist()
+    if owner >= 0:
+        worn = np.array(tracks[owner].bearings)
+    else:
+        worn = float(rng.choice([-1, 1])) * _turn(rng, *BEARINGS_DEG[setting.bearer])
+    times = np.array([reading.middle_ms for reading in readings], dtype=np.int64)
+    off, sigma_deg = setting.bearings_off, setting.bearing_sigma_deg or 0.0
+    noise = _drifting(rng, times, BEARING_OFF_DRIFT_S) if off else rng.normal(size=times.size)
+    bias = float(rng.normal(0, BEARING_BIAS_OFF_SIGMA_DEG if off else BEARING_BIAS_SIGMA_DEG))
+    measured = np.interp(times / 1000, _TIMES_S, worn) + bias
+    measured += sigma_deg * (BEARING_UNDERSTATED if off else 1) * noise
+    if off:
+        reflected = rng.random(times.size) < BEARING_OUTLIER_SHARE
+        measured += rng.uniform(-BEARING_OUTLIER_MAX_DEG, BEARING_OUTLIER_MAX_DEG, times.size) * reflected
+    around = (measured + 180) % 360 - 180
+    return tuple(
+        replace(reading, bearing_deg=bearing, bearing_sigma_deg=sigma_deg)
+        for reading, bearing in zip(readings, around.tolist(), strict=True)
+    )
+
+
+def _turn(rng: np.random.Generator, least_deg: float, most_deg: float) -> Array:
+    start = float(rng.uniform(least_deg, most_deg))
+    if rng.random() < STANDING_SHARE:
+        return np.full(_TIMES_S.size, start)
+    places = np.sort(rng.uniform(0, TRACK_MS / 1000, size=6))
+    speeds = np.where(rng.random(7) < 0.25, 0.0, rng.normal(0, BEARING_SPEED_DEG_S, size=7))
+    walked = start + np.cumsum(speeds[np.searchsorted(places, _TIMES_S)] * FRAME_EVERY_MS / 1000)
+    return _reflect(walked, least_deg, most_deg)
 
 
 def _drifting(rng: np.random.Generator, times: npt.NDArray[np.int64], drift_s: float) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import beta
 
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS
-from clients.robot.hiding.matcher import Matcher
+from clients.robot.matching.matcher import Matcher
 from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.processes import worker_pool
 from network.lab.matcher.matcher_draws import FRAME_EVERY_MS, TRACK_MS, Bearer, Drawn, Setting, draw
@@ -38,6 +38,10 @@ GROUPS: dict[str, tuple[dict[str, Any], float]] = {
     "drifting-long": ({"drifting": True, "drift_s": 6.0}, 0.25),
     "outliers": ({"outliers": True}, 0.25),
     "ranges-off": ({"ranges_off": True}, 0.25),
+    "bearings": ({"bearing_sigma_deg": 9.0}, 0.25),
+    "bearings-drifting": ({"bearing_sigma_deg": 9.0, "drifting": True}, 0.25),
+    "bearings-off": ({"bearing_sigma_deg": 9.0, "bearings_off": True}, 0.25),
+    "bearings-aside": ({"bearing_sigma_deg": 9.0, "bearer": "aside"}, 0.25),
 }
 _NUMBERED_COUNT = 6
 """The first groups, whose draws are numbered in turn; of later ones each has its own numbers, so that none changes."""

@@ -84,6 +84,7 @@ class SeenBody:
             median_mm=body.median_mm,
             withhold_reason="merged" if merged else self.obstacle,
             ahead_m=body.z_m,
+            right_m=body.x_m,
         )
 
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.tracking import Track
+from clients.robot.matching.matcher import Matcher
 from clients.robot.sensing.sensor_clocks import RunClocks
 from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
 
@@ -45,6 +45,7 @@ def test_one_stamp_ahead_gives_the_followers_tag_to_nobody_else(rate: int, seed:
             track.seen_ms = now_ms
             track.times.append(now_ms)
             track.ranges.append(distance_m)
+            track.bearings.append(0.0)
             matcher.add_track(track)
         if at_ms % (1000 // rate) == 0:
             distance_m = range_m(at_ms - BEHIND_MS) + chance.gauss(0, SIGMA_M)

@@ -15,8 +15,8 @@ from clients.robot.backgrounds.background_banks import FRAMES_MIN_COUNT, approve
 from clients.robot.cli import main
 from clients.robot.cli.live_options import BESIDE, CAMERAS, notice_teller
 from clients.robot.cli.run_report import broken_line, summary_lines, waiting_line
-from clients.robot.hiding.match_evidence import MatchEvidence, Obstacle
 from clients.robot.identity.robot_keys import create_identity
+from clients.robot.matching.match_evidence import MatchEvidence, Obstacle
 from clients.robot.recording.frame_answers import FrameCounts
 from clients.robot.recording.run_statistics import RunStatistics
 from clients.robot.run.run_summary import RunProgress

@@ -53,7 +53,9 @@ def test_errors_are_as_large_as_the_setting_says(understated: bool, factor: floa
     errors = []
     for i in range(60):
         d = draw(setting, 2, i)
-        errors += [r.distance_m - (d.tracks[0].range_at(r.middle_ms) or 0) for r in d.readings if r.distance_m]
+        errors += [
+            r.distance_m - (d.tracks[0].place_at(r.middle_ms) or (0.0, 0.0))[0] for r in d.readings if r.distance_m
+        ]
         assert {r.sigma_m for r in d.readings} == {0.5}
     assert np.std(errors) == pytest.approx(np.hypot(0.5 * factor, 0.15), rel=0.05)
 
@@ -63,7 +65,7 @@ def test_drifting_errors_are_alike_from_one_reading_to_the_next() -> None:
         before, after = [], []
         for i in range(60):
             d = draw(Setting(5, 0.5, 1, "present", drifting=drifting), 3, i)
-            off = [(r.distance_m or 0) - (d.tracks[0].range_at(r.middle_ms) or 0) for r in d.readings]
+            off = [(r.distance_m or 0) - (d.tracks[0].place_at(r.middle_ms) or (0.0, 0.0))[0] for r in d.readings]
             before += off[:-1]
             after += off[1:]
         return float(np.corrcoef(before, after)[0, 1])
@@ -86,7 +88,7 @@ def errors_of(setting: Setting, seed: int) -> list[list[float]]:
     made = []
     for i in range(60):
         d = draw(setting, seed, i)
-        made.append([(r.distance_m or 0) - (d.tracks[0].range_at(r.middle_ms) or 0) for r in d.readings])
+        made.append([(r.distance_m or 0) - (d.tracks[0].place_at(r.middle_ms) or (0.0, 0.0))[0] for r in d.readings])
     return made
 
 

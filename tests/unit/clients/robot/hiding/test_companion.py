@@ -123,7 +123,7 @@ def watch() -> CompanionWatch:
 
 def seen(odds: float, x_m: float = 0.0, withhold_reason: str | None = None) -> Silhouette:
     whole = withhold_reason if withhold_reason is not None else ("merged" if odds > STUMP_SUSPECT else "")
-    return Silhouette(1, (0, 0, 9, 9), x_m, 3.0, 3.0, 2_900, whole, companion_odds=odds, ahead_m=3.0)
+    return Silhouette(1, (0, 0, 9, 9), x_m, 3.0, 3.0, 2_900, whole, companion_odds=odds, ahead_m=3.0, right_m=x_m)
 
 
 def play(watch: CompanionWatch, odds: list[float], first_ms: int = 0) -> list[str]:

@@ -27,7 +27,9 @@ def cut_beside(background: Background, first_column: int, depth_mm: int, label: 
     labels = np.zeros((60, 80), np.int32)
     labels[TOP // 2 : BOTTOM // 2, 20:30] = OWNER
     labels[TOP // 2 : BOTTOM // 2, (first_column + 1) // 2 : first_column // 2 + 10] = label
-    owner = Silhouette(OWNER, (20, TOP // 2, 10, (BOTTOM - TOP) // 2), 0.0, 2.0, 2.0, NEAR_MM, "", ahead_m=2.0)
+    owner = Silhouette(
+        OWNER, (20, TOP // 2, 10, (BOTTOM - TOP) // 2), 0.0, 2.0, 2.0, NEAR_MM, "", ahead_m=2.0, right_m=0.0
+    )
     out = extract_cutout(depth, background, Segmented((owner,), labels), owner)
     whole = np.zeros_like(depth)
     whole[out.y : out.y + out.pixels.shape[0], out.x : out.x + out.pixels.shape[1]] = out.pixels
@@ -59,7 +61,9 @@ def test_nothing_is_there_of_a_wall_that_somebody_leans_against() -> None:
     depth[TOP:BOTTOM, 40:60] = NEAR_MM
     labels = np.zeros((60, 80), np.int32)
     labels[TOP // 2 : BOTTOM // 2, 20:30] = OWNER
-    owner = Silhouette(OWNER, (20, TOP // 2, 10, (BOTTOM - TOP) // 2), 0.0, 2.0, 2.0, NEAR_MM, "", ahead_m=2.0)
+    owner = Silhouette(
+        OWNER, (20, TOP // 2, 10, (BOTTOM - TOP) // 2), 0.0, 2.0, 2.0, NEAR_MM, "", ahead_m=2.0, right_m=0.0
+    )
     out = extract_cutout(depth, background, Segmented((owner,), labels), owner)
     assert set(np.unique(out.pixels)) == {0, NEAR_MM}
 

@@ -42,7 +42,15 @@ class ScriptedHider:
         for label, (x_m, z_m) in enumerate(people, start=1):
             ahead_m = z_m - self._ward.true_z(at_ms)
             one = Silhouette(
-                label, (0, 0, 1, 1), x_m, ahead_m, math.hypot(x_m, ahead_m), round(ahead_m * 1000), "", ahead_m=ahead_m
+                label,
+                (0, 0, 1, 1),
+                x_m,
+                ahead_m,
+                math.hypot(x_m, ahead_m),
+                round(ahead_m * 1000),
+                "",
+                ahead_m=ahead_m,
+                right_m=x_m,
             )
             found.append(one if place is None else in_odometry(one, place))
         may_show = {one.label: self._ward.may_show for one in found} if self.is_blank else {}

@@ -15,9 +15,9 @@ from clients.robot.hiding import standing_hider as hider_module
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
-from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, HELP, MatchEvidence, Obstacle
 from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Labels, Segmented, Silhouette
 from clients.robot.hiding.withhold_reason import WithholdReason
+from clients.robot.matching.match_evidence import BIND_LOG_ODDS, HELP, MatchEvidence, Obstacle
 from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
 
 SHAPE = (40, 60)
@@ -69,6 +69,7 @@ class Stage:
                 p.withhold_reason,
                 companion_odds=20.0 if p.withhold_reason == "merged" else -20.0,
                 ahead_m=p.z_m,
+                right_m=p.x_m,
             )
             for i, p in enumerate(places)
         )

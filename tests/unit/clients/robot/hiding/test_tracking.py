@@ -11,7 +11,9 @@ from clients.robot.hiding.tracking import GONE_MS, HIDDEN_MS, Tracker
 
 
 def seen(x_m: float, z_m: float, withhold_reason: str = "") -> Silhouette:
-    return Silhouette(1, (0, 0, 1, 1), x_m, z_m, math.hypot(x_m, z_m), round(z_m * 1000), withhold_reason, ahead_m=z_m)
+    return Silhouette(
+        1, (0, 0, 1, 1), x_m, z_m, math.hypot(x_m, z_m), round(z_m * 1000), withhold_reason, ahead_m=z_m, right_m=x_m
+    )
 
 
 def test_tracks_keep_their_numbers_while_people_walk() -> None:

@@ -1,7 +1,7 @@
 """Binds tags to tracks by likelihood over whole tracks, against rivals and an absent bearer.
 
 Bind at log-odds 9.2, unbind below 0. No binding without informative distances, nor while an unfollowed person at similar
-range may be the bearer.
+range may be the bearer. Bearings, where there are any, tell people apart who are as far away.
 """
 
 from __future__ import annotations
@@ -14,18 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clients.robot.hiding.likelihood import (
-    FILTERS,
-    Belief,
-    FilterUpdate,
-    log_antenna,
-    log_evidence,
-    log_sum,
-    update_belief,
-)
-from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, READINGS_MIN_COUNT, MatchEvidence
 from clients.robot.hiding.tracking import NEAREST_RANGE_MS, Track
-from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M, Facing, Sighting
+from clients.robot.matching.likelihood import BEARINGS, DISTANCES, Belief, Filters, FilterUpdate, log_antenna, log_sum
+from clients.robot.matching.match_evidence import (
+    BIND_LOG_ODDS,
+    DISTANCE_LOG_ODDS_MIN,
+    READINGS_MIN_COUNT,
+    MatchEvidence,
+)
+from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, DISTANCE_SIGMA_MAX_M, Facing, Sighting
 
 PRIOR_ABSENT = 0.3
 UNBIND_LOG_ODDS = 0.0
@@ -38,6 +35,7 @@ TAGS_MAX_COUNT = 256
 READINGS_MAX_COUNT = 2_048
 AHEAD_MAX_MS = 60_000
 SIGMA_MIN_M = 0.05
+BEARING_SIGMA_MIN_DEG = 2.0
 # Who is not followed and nearer than that in range to somebody who is could well be the bearer in their stead.
 UNFOLLOWED_M = 1.5
 _CHECKPOINT_EVERY_COUNT = 16
@@ -48,12 +46,15 @@ SHIFT_READINGS_MIN_COUNT, SHIFT_READINGS_MAX_COUNT = 8, 64
 _SHIFT_BETTER = 0.4  # the spread that is left must be this small compared with the one without a shift
 _SHIFT_SIGMAS = 2.5  # and no more than so many stated errors
 
-_Order = tuple[int, int, int, str, int, float, float, float]
+_Order = tuple[int, int, int, str, int, float, float, float, float, float]
 
 
 class _Evidence(NamedTuple):
-    belief: Belief = FILTERS.start
+    belief: Belief = DISTANCES.start
     compared: int = 0
+    bearing_belief: Belief = BEARINGS.start
+    bearings: int = 0
+    bearing_ratio: float = 0.0
     front: int = 0
     back: int = 0
     distance_ratio: float = 0.0
@@ -63,7 +64,7 @@ class _Evidence(NamedTuple):
     sigma_m_sum: float = 0.0
 
     def ratio(self) -> float:
-        return self.distance_ratio + log_antenna(self.front, self.back)
+        return self.distance_ratio + self.bearing_ratio + log_antenna(self.front, self.back)
 
     @property
     def speaks(self) -> bool:
@@ -98,7 +99,7 @@ class _Tag:
     readings: list[Sighting] = field(default_factory=list)
     heard_ms: int = 0
     has_distance: bool = False
-    slots: dict[tuple[int, Facing, bool], Sighting] = field(default_factory=dict)
+    slots: dict[tuple[int, Facing, bool, bool], Sighting] = field(default_factory=dict)
     weighed: int = 0
     scores: _TrackScores = field(default_factory=dict)
     checkpoints: list[tuple[int, _TrackScores]] = field(default_factory=lambda: [(0, {})])
@@ -108,7 +109,8 @@ class _Tag:
 
     def add(self, sighting: Sighting) -> bool:
         at_ms = sighting.middle_ms
-        slot = (at_ms // SLOT_MS, sighting.facing, sighting.distance_m is not None)
+        measured = (sighting.distance_m is not None, sighting.bearing_deg is not None)
+        slot = (at_ms // SLOT_MS, sighting.facing, *measured)
         present = self.slots.get(slot)
         if present is not None:
             if _order(present) <= _order(sighting):
@@ -269,6 +271,8 @@ class Matcher:
             back=every.back,
             people=len(present),
             distance_log_odds=every.distance_ratio,
+            bearings=every.bearings,
+            bearing_log_odds=every.bearing_ratio,
             spread_m=math.sqrt(max(0.0, every.gap_m2_sum / compared - (every.gap_m_sum / compared) ** 2)),
             range_m=every.range_m_sum / compared,
             delay_ms=_find_delay_ms(tag.readings, self._tracks[best]) if odds < 0 and best in self._tracks else None,
@@ -321,15 +325,16 @@ class Matcher:
         clouds = self._ranges_unfollowed(at_ms)
         steps: dict[int, FilterUpdate] = {}
         for number, track in self._tracks.items():
-            person_m = track.range_at(at_ms)
-            if person_m is None:
+            place = track.place_at(at_ms)
+            if place is None:
                 continue
+            person_m, _ = place
             old = tag.scores.get(number) or _TrackScore()
-            every = _update_evidence(old.every, reading, at_ms, person_m, steps)
+            every = _update_evidence(old.every, reading, at_ms, place, steps)
             sure = old.sure
             if all(abs(person_m - unfollowed_m) > UNFOLLOWED_M for unfollowed_m in clouds):
                 # As long as nobody was ever in doubt, the two are one.
-                sure = every if sure is old.every else _update_evidence(sure, reading, at_ms, person_m, steps)
+                sure = every if sure is old.every else _update_evidence(sure, reading, at_ms, place, steps)
             tag.scores[number] = old._replace(every=every, sure=sure)
         self._decide(tag, at_ms)
 
@@ -361,10 +366,15 @@ class Matcher:
 
 
 def _update_evidence(
-    evidence: _Evidence, reading: Sighting, at_ms: int, person_m: float, steps: dict[int, FilterUpdate]
+    evidence: _Evidence, reading: Sighting, at_ms: int, place: tuple[float, float], steps: dict[int, FilterUpdate]
 ) -> _Evidence:
+    person_m, person_deg = place
     if reading.distance_m is not None and reading.sigma_m is not None:
         evidence = _compare(evidence, at_ms, reading.distance_m, reading.sigma_m, person_m, steps)
+    if reading.bearing_deg is not None and reading.bearing_sigma_deg is not None:
+        measured = (reading.bearing_deg, reading.bearing_sigma_deg)
+        belief, ratio = _weigh_one(BEARINGS, evidence.bearing_belief, at_ms, measured, person_deg, steps)
+        evidence = evidence._replace(bearing_belief=belief, bearing_ratio=ratio, bearings=evidence.bearings + 1)
     front, back = reading.facing is Facing.FRONT, reading.facing is Facing.BACK
     return evidence._replace(front=evidence.front + front, back=evidence.back + back)
 
@@ -372,21 +382,34 @@ def _update_evidence(
 def _compare(
     evidence: _Evidence, at_ms: int, distance_m: float, sigma_m: float, person_m: float, steps: dict[int, FilterUpdate]
 ) -> _Evidence:
-    spread = evidence.belief.spread
-    step = steps.get(id(spread))
-    if step is None:
-        step = steps[id(spread)] = FILTERS.step(spread, at_ms, sigma_m)
-    belief = update_belief(evidence.belief, step, distance_m, person_m)
-    visible, absent = log_evidence(belief)
+    belief, ratio = _weigh_one(DISTANCES, evidence.belief, at_ms, (distance_m, sigma_m), person_m, steps)
     return evidence._replace(
         belief=belief,
         compared=evidence.compared + 1,
-        distance_ratio=visible - absent,
+        distance_ratio=ratio,
         gap_m_sum=evidence.gap_m_sum + distance_m - person_m,
         gap_m2_sum=evidence.gap_m2_sum + (distance_m - person_m) ** 2,
         range_m_sum=evidence.range_m_sum + person_m,
         sigma_m_sum=evidence.sigma_m_sum + sigma_m,
     )
+
+
+def _weigh_one(
+    filters: Filters,
+    belief: Belief,
+    at_ms: int,
+    measured: tuple[float, float],
+    of_person: float,
+    steps: dict[int, FilterUpdate],
+) -> tuple[Belief, float]:
+    """`measured`: value and standard deviation. Return the belief and the log likelihood ratio, worn to absent."""
+    value, sigma = measured
+    step = steps.get(id(belief.spread))
+    if step is None:
+        step = steps[id(belief.spread)] = filters.step(belief.spread, at_ms, sigma)
+    belief = filters.update(belief, step, value, of_person)
+    visible, absent = filters.log_evidence(belief)
+    return belief, visible - absent
 
 
 def _log_odds(ratio: float, rivals: Sequence[float]) -> float:
@@ -400,6 +423,7 @@ def _first_kept_ms(now_ms: int) -> int:
 
 def _order(reading: Sighting) -> _Order:
     distance_m, sigma_m = reading.distance_m or 0.0, reading.sigma_m or 0.0
+    bearing_deg, bearing_sigma_deg = reading.bearing_deg or 0.0, reading.bearing_sigma_deg or 0.0
     facing, rssi = str(reading.facing), reading.rssi_dbm
     return (
         reading.middle_ms,
@@ -410,16 +434,32 @@ def _order(reading: Sighting) -> _Order:
         distance_m,
         sigma_m,
         rssi,
+        bearing_deg,
+        bearing_sigma_deg,
     )
 
 
 def _without_nonsense(sighting: Sighting) -> Sighting:
     distance_m, sigma_m = sighting.distance_m, sighting.sigma_m
-    if distance_m is None or sigma_m is None:
-        return sighting if distance_m is None and sigma_m is None else replace(sighting, distance_m=None, sigma_m=None)
-    if not (0 < distance_m < math.inf and 0 < sigma_m <= DISTANCE_SIGMA_MAX_M):
-        return replace(sighting, distance_m=None, sigma_m=None)
-    return sighting if sigma_m >= SIGMA_MIN_M else replace(sighting, sigma_m=SIGMA_MIN_M)
+    if distance_m is None or sigma_m is None or not (0 < distance_m < math.inf and 0 < sigma_m <= DISTANCE_SIGMA_MAX_M):
+        distance_m = sigma_m = None
+    else:
+        sigma_m = max(sigma_m, SIGMA_MIN_M)
+    bearing_deg, bearing_sigma_deg = sighting.bearing_deg, sighting.bearing_sigma_deg
+    if bearing_deg is None or bearing_sigma_deg is None or not _is_bearing(bearing_deg, bearing_sigma_deg):
+        bearing_deg = bearing_sigma_deg = None
+    else:
+        bearing_sigma_deg = max(bearing_sigma_deg, BEARING_SIGMA_MIN_DEG)
+    usable = (distance_m, sigma_m, bearing_deg, bearing_sigma_deg)
+    if usable == (sighting.distance_m, sighting.sigma_m, sighting.bearing_deg, sighting.bearing_sigma_deg):
+        return sighting
+    return replace(
+        sighting, distance_m=distance_m, sigma_m=sigma_m, bearing_deg=bearing_deg, bearing_sigma_deg=bearing_sigma_deg
+    )
+
+
+def _is_bearing(bearing_deg: float, sigma_deg: float) -> bool:
+    return -180 <= bearing_deg <= 180 and 0 < sigma_deg <= BEARING_SIGMA_MAX_DEG
 
 
 def _find_delay_ms(readings: Sequence[Sighting], track: Track) -> int | None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import betabinom, multivariate_normal
 
-from clients.robot.hiding import likelihood
-from clients.robot.hiding.likelihood import FILTERS, Belief, log_antenna, log_evidence, update_belief
+from clients.robot.matching import likelihood
+from clients.robot.matching.likelihood import DISTANCES, Belief, log_antenna
 
 READINGS = [(0, 2.6, 0.3), (400, 2.1, 0.3), (400, 2.4, 0.5), (1_900, 3.0, 0.3), (6_000, 2.2, 0.8)]
 
@@ -19,9 +19,9 @@ PERSON_M = 2.4
 
 
 def filtered(readings: list[tuple[int, float, float]]) -> Belief:
-    belief = FILTERS.start
+    belief = DISTANCES.start
     for at_ms, observed_m, sigma_m in readings:
-        belief = update_belief(belief, FILTERS.step(belief.spread, at_ms, sigma_m), observed_m, PERSON_M)
+        belief = DISTANCES.update(belief, DISTANCES.step(belief.spread, at_ms, sigma_m), observed_m, PERSON_M)
     return belief
 
 
@@ -50,23 +50,23 @@ def dense(mean_m: float, motions: list[tuple[float, float, float, float]]) -> fl
 
 def test_bearers_in_view_and_absent_are_weighed_as_the_dense_gaussian_weighs() -> None:
     expected = dense(PERSON_M, [(likelihood.BIAS_SIGMA_M, 0.0, 0.0, 1.0)])
-    assert log_evidence(filtered(READINGS))[0] == pytest.approx(expected, abs=1e-9)
+    assert DISTANCES.log_evidence(filtered(READINGS))[0] == pytest.approx(expected, abs=1e-9)
     motions = [(likelihood.ABSENT_SIGMA_M, *motion) for motion in likelihood.ABSENT_MOTIONS]
     expected = dense(likelihood.ABSENT_MEAN_M, motions)
-    assert log_evidence(filtered(READINGS))[1] == pytest.approx(expected, abs=1e-9)
+    assert DISTANCES.log_evidence(filtered(READINGS))[1] == pytest.approx(expected, abs=1e-9)
 
 
 def test_before_any_reading_both_hypotheses_are_as_good_and_the_front_antenna_speaks_for_one() -> None:
-    assert log_evidence(FILTERS.start) == pytest.approx((0.0, 0.0))
+    assert DISTANCES.log_evidence(DISTANCES.start) == pytest.approx((0.0, 0.0))
     assert log_antenna(10, 0) > 0 > log_antenna(0, 10)
 
 
 def test_impossible_or_many_readings_leave_every_figure_finite() -> None:
-    visible, absent = log_evidence(filtered([(100 * i, 60.0, 0.05) for i in range(50)]))
+    visible, absent = DISTANCES.log_evidence(filtered([(100 * i, 60.0, 0.05) for i in range(50)]))
     assert math.isfinite(visible)
     assert visible < absent - 600
     belief = filtered([(0, PERSON_M + 0.1 * (-1) ** i, 0.05) for i in range(300)])
-    assert all(math.isfinite(density) for density in log_evidence(belief))
+    assert all(math.isfinite(density) for density in DISTANCES.log_evidence(belief))
     assert np.all(np.linalg.eigvalsh(belief.spread.covariance) > -1e-12)
     for parts in (likelihood.SIGMA_SCALES, likelihood.ERROR_DRIFTS, likelihood.ABSENT_MOTIONS):
         assert sum(part[-1] for part in parts) == pytest.approx(1.0)

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clients.robot.hiding.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, Obstacle
-from clients.robot.hiding.matcher import TAGS_MAX_COUNT, Matcher
 from clients.robot.hiding.tracking import Track
+from clients.robot.matching.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, Obstacle
+from clients.robot.matching.matcher import TAGS_MAX_COUNT, Matcher
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M as SIGMA_MAX_M
 from clients.robot.sensing.sensor_events import Facing, Sighting
 
@@ -21,7 +21,8 @@ def walker(number: int, middle_m: float, *, swing_m: float = 0.6, seconds: float
     """A person who walks to and fro along the corridor, followed at 10 Hz."""
     times = [round(100 * i) for i in range(round(seconds * 10))]
     ranges = [middle_m + swing_m * math.sin(at / 900) for at in times]
-    return Track(number, times[0], times[-1], 0.0, middle_m, times=times, ranges=ranges)
+    bearings = [0.0] * len(times)
+    return Track(number, times[0], times[-1], 0.0, middle_m, times=times, ranges=ranges, bearings=bearings)
 
 
 def reading(at_ms: int, distance_m: float | None, facing: Facing = Facing.FRONT) -> Sighting:
@@ -29,8 +30,8 @@ def reading(at_ms: int, distance_m: float | None, facing: Facing = Facing.FRONT)
 
 
 def worn_by(track: Track, rng: np.random.Generator, *, every_ms: int = 500) -> list[Sighting]:
-    ranges = {at: track.range_at(at) for at in range(0, track.seen_ms, every_ms)}
-    return [reading(at, r + float(rng.normal(0, SIGMA_M))) for at, r in ranges.items() if r is not None]
+    places = {at: track.place_at(at) for at in range(0, track.seen_ms, every_ms)}
+    return [reading(at, place[0] + float(rng.normal(0, SIGMA_M))) for at, place in places.items() if place is not None]
 
 
 def bind(tracks: list[Track], sightings: list[Sighting]) -> Matcher:

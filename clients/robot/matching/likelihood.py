@@ -1,12 +1,13 @@
 """Likelihood of a tag's readings, worn by a followed person or by an absent bearer.
 
-Mixtures of Kalman filters, one reading at a time; natural log densities, metres, ms. State: position (m; bias if in view),
-speed (m/s), reader drift (standard deviations).
+Mixtures of Kalman filters, one reading at a time; natural log densities, ms, metres or degrees. State: position (bias if in
+view), speed, reader drift (standard deviations). Distances and bearings have filters of their own.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -23,6 +24,10 @@ BIAS_SIGMA_M = 0.15
 # An absent bearer: somewhere in range, standing (no acceleration) or walking (m^2/s^3), each with its weight.
 ABSENT_MEAN_M, ABSENT_SIGMA_M = 3.0, 2.0
 ABSENT_MOTIONS = ((0.0, 0.0, 0.4), (0.7, 0.02, 0.3), (0.7, 0.3, 0.3))
+# The same of bearings, in degrees: of a person some 3 m away. Nobody knows on which side an absent bearer is.
+BEARING_BIAS_SIGMA_DEG = 4.0
+ABSENT_BEARING_DEG, ABSENT_BEARING_SIGMA_DEG = 0.0, 60.0
+ABSENT_TURNS = ((0.0, 0.0, 0.4), (13.0, 7.0, 0.3), (13.0, 108.0, 0.3))
 # A tag in view is mostly heard by the antenna that faces as the camera does; an absent one mostly by the other,
 # but it may also be in front and out of the picture.
 VISIBLE_FRONT = ((18.0, 2.0, 1.0),)
@@ -60,11 +65,17 @@ class Belief(NamedTuple):
 
 
 class Filters:
-    """Filters of both hypotheses, in-view first; holds no readings."""
+    """Filters of both hypotheses, in-view first; holds no readings.
 
-    def __init__(self) -> None:
-        in_view = [(0.0, BIAS_SIGMA_M, 0.0, 0.0, 1.0)]
-        absent = [(ABSENT_MEAN_M, ABSENT_SIGMA_M, *motion) for motion in ABSENT_MOTIONS]
+    `bias_sigma`: of an error that stays. An absent bearer: mean and standard deviation of the place, and motions: standard
+    deviation of the speed, spectral density of the acceleration, weight.
+    """
+
+    def __init__(
+        self, bias_sigma: float, absent_mean: float, absent_sigma: float, motions: Sequence[tuple[float, float, float]]
+    ) -> None:
+        in_view = [(0.0, bias_sigma, 0.0, 0.0, 1.0)]
+        absent = [(absent_mean, absent_sigma, *motion) for motion in motions]
         rows = [
             (mean, place, speed, acceleration, scale, drift_s, share, math.log(weight * scale_weight * drift_weight))
             for mean, place, speed, acceleration, weight in in_view + absent
@@ -73,8 +84,8 @@ class Filters:
         ]
         mean, place, speed, acceleration, scale, drift_s, share, log_weight = np.array(rows).T
         self._count = len(rows)
-        self.visible_count = len(SIGMA_SCALES) * len(ERROR_DRIFTS)
-        self.in_view = np.arange(self._count) < self.visible_count
+        self._visible_count = len(SIGMA_SCALES) * len(ERROR_DRIFTS)
+        self._in_view = np.arange(self._count) < self._visible_count
         self._acceleration = acceleration
         self._drift_s = drift_s
         self._white = (1 - share) * scale**2
@@ -86,17 +97,32 @@ class Filters:
         self.start = Belief(means, log_weight, Spread(None, covariance))
         self._transition = lru_cache(_TRANSITIONS_KEPT_COUNT)(self._make_transition)
 
-    def step(self, spread: Spread, at_ms: int, sigma_m: float) -> FilterUpdate:
+    def step(self, spread: Spread, at_ms: int, sigma: float) -> FilterUpdate:
         motion, noise = self._transition(max(0, at_ms - (at_ms if spread.at_ms is None else spread.at_ms)))
         covariance = motion @ spread.covariance @ motion.transpose(0, 2, 1) + noise
         # What is measured is the position plus the drifting error: (1, 0, drifting) of the state, and fresh noise.
-        drifting = self._drifting * sigma_m
+        drifting = self._drifting * sigma
         across = covariance[:, :, 0] + covariance[:, :, 2] * drifting[:, None]
-        variance = across[:, 0] + across[:, 2] * drifting + self._white * (sigma_m * sigma_m)
+        variance = across[:, 0] + across[:, 2] * drifting + self._white * (sigma * sigma)
         gain = across / variance[:, None]
         after = covariance - gain[:, :, None] * across[:, None, :]
         constant = -0.5 * (_LOG_2PI + np.log(variance))
         return FilterUpdate(Spread(at_ms, after), motion, drifting, gain, 1 / variance, constant)
+
+    def update(self, belief: Belief, step: FilterUpdate, measured: float, of_person: float) -> Belief:
+        """`of_person`: the range, or bearing, of the person at the reading."""
+        predicted = (step.motion @ belief.mean[:, :, None])[:, :, 0]
+        error = measured - of_person * self._in_view - predicted[:, 0] - step.drifting * predicted[:, 2]
+        log_density = belief.log_density + step.constant - 0.5 * error * error * step.precision
+        return Belief(predicted + step.gain * error[:, None], log_density, step.after)
+
+    def log_evidence(self, belief: Belief) -> tuple[float, float]:
+        """Return log densities: worn by this person; absent."""
+        top = belief.log_density.max()
+        shares = np.exp(belief.log_density - top)
+        visible = float(shares[: self._visible_count].sum())
+        absent = float(shares[self._visible_count :].sum())
+        return float(top) + math.log(max(visible, _TINY)), float(top) + math.log(max(absent, _TINY))
 
     def _make_transition(self, elapsed_ms: int) -> tuple[Array, Array]:
         """Both (components, 3, 3)."""
@@ -113,24 +139,8 @@ class Filters:
         return motion, noise
 
 
-FILTERS = Filters()
-
-
-def update_belief(belief: Belief, step: FilterUpdate, distance_m: float, person_m: float) -> Belief:
-    """`person_m`: the person's range at the reading."""
-    predicted = (step.motion @ belief.mean[:, :, None])[:, :, 0]
-    error = distance_m - person_m * FILTERS.in_view - predicted[:, 0] - step.drifting * predicted[:, 2]
-    log_density = belief.log_density + step.constant - 0.5 * error * error * step.precision
-    return Belief(predicted + step.gain * error[:, None], log_density, step.after)
-
-
-def log_evidence(belief: Belief) -> tuple[float, float]:
-    """Return log densities: worn by this person; absent."""
-    top = belief.log_density.max()
-    shares = np.exp(belief.log_density - top)
-    visible = float(shares[: FILTERS.visible_count].sum())
-    absent = float(shares[FILTERS.visible_count :].sum())
-    return float(top) + math.log(max(visible, _TINY)), float(top) + math.log(max(absent, _TINY))
+DISTANCES = Filters(BIAS_SIGMA_M, ABSENT_MEAN_M, ABSENT_SIGMA_M, ABSENT_MOTIONS)
+BEARINGS = Filters(BEARING_BIAS_SIGMA_DEG, ABSENT_BEARING_DEG, ABSENT_BEARING_SIGMA_DEG, ABSENT_TURNS)
 
 
 def log_sum(values: list[float]) -> float:

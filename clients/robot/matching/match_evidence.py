@@ -39,6 +39,9 @@ class MatchNumbers(Answer, frozen=True, kw_only=True):
     rival_log_odds: Annotated[float | UnsetType, doc("For who fits next best; absent if one person was in view")] = (
         UNSET
     )
+    bearing_log_odds: Annotated[
+        float | UnsetType, doc("What bearings alone say for that person; absent if the reader told none")
+    ] = UNSET
     distances: Annotated[Count, doc("How many distances were compared with the camera's")]
     gap_m: Annotated[float, doc("Mean of distance minus camera range, in metres")]
     spread_m: Annotated[float, doc("Standard deviation of distance minus camera range, in metres")]
@@ -93,7 +96,7 @@ class MatchEvidence:
 
     `distances`: number compared; `gap_m`, `spread_m`: mean and standard deviation of distance minus camera range;
     `sigma_m`: mean stated; `delay_ms`: fitting time shift; `distance_log_odds`: against absence; `front`, `back`:
-    readings by antenna direction.
+    readings by antenna direction. `bearings`: number compared.
     """
 
     log_odds: float
@@ -108,6 +111,8 @@ class MatchEvidence:
     spread_m: float = 0.0
     range_m: float = 0.0
     delay_ms: int | None = None
+    bearings: int = 0
+    bearing_log_odds: float = 0.0
 
     @property
     def nearness(self) -> tuple[int, float, int]:
@@ -149,6 +154,7 @@ class MatchEvidence:
             needed=BIND_LOG_ODDS,
             distance_log_odds=round(self.distance_log_odds, 1),
             rival_log_odds=UNSET if self.rival_log_odds is None else round(self.rival_log_odds, 1),
+            bearing_log_odds=round(self.bearing_log_odds, 1) if self.bearings else UNSET,
             distances=self.distances,
             gap_m=round(self.gap_m, 2),
             spread_m=round(self.spread_m, 2),

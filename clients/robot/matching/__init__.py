@@ -1,0 +1,1 @@
+"""Which silhouette wears which tag, by distances and bearings over time."""
