@@ -207,6 +207,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("BACKGROUND_INVALID", 400, "The empty frames cannot be used.", "Record some seconds with nobody in the picture and nothing that moves; of a recording, choose others with --empty-seconds A..B."),
     ErrorEntry("BACKGROUND_NOT_APPROVED", 403, "Nobody has approved the empty frames of this viewpoint as they are.", "Look at their preview, then `blockrobot robot background approve NAME --by PERSON`."),
     ErrorEntry("BACKGROUND_EXPIRED", 403, "The approval of this viewpoint's empty frames is over.", "Record the empty scene anew, or approve what there is again."),
+    ErrorEntry("CALIBRATION_FAILED", 400, "The antennas could not be measured by this walk.", "Record a minute in which one person with one tag walks from side to side before the robot, 1.5 to 4 m away."),
     ErrorEntry("EXTRA_MISSING", 501, "This needs a package that is not installed.", "In your clone of BlockRobot, run the `make install-...` that the message names, e.g. `make install-attack`."),
     ErrorEntry("FRAME_INVALID", 400, "The frame's size, encoding or step is not what it says.", "Check the camera driver's settings."),
     ErrorEntry("FRAME_TIME_WRONG", 400, "The frame's stamp is too far from the time of the stream.", "Set the camera's clock, or have its driver stamp frames with the host's time."),

@@ -15,8 +15,9 @@ import numpy as np
 from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame
 from clients.robot.sensing.sensor_events import Depth, Frame, Sighting
-from clients.robot.synthetic.render import Reading, Renderer, readings
+from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Scenario, published_run_1
+from clients.robot.synthetic.tag_readings import Reading, readings
 from clients.sdk.pictures.rendition_picture import colourise, compose
 
 OUT = Path(__file__).parent / "renditions.png"

@@ -24,8 +24,9 @@ from clients.robot.hiding.frame_redactor import KeptFrame
 from clients.robot.pairing.tag_pairing import MEMORY_MS, Pairing
 from clients.robot.sensing.sensor_clocks import RunClocks
 from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
-from clients.robot.synthetic.render import Renderer, readings
+from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import published_run_1
+from clients.robot.synthetic.tag_readings import readings
 from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import decode_card_code

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from clients.robot.hiding.background import Background
@@ -25,6 +25,7 @@ from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.matching.match_evidence import MatchEvidence
 from clients.robot.matching.matcher import Matcher
 from clients.robot.pairing.tag_pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
+from clients.robot.sensing.antenna_pairs import AntennaBearings, AntennaPair
 from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
 from clients.robot.sensing.sensor_events import Depth, Frame, Odometry, Sighting, check_depth
 from consensus.errors import BlockRobotError
@@ -99,7 +100,7 @@ class FrameRedactor:
     With a `driving` camera, odometry has to say where the robot is. It hides before the empty scene only at the place where
     that fitted first, and elsewhere without it, or not at all. Tags are bound while the robot stands, at each place anew;
     while it drives, only people whom it knew before are kept. `time_of_flight`: how the camera measures; what it sees
-    between two surfaces is dropped first.
+    between two surfaces is dropped first. `antenna_pairs` give readings bearings.
     """
 
     def __init__(
@@ -108,6 +109,7 @@ class FrameRedactor:
         *,
         driving: DrivingCamera | None = None,
         time_of_flight: bool = False,
+        antenna_pairs: Sequence[AntennaPair] = (),
         focal_px: float = FOCAL_DEFAULT_PX,
         window_ms: int = WINDOW_DEFAULT_MS,
         lateness_ms: int = LATENESS_DEFAULT_MS,
@@ -118,6 +120,7 @@ class FrameRedactor:
         self._background = background
         self._driving = driving
         self._time_of_flight = time_of_flight
+        self._bearings = AntennaBearings(antenna_pairs)
         self._buffer_ms = max(buffer_ms, window_ms + lateness_ms + 1)
         self._tracker = Tracker()
         self._motion = OwnMotion() if driving is not None else None
@@ -180,6 +183,7 @@ class FrameRedactor:
     def push_sighting(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
         """Add a sighting of tag `alias`, weighed at the next frame; `known`: on the roster."""
         outputs = self.cover(alias, sighting, known=known)
+        sighting = self._bearings.locate(alias, sighting)
         if self._motion is None:
             self.matcher.add_sighting(alias, sighting, known=known)
         else:

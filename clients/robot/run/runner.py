@@ -114,7 +114,9 @@ def _redactor_of(source: Source, background: Background) -> FrameRedactor:
     driving, odometry = None, topics.odometry
     if odometry is not None:
         driving = DrivingCamera(None, odometry.keep, odometry.camera_ahead_m, odometry.camera_left_m)
-    return FrameRedactor(background, driving=driving, time_of_flight=topics.time_of_flight)
+    return FrameRedactor(
+        background, driving=driving, time_of_flight=topics.time_of_flight, antenna_pairs=topics.antenna_pairs
+    )
 
 
 def _summarise_intake(source: Source, pipeline: Pipeline, inputs: Inputs) -> RunIntake:

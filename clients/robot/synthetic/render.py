@@ -1,27 +1,22 @@
-"""Offline scenario rendering: frames, empty frames, true silhouettes, tag readings."""
+"""Offline scenario rendering: frames, empty frames, true silhouettes."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from clients.robot.sensing.sensor_events import Depth, Facing
+from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.body import Capsules, pose
 from clients.robot.synthetic.camera import AID_BIT, Camera, Image, Labels, draw
 from clients.robot.synthetic.corridor import empty_corridor
 from clients.robot.synthetic.environment import furnish, mirror, patches
 from clients.robot.synthetic.noise import CameraNoise
-from clients.robot.synthetic.scenario import Person, Scenario
+from clients.robot.synthetic.scenario import Scenario
 
 RENDERER_VERSION = 3
 EMPTY_FRAME_OFFSET = 1_000_000
-RSSI_AT_1M_DBM = -48.0
-
-SeenFrom = Callable[[Person, float], tuple[float, float, float] | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,52 +89,3 @@ class Renderer:
 @lru_cache(maxsize=4)
 def _noise_of(shape: tuple[int, int], focal_px: float, seed: int, holes: float) -> CameraNoise:
     return CameraNoise(shape, focal_px, seed, holes)
-
-
-class Reading:
-    """One synthetic tag reading: times of measurement and arrival, alias, measurements."""
-
-    __slots__ = ("alias", "antenna", "arrives_s", "at_s", "distance_m", "facing", "rssi_dbm", "sigma_m")
-
-    def __init__(
-        self,
-        alias: str,
-        at_s: float,
-        distance_m: float,
-        scenario: Scenario,
-        rng: np.random.Generator,
-        *,
-        behind: bool = False,
-    ) -> None:
-        reader = scenario.reader
-        self.alias = alias
-        self.at_s = self.arrives_s = at_s
-        self.sigma_m = reader.distance_sigma_m
-        self.distance_m = max(0.1, distance_m + float(rng.normal(0, self.sigma_m)))
-        heard_in_front = bool(rng.random() >= reader.front_misread) != behind
-        self.facing = Facing.FRONT if heard_in_front else Facing.BACK
-        self.antenna = reader.antenna_front if heard_in_front else reader.antenna_back
-        self.rssi_dbm = RSSI_AT_1M_DBM - 20 * float(np.log10(distance_m)) + float(rng.normal(0, 1.5))
-
-
-def readings(scenario: Scenario, seen: SeenFrom | None = None) -> list[Reading]:
-    """Return received readings in arrival order, without absent people's; `seen`: where a tag is from the reader."""
-    seen = scenario.seen_from_robot if seen is None else seen
-    made = []
-    for number, person in enumerate(scenario.people):
-        if person.alias in scenario.absent:
-            continue
-        rng = np.random.default_rng([scenario.seed, 2, number])
-        fate = np.random.default_rng([scenario.seed, 3, number])
-        for at_s in person.reading_times_s():
-            place = seen(person, at_s)
-            missed, late_s = fate.random() < scenario.reader.missed, fate.random() * scenario.reader.late_s
-            if place is None:
-                continue
-            right, up, ahead = place
-            distance_m = math.hypot(right, ahead, up)
-            reading = Reading(person.alias, at_s, distance_m, scenario, rng, behind=ahead < 0)
-            reading.arrives_s = at_s + late_s
-            if not missed:
-                made.append(reading)
-    return sorted(made, key=lambda reading: reading.arrives_s)

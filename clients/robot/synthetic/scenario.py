@@ -53,8 +53,16 @@ MANNER_ARMS: dict[str, tuple[Arms, Arms]] = {  # of the companion, of the one wh
 
 
 @dataclass(frozen=True, slots=True)
+class Antenna:
+    """One that looks `looks_deg` to the right of the camera's axis."""
+
+    number: int
+    looks_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class Reader:
-    """Synthetic tag reader: distance error, antennas, error rates."""
+    """Synthetic tag reader: distance error, antennas, error rates. With `antennas`, readings follow their beams."""
 
     distance_sigma_m: float
     antenna_front: int
@@ -62,6 +70,7 @@ class Reader:
     front_misread: float
     missed: float = 0.0
     late_s: float = 0.0
+    antennas: tuple[Antenna, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,8 +29,9 @@ from clients.robot.sensing.sensor_events import NS_PER_MS, Odometry, Sighting
 from clients.robot.synthetic.bag_messages import MessageCodec
 from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer
-from clients.robot.synthetic.render import RENDERER_VERSION, Renderer, readings
+from clients.robot.synthetic.render import RENDERER_VERSION, Renderer
 from clients.robot.synthetic.scenario import Scenario
+from clients.robot.synthetic.tag_readings import readings
 from clients.sdk.new_files import replace_file
 from clients.sdk.terminal.processes import is_process_alive
 from consensus.bounded_text import read_json_text

@@ -19,11 +19,13 @@ from clients.robot.hiding.segmentation import Segmented, Silhouette, segment
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.matching.matcher import Matcher
-from clients.robot.sensing.sensor_events import Depth, Frame, Mask, Sighting
+from clients.robot.sensing.antenna_pairs import AntennaBearings
+from clients.robot.sensing.sensor_events import Depth, Frame, Mask
 from clients.robot.synthetic.camera import Labels
-from clients.robot.synthetic.render import Reading, Renderer, readings
+from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.tag_readings import readings
 from clients.sdk.pictures.rendition_picture import decode_depth_png
-from network.lab.hiding.scenes import Scene, View, half_view
+from network.lab.hiding.scenes import Scene, View, half_view, sightings
 
 FRAMES_A_SECOND = 5  # of the camera's 30: what the tracks need, at a sixth of the cost
 EMPTY_FRAMES_COUNT = 12
@@ -86,30 +88,11 @@ class Stage:
         return round(index * 1000 / self.scene.scenario.frame_rate)
 
 
-def sightings(read: Iterable[Reading]) -> list[tuple[int, str, Sighting]]:
-    """(arrival in ms, alias, sighting), by arrival."""
-    made = []
-    for reading in read:
-        at_ms = round(reading.at_s * 1000)
-        seen = Sighting(
-            at_ms,
-            at_ms,
-            "",
-            reading.antenna,
-            reading.facing,
-            reading.rssi_dbm,
-            reading.distance_m,
-            reading.sigma_m,
-        )
-        made.append((round(reading.arrives_s * 1000), reading.alias, seen))
-    return made
-
-
 def release(stage: Stage, indices: Iterable[int], see: Callable[[int, Depth, Labels], None]) -> list[Output]:
     """Frames and readings go through the robot's redactor as they arrive. `see` receives each frame and its truth before
     the redactor.
     """
-    redactor = FrameRedactor(stage.background, focal_px=stage.focal_px)
+    redactor = FrameRedactor(stage.background, focal_px=stage.focal_px, antenna_pairs=stage.scene.antenna_pairs)
     waiting = sightings(readings(stage.scene.scenario))[::-1]
     outputs: list[Output] = []
     for index in indices:
@@ -217,6 +200,7 @@ class Timed:
         self.wall_ms: list[float] = []
         self._stage = stage
         self._companions, self._tracker, self._matcher = CompanionWatch(), Tracker(), Matcher()
+        self._bearings = AntennaBearings(stage.scene.antenna_pairs)
         self._waiting = sightings(readings(stage.scene.scenario))[::-1]
 
     def step(self, depth: Depth, at_ms: int) -> None:
@@ -224,7 +208,8 @@ class Timed:
         background = self._stage.background
         cpu, wall = time.thread_time(), time.perf_counter()
         while self._waiting and self._waiting[-1][0] <= at_ms:
-            self._matcher.add_sighting(*self._waiting.pop()[1:])
+            alias, sighting = self._waiting.pop()[1:]
+            self._matcher.add_sighting(alias, self._bearings.locate(alias, sighting))
         silhouettes: tuple[Silhouette, ...] = ()
         if fits(background, depth):
             segmented = segment(depth, background, self._stage.focal_px)

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from clients.robot.sensing.sensor_events import Depth, Mask
-from clients.robot.synthetic.scenario import Scenario, without
+from clients.robot.sensing.antenna_calibration import calibrate
+from clients.robot.sensing.antenna_pairs import AntennaPair
+from clients.robot.sensing.sensor_events import Depth, Mask, Sighting
+from clients.robot.synthetic.scenario import Antenna, Scenario, without
 from clients.robot.synthetic.scenes import PAIR_STRATA, draw_scene
+from clients.robot.synthetic.tag_readings import Reading, readings
 
 LEARNING, JUDGING = 1, 2
 DURATION_S = 12.0
+# Readers of the judge by their number of antennas: where each looks, in degrees to the right of the camera's axis.
+ANTENNAS = {
+    1: (Antenna(1, 0.0),),
+    2: (Antenna(1, -35.0), Antenna(2, 35.0)),
+    4: (Antenna(1, -35.0), Antenna(2, 35.0), Antenna(3, 145.0), Antenna(4, -145.0)),
+}
+CALIBRATION_S, CAMERA_SIGMA_DEG = 120.0, 0.5
 BLUR_PX = 51  # the Gaussian of the paper's prototype
 
 
@@ -24,6 +36,7 @@ class Scene:
     number: int
     stratum: str
     scenario: Scenario
+    antenna_pairs: tuple[AntennaPair, ...] = ()
 
     @property
     def owners(self) -> dict[str, int]:
@@ -33,14 +46,56 @@ class Scene:
         return without(self.scenario, *(person.alias for person in self.scenario.people if person.alias != alias))
 
 
-def draw_scenes(seed: int, count: int, purpose: int, *, duration_s: float = DURATION_S) -> list[Scene]:
-    """Two or three people, cycling through the strata. No scene of one purpose is drawn for another."""
+def draw_scenes(
+    seed: int, count: int, purpose: int, *, duration_s: float = DURATION_S, antennas: int = 0
+) -> list[Scene]:
+    """Two or three people, cycling through the strata. No scene of one purpose is drawn for another.
+
+    `antennas` (`ANTENNAS`): of a reader whose readings follow their beams; 0: one that tells front and back.
+    """
     scenes = []
+    pairs = walk_calibration(antennas, seed) if antennas > 1 else ()
     for number in range(count):
         stratum = PAIR_STRATA[number % len(PAIR_STRATA)]
         entropy = int(np.random.SeedSequence([seed, purpose, number]).generate_state(1)[0])
-        scenes.append(Scene(seed, number, stratum, draw_scene(entropy, stratum, duration_s=duration_s)))
+        scenario = draw_scene(entropy, stratum, duration_s=duration_s)
+        if antennas:
+            scenario = replace(scenario, reader=replace(scenario.reader, antennas=ANTENNAS[antennas]))
+        scenes.append(Scene(seed, number, stratum, scenario, pairs))
     return scenes
+
+
+def walk_calibration(antennas: int, seed: int) -> tuple[AntennaPair, ...]:
+    """Return what the robot measures of its antennas while one person walks before it."""
+    drawn = draw_scene(seed, "single", duration_s=CALIBRATION_S)
+    scenario = replace(drawn, reader=replace(drawn.reader, antennas=ANTENNAS[antennas]))
+    rng = np.random.default_rng([seed, antennas])
+    seen = []
+    for at_ms in range(0, round(1000 * CALIBRATION_S), 100):
+        place = scenario.seen_from_robot(scenario.people[0], at_ms / 1000)
+        if place is not None:
+            bearing_deg = math.degrees(math.atan2(place[0], place[2]))
+            seen.append((at_ms, bearing_deg + float(rng.normal(0, CAMERA_SIGMA_DEG))))
+    return calibrate(seen, [sighting for _, _, sighting in sightings(readings(scenario))]).pairs
+
+
+def sightings(read: Iterable[Reading]) -> list[tuple[int, str, Sighting]]:
+    """(arrival in ms, alias, sighting), by arrival."""
+    made = []
+    for reading in read:
+        at_ms = round(reading.at_s * 1000)
+        seen = Sighting(
+            at_ms,
+            at_ms,
+            "",
+            reading.antenna,
+            reading.facing,
+            reading.rssi_dbm,
+            reading.distance_m,
+            reading.sigma_m,
+        )
+        made.append((round(reading.arrives_s * 1000), reading.alias, seen))
+    return made
 
 
 @dataclass(frozen=True, slots=True, eq=False)

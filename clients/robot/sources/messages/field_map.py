@@ -15,7 +15,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M, NS_PER_MS, Facing, Sighting
+from clients.robot.sensing.sensor_events import (
+    BEARING_SIGMA_MAX_DEG,
+    DISTANCE_SIGMA_MAX_M,
+    NS_PER_MS,
+    Facing,
+    Sighting,
+)
 from clients.robot.sources.messages.image_decoding import refuse
 from consensus.errors import BlockRobotError
 
@@ -33,6 +39,7 @@ JSON_DEPTH_MAX_COUNT = 6
 
 TIME_UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 LENGTH_UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+ANGLE_UNITS_DEG = {"deg": 1.0, "rad": 180 / math.pi}
 RSSI_UNITS_DBM = {"dBm": 1.0, "cdBm": 0.01}
 
 _FIELD = r"[A-Za-z_][A-Za-z0-9_]*(\{\})?(\[\])?"
@@ -102,7 +109,8 @@ def header_ms(message: Any) -> int | None:
 class TagMap:
     """Paths of a sighting's fields; empty: absent.
 
-    `distance_sigma`: number or path; `front`, `back`: antennas by number or name; `facing`: a path, or a fixed `front`
+    `distance_sigma`, `bearing_sigma`: number or path; `bearing_positive`: `left` (REP 103) or `right`; `front`, `back`:
+    antennas by number or name; `facing`: a path, or a fixed `front`
     or `back`.
     """
 
@@ -116,6 +124,10 @@ class TagMap:
     distance: str = ""
     distance_sigma: str | float = ""
     distance_unit: str = "m"
+    bearing: str = ""
+    bearing_sigma: str | float = ""
+    bearing_unit: str = "deg"
+    bearing_positive: str = "left"
     first_seen: str = ""
     last_seen: str = ""
     time_unit: str = "ns"
@@ -134,6 +146,8 @@ class TagMap:
             "rssi": self.rssi,
             "distance": self.distance,
             "distance_sigma": self.distance_sigma if isinstance(self.distance_sigma, str) else "",
+            "bearing": self.bearing,
+            "bearing_sigma": self.bearing_sigma if isinstance(self.bearing_sigma, str) else "",
             "first_seen": self.first_seen,
             "last_seen": self.last_seen,
             "read_count": self.read_count,
@@ -182,6 +196,7 @@ class TagMap:
         if not 0 <= last - first <= SEEN_MAX_MS:
             raise refuse("time", "A reading ends before it begins, or lasts too long.")
         distance, sigma = self._distance(row)
+        bearing, bearing_sigma = self._bearing(row)
         antenna = row[self.antenna] if self.antenna else 0
         return Sighting(
             first_seen_ms=first + shift_ms,
@@ -192,6 +207,8 @@ class TagMap:
             rssi_dbm=_finite(row[self.rssi]) * RSSI_UNITS_DBM[self.rssi_unit] if self.rssi else 0.0,
             distance_m=distance,
             sigma_m=sigma,
+            bearing_deg=bearing,
+            bearing_sigma_deg=bearing_sigma,
             read_count=max(1, int(_finite(row[self.read_count]))) if self.read_count else 1,
             received_at_ms=received_at_ms,
             origin=origin,
@@ -206,6 +223,16 @@ class TagMap:
         sigma = _number(row[value]) * unit if isinstance(value, str) else value * unit
         usable = math.isfinite(distance) and math.isfinite(sigma) and distance > 0 and 0 < sigma <= DISTANCE_SIGMA_MAX_M
         return (distance, sigma) if usable else (None, None)
+
+    def _bearing(self, row: dict[str, Any]) -> tuple[float | None, float | None]:
+        if not self.bearing:
+            return None, None
+        unit = ANGLE_UNITS_DEG[self.bearing_unit]
+        bearing = _number(row[self.bearing]) * (unit if self.bearing_positive == "right" else -unit)
+        value = self.bearing_sigma
+        sigma = (_number(row[value]) if isinstance(value, str) else value) * unit
+        usable = math.isfinite(bearing) and 0 < sigma <= BEARING_SIGMA_MAX_DEG
+        return ((bearing + 180) % 360 - 180, sigma) if usable else (None, None)
 
     def _facing(self, row: dict[str, Any], antenna: Any) -> Facing:
         if self.facing:

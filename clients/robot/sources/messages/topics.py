@@ -9,9 +9,17 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
+from clients.robot.sensing.antenna_pairs import AntennaPair
 from clients.robot.sensing.message_names import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC, SIGHTING_TYPE
-from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M
-from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, RSSI_UNITS_DBM, TIME_UNITS_NS, TagMap, check_path
+from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, DISTANCE_SIGMA_MAX_M
+from clients.robot.sources.messages.field_map import (
+    ANGLE_UNITS_DEG,
+    LENGTH_UNITS_M,
+    RSSI_UNITS_DBM,
+    TIME_UNITS_NS,
+    TagMap,
+    check_path,
+)
 from clients.robot.sources.messages.message_types import MessageTypes
 from clients.sdk.new_files import read_given_file
 from consensus.bounded_text import TOML_MAX_BYTES, TextInvalidError, read_toml_text
@@ -20,8 +28,10 @@ from consensus.errors import BlockRobotError
 TAG_TOPICS_MAX_COUNT = 16
 LLRP_PORT = 5084
 LLRP_READERS_MAX_COUNT = 8
+ANTENNA_PAIRS_MAX_COUNT = 32
 ANTENNA_MAX = 65_535
 OFFSET_MAX_M = 5.0
+ANTENNA_OFFSET_MAX_DB = 60.0
 
 ClockName = Literal["stamp", "recording"]
 DETECTION_MAP = TagMap(
@@ -37,7 +47,9 @@ DETECTION_MAP = TagMap(
 )
 STRING_TYPE = "std_msgs/msg/String"
 _STRING_MAP = TagMap(epc="data")
-_SETTINGS = ("clock", "depth", "empty", "tags", "rgb", "labels", "audio", "odometry", "definitions", "llrp")
+_SETTINGS = (
+    "clock", "depth", "empty", "tags", "rgb", "labels", "audio", "odometry", "definitions", "llrp", "antenna_pairs"
+)  # fmt: skip
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,252})|[0-9A-Fa-f:.]{2,45}")
 FIELDS_SHOWN_MAX_COUNT = 24
 
@@ -103,7 +115,7 @@ class LlrpReader:
 @dataclass(frozen=True, slots=True)
 class Topics:
     """What to read. `clock` selects message or recording time; `focal_px` None: from the recording or unknown;
-    `time_of_flight`: how the camera measures; `llrp` is live-only.
+    `time_of_flight`: how the camera measures; `llrp` is live-only; `antenna_pairs` give readings their bearings.
     """
 
     depth: str = DEPTH_TOPIC
@@ -119,6 +131,7 @@ class Topics:
     clock: ClockName = "stamp"
     definitions: Mapping[str, str] = field(default_factory=dict)
     llrp: tuple[LlrpReader, ...] = ()
+    antenna_pairs: tuple[AntennaPair, ...] = ()
 
     @property
     def wanted(self) -> dict[str, str]:
@@ -179,6 +192,7 @@ def parse_topics(text: str) -> Topics:
         clock=cast(ClockName, clock),
         definitions=table.texts("definitions"),
         llrp=readers,
+        antenna_pairs=tuple(_antenna_pair(row) for row in table.tables("antenna_pairs", *_names_of(AntennaPair))),
     )
     return check_topics(topics)
 
@@ -198,7 +212,21 @@ def check_topics(topics: Topics) -> Topics:
     places = [(reader.host, reader.port) for reader in topics.llrp]
     if len(set(places)) < len(places) or len(places) > LLRP_READERS_MAX_COUNT:
         raise _wrong(f"An LLRP reader is named twice, or there are more than {LLRP_READERS_MAX_COUNT}.")
+    _check_antenna_pairs(topics)
     return topics
+
+
+def _check_antenna_pairs(topics: Topics) -> None:
+    readers = [*(tags.topic for tags in topics.tags), *(reader.address for reader in topics.llrp)]
+    if len(topics.antenna_pairs) > ANTENNA_PAIRS_MAX_COUNT:
+        raise _wrong(f"There are more than {ANTENNA_PAIRS_MAX_COUNT} antenna_pairs.")
+    for place, pair in enumerate(topics.antenna_pairs):
+        if pair.reader and rooted(pair.reader) not in [*map(rooted, readers)]:
+            raise _wrong(
+                f"antenna_pairs[{place}].reader = {pair.reader!r} is none of the readers: {', '.join(readers)}."
+            )
+        if not pair.reader and len(readers) > 1:
+            raise _wrong(f"antenna_pairs[{place}].reader is missing: there are several, {', '.join(readers)}.")
 
 
 def tags_by_type(topic: str, type_name: str) -> TagTopic:
@@ -238,6 +266,11 @@ def _tag_topic(table: _Table) -> TagTopic:
         raise _wrong(f"{table.name}distance needs distance_unit: m, cm or mm, as the reader tells it.")
     sigma: str | float = table.number("distance_sigma") if table.is_number("distance_sigma") else ""
     sigma = sigma or table.path("distance_sigma")
+    if table.has("bearing") and not (table.has("bearing_unit") and table.has("bearing_sigma")):
+        raise _wrong(
+            f"{table.name}bearing needs bearing_unit, deg or rad, and bearing_sigma, how far off it usually is."
+        )
+    bearing_sigma: str | float = table.number("bearing_sigma") if table.is_number("bearing_sigma") else ""
     made = TagMap(
         epc=table.path("epc", required=True),
         antenna=table.path("antenna"),
@@ -249,6 +282,10 @@ def _tag_topic(table: _Table) -> TagTopic:
         distance=table.path("distance"),
         distance_sigma=sigma,
         distance_unit=table.word("distance_unit", "m", tuple(LENGTH_UNITS_M)),
+        bearing=table.path("bearing"),
+        bearing_sigma=bearing_sigma or table.path("bearing_sigma"),
+        bearing_unit=table.word("bearing_unit", "deg", tuple(ANGLE_UNITS_DEG)),
+        bearing_positive=table.word("bearing_positive", "left", ("left", "right")),
         first_seen=table.path("first_seen"),
         last_seen=table.path("last_seen"),
         time_unit=table.word("time_unit", "ns", tuple(TIME_UNITS_NS)),
@@ -289,6 +326,23 @@ def _llrp_reader(table: _Table) -> LlrpReader:
     return made
 
 
+def _antenna_pair(table: _Table) -> AntennaPair:
+    made = AntennaPair(
+        left=table.antenna("left"),
+        right=table.antenna("right"),
+        offset_db=table.number_between("offset_db", -ANTENNA_OFFSET_MAX_DB, ANTENNA_OFFSET_MAX_DB),
+        slope_db_per_deg=table.number("slope_db_per_deg"),
+        sigma_db=table.number("sigma_db"),
+        reader=table.text("reader", required=False),
+    )
+    if not made.is_usable():
+        raise _wrong(
+            f"{table.name[:-1]} tells no bearings: it needs two antennas, left and right, and sigma_db below "
+            f"{BEARING_SIGMA_MAX_DEG:g} times slope_db_per_deg. Measure them by blockrobot robot antennas."
+        )
+    return made
+
+
 def _labels(table: _Table) -> LabelTopic:
     return LabelTopic(table.text("topic"), table.path("text") or "data", table.path("confidence"))
 
@@ -310,8 +364,8 @@ def _odometry(table: _Table) -> OdometryTopic:
         topic=table.text("topic"),
         parent=table.text("parent", required=False),
         child=table.text("child", required=False),
-        camera_ahead_m=table.offset_m("camera_ahead_m"),
-        camera_left_m=table.offset_m("camera_left_m"),
+        camera_ahead_m=table.number_between("camera_ahead_m", -OFFSET_MAX_M, OFFSET_MAX_M, "metres"),
+        camera_left_m=table.number_between("camera_left_m", -OFFSET_MAX_M, OFFSET_MAX_M, "metres"),
         keep=table.flag("keep"),
     )
 
@@ -366,11 +420,17 @@ class _Table:
             raise _wrong(f"{self.name}{key} must be above 0.")
         return default if value is None else float(value)
 
-    def offset_m(self, key: str) -> float:
-        value = self._take(key, (int, float), "a number of metres")
-        if value is not None and not -OFFSET_MAX_M <= value <= OFFSET_MAX_M:
-            raise _wrong(f"{self.name}{key} must be between -{OFFSET_MAX_M:g} and {OFFSET_MAX_M:g} metres.")
+    def number_between(self, key: str, least: float, most: float, unit: str = "") -> float:
+        value = self._take(key, (int, float), f"a number{' of ' if unit else ''}{unit}")
+        if value is not None and not least <= value <= most:
+            raise _wrong(f"{self.name}{key} must be between {least:g} and {most:g}{' ' if unit else ''}{unit}.")
         return float(value or 0.0)
+
+    def antenna(self, key: str) -> int:
+        value = self._take(key, int, "an antenna's number, from 1")
+        if value is None or not 0 < value <= ANTENNA_MAX:
+            raise _wrong(f"{self.name}{key} must be an antenna's number, from 1.")
+        return int(value)
 
     def names(self, key: str) -> tuple[str, ...]:
         values = self._take(key, list, "a list of antennas") or []
@@ -401,7 +461,9 @@ class _Table:
         return [_Table(value, f"{key}[{place}]", known) for place, value in enumerate(values)]
 
 
-def _names_of(kind: type[TagMap | LabelTopic | AudioTopic | OdometryTopic | LlrpReader]) -> tuple[str, ...]:
+def _names_of(
+    kind: type[TagMap | LabelTopic | AudioTopic | OdometryTopic | LlrpReader | AntennaPair],
+) -> tuple[str, ...]:
     return tuple(one.name for one in fields(kind))
 
 

@@ -10,8 +10,8 @@ from clients.robot.synthetic.driving.furniture import Piece
 from clients.robot.synthetic.driving.odometry import Fault, OdometrySample, measure_odometry
 from clients.robot.synthetic.driving.robot_motion import STEADY_MPS, STEADY_RADPS, Wobble
 from clients.robot.synthetic.driving.room import Room
-from clients.robot.synthetic.render import Reading, readings
 from clients.robot.synthetic.scenario import Person, Scenario, without
+from clients.robot.synthetic.tag_readings import Reading, readings
 
 SPEED_STEP_S = 0.02
 

@@ -20,7 +20,8 @@ from clients.robot.synthetic.driving.drive_render import DriveRenderer, DriveTru
 from clients.robot.synthetic.scenario_bag import drive_odometry
 from clients.sdk.pictures.rendition_picture import decode_depth_png
 from network.lab.hiding.moving.samples import depth_of, mount_of
-from network.lab.hiding.run_scene import VISIBLE_MIN_PX, placed, sightings
+from network.lab.hiding.run_scene import VISIBLE_MIN_PX, placed
+from network.lab.hiding.scenes import sightings
 
 EMPTY_FRAMES_COUNT = 8
 RANGE_M, APART_M = (1.0, 5.0), 1.0

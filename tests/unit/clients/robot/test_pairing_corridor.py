@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from clients.robot.pairing.tag_pairing import WINDOW_DEFAULT_MS, Decision, Pairing
 from clients.robot.sensing.sensor_clocks import RunClocks
 from clients.robot.sensing.sensor_events import Frame, Sighting
-from clients.robot.synthetic.render import readings
 from clients.robot.synthetic.scenario import Scenario, parse_scenario, published_run_1
 from clients.robot.synthetic.scenario_bag import RUN_START_MS, frame_time_ms
+from clients.robot.synthetic.tag_readings import readings
 
 DEPTH = np.zeros((1, 1), dtype=np.uint16)
 MISSED_RATE = 0.3

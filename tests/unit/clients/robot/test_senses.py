@@ -19,8 +19,9 @@ import pytest
 from clients.robot.recording import waiting_samples
 from clients.robot.sensing.message_names import DEPTH_TOPIC, EMPTY_TOPIC, IMAGE_TYPE, SIGHTING_TOPIC, SIGHTING_TYPE
 from clients.robot.sources.messages.topics import parse_topics
-from clients.robot.synthetic.render import Renderer, readings
+from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Scenario, parse_scenario
+from clients.robot.synthetic.tag_readings import readings
 from clients.wallet.ledger.wallet import RecordEntry
 from clients.wallet.records.picture_files import write_pictures
 from clients.wallet.records.viewing import RecordViewer

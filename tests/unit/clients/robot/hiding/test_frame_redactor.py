@@ -14,8 +14,9 @@ from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.pairing.tag_pairing import Decision
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Sighting
-from clients.robot.synthetic.render import Renderer, readings
+from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Scenario, published_run_1
+from clients.robot.synthetic.tag_readings import readings
 from consensus.errors import BlockRobotError
 
 EVERY = 2

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from clients.robot.sensing.sensor_events import Facing
-from clients.robot.synthetic.render import Renderer, readings
+from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Bed, Door, Scenario
 from clients.robot.synthetic.scenes import STRATA, Stratum, draw_scene, without
+from clients.robot.synthetic.tag_readings import readings
 from consensus.errors import BlockRobotError
 
 SEEDS = range(4)
