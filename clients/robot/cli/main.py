@@ -16,6 +16,7 @@ import click
 import msgspec
 from msgspec import UNSET, UnsetType
 
+from clients.robot.cli.antenna_commands import antennas
 from clients.robot.cli.background_commands import background
 from clients.robot.cli.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
 from clients.robot.cli.reading_warnings import warn_of_lens, warn_of_odometry, warn_of_readings, warn_of_silence
@@ -322,6 +323,7 @@ def _count_lost(summary: RunSummary) -> int:
 
 
 robot.add_command(topics)
+robot.add_command(antennas)
 robot.add_command(background)
 
 

@@ -50,6 +50,27 @@ class RobotTopicsAnswer(Answer, frozen=True, kw_only=True):
     next_steps: Annotated[list[str], doc("What to do next, a sentence each")]
 
 
+class RobotAntennaPair(Answer, frozen=True, kw_only=True):
+    """Two antennas: RSSI of `right` minus `left` is `offset_db` plus `slope_db_per_deg` for each degree to the right."""
+
+    reader: Annotated[str | None, doc("The topic or address of their reader; null if it names none")]
+    left: Annotated[int, doc("Number of the antenna that looks more to the left")]
+    right: Annotated[int, doc("Number of the antenna that looks more to the right")]
+    offset_db: Annotated[float, doc("Difference straight ahead, in dB")]
+    slope_db_per_deg: Annotated[float, doc("How much it grows with each degree to the right")]
+    sigma_db: Annotated[float, doc("Standard deviation of one difference")]
+    sigma_deg: Annotated[float, doc("Standard deviation of one bearing, in degrees")]
+    readings: Annotated[Count, doc("By how many pairs of readings")]
+
+
+class RobotAntennasAnswer(Answer, frozen=True, kw_only=True):
+    """Antennas that tell on which side a tag is, as one walk before the camera measured them."""
+
+    pairs: Annotated[list[RobotAntennaPair], doc("The most exact first")]
+    turn_deg: Annotated[float, doc("Over how many degrees four fifths of the walk went")]
+    file: Annotated[str | None, doc("The file that was written; null without `--out`")]
+
+
 class RobotViewpointAnswer(Answer, frozen=True, kw_only=True):
     """A viewpoint and its empty frames."""
 

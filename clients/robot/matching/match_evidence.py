@@ -80,8 +80,8 @@ HELP = {
     "clocks",
     Obstacle.VAGUE: "the distances say too little of who it was, for their stated error; a more exact reader helps, or one "
     "that reads more often",
-    Obstacle.RIVAL: "somebody else in view was about as far away. Antennas that look different ways, and a smaller error "
-    "of the distances, tell people apart",
+    Obstacle.RIVAL: "somebody else in view was about as far away. A reader that tells on which side a tag is "
+    "(blockrobot robot antennas), and a smaller error of the distances, tell people apart",
     Obstacle.NO_FACING: "no reading said which way its antenna looks, so somebody out of view, as far away, could not be "
     "excluded while the person in view kept one distance. If the reader looks as the camera does, write "
     '`facing = "front"` into its [[tags]] table, in place of `front` and `back`; else have these name the antennas heard',

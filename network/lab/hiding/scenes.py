@@ -24,7 +24,7 @@ ANTENNAS = {
     2: (Antenna(1, -35.0), Antenna(2, 35.0)),
     4: (Antenna(1, -35.0), Antenna(2, 35.0), Antenna(3, 145.0), Antenna(4, -145.0)),
 }
-CALIBRATION_S, CAMERA_SIGMA_DEG = 120.0, 0.5
+CALIBRATION_S, CROSSING_S, CAMERA_SIGMA_DEG = 240.0, 4.0, 0.5
 BLUR_PX = 51  # the Gaussian of the paper's prototype
 
 
@@ -68,7 +68,14 @@ def draw_scenes(
 def walk_calibration(antennas: int, seed: int) -> tuple[AntennaPair, ...]:
     """Return what the robot measures of its antennas while one person walks before it."""
     drawn = draw_scene(seed, "single", duration_s=CALIBRATION_S)
-    scenario = replace(drawn, reader=replace(drawn.reader, antennas=ANTENNAS[antennas]))
+    way = ((-1.0, 2.0), (1.0, 2.0), (1.6, 3.5), (-1.6, 3.5))
+    times_s = np.arange(0.0, CALIBRATION_S + CROSSING_S, CROSSING_S).tolist()
+    path = tuple((at_s, *way[turn % len(way)]) for turn, at_s in enumerate(times_s))
+    scenario = replace(
+        drawn,
+        people=(replace(drawn.people[0], path=path, facing=()),),
+        reader=replace(drawn.reader, antennas=ANTENNAS[antennas]),
+    )
     rng = np.random.default_rng([seed, antennas])
     seen = []
     for at_ms in range(0, round(1000 * CALIBRATION_S), 100):
