@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.robot.hiding.segmentation import Silhouette
-from clients.robot.hiding.tracking import LOST_AFTER_MS, UNSEEN_CERTAIN_MS, Tracker
+from clients.robot.matching.tracking import LOST_AFTER_MS, UNSEEN_CERTAIN_MS, Tracker
 
 PLACES = st.lists(st.tuples(st.floats(-0.55, 0.55), st.floats(2.6, 3.4)), min_size=2, max_size=4)
 STORY = st.lists(st.tuples(st.integers(0, 15), st.integers(1, 25)), max_size=6)

@@ -7,9 +7,9 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.robot.hiding.tracking import Track
 from clients.robot.matching.match_evidence import DISTANCE_LOG_ODDS_MIN
 from clients.robot.matching.matcher import BIND_LOG_ODDS, UNBIND_LOG_ODDS, Matcher
+from clients.robot.matching.tracking import Track
 from clients.robot.sensing.sensor_events import Facing, Sighting
 
 LAST_MS = 12_000

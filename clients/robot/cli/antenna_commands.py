@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,8 @@ def antennas(
         turn_deg = round(found.turn_deg, 1)
         print_answer(RobotAntennasAnswer(pairs=pairs, turn_deg=turn_deg, file=str(out) if out else None))
         return
-    print_line(as_toml(found).rstrip())
+    for line in as_toml(found).rstrip().split("\n"):
+        print_line(line)
     if walk.several_count:
         console.print(f"{walk.several_count} frames showed more than one person and did not count.")
     where = f" {out} holds this." if out else ""
@@ -99,7 +101,7 @@ def as_toml(found: Calibration) -> str:
         lines += [
             f"# {count} pairs of readings; the error of one bearing is {pair.sigma_deg:.0f} degrees.",
             "[[antenna_pairs]]",
-            *([f'reader = "{pair.reader}"'] if pair.reader else []),
+            *([f"reader = {json.dumps(pair.reader)}"] if pair.reader else []),
             f"left = {pair.left}",
             f"right = {pair.right}",
             f"offset_db = {pair.offset_db}",

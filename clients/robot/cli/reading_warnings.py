@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from clients.robot.hiding.tracking import Track
 from clients.robot.matching.matcher import Matcher
+from clients.robot.matching.tracking import Track
 from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
 from clients.robot.sensing.sensor_events import Facing, Sighting
 from clients.robot.sources.messages.field_map import LENGTH_UNITS_M, TagMap

@@ -114,6 +114,7 @@ ANSWERS: AnswersByCommand = {
     "robot passphrase": RobotPassphraseAnswer,
     "robot register": RobotRegisterAnswer,
     "robot topics": RobotTopicsAnswer,
+    "robot antennas": RobotAntennasAnswer,
     "robot background record": RobotViewpointAnswer,
     "robot background approve": RobotViewpointAnswer,
     "robot background list": RobotViewpointsAnswer,

@@ -1,1 +1,1 @@
-"""Hides everyone but the owner: segmentation, tracking and cutting."""
+"""Hides everyone but the owner: segmentation and cutting."""

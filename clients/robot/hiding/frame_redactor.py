@@ -20,10 +20,10 @@ from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.moving.plan_bodies import camera_points
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace, Spot
 from clients.robot.hiding.standing_hider import StandingHider
-from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.matching.match_evidence import MatchEvidence
 from clients.robot.matching.matcher import Matcher
+from clients.robot.matching.tracking import Tracker
 from clients.robot.pairing.tag_pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
 from clients.robot.sensing.antenna_pairs import AntennaBearings, AntennaPair
 from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
@@ -134,9 +134,8 @@ class FrameRedactor:
         self._pending: dict[str, deque[_Seen]] = {}
         self._newest_ms: int | None = None
         self._home: Spot | None = None  # where the empty scene fits
-        self._listened_at: RobotPlace | None = None  # where the robot stood when a reading last counted
+        self._listened_at: Spot | None = None  # where the robot stood when a reading last counted
         self._placed_by_ms: int | None = None  # the newest sample by which a frame was placed: a jump may come late
-        self._is_placed: bool | None = None  # whether people were last followed in the odometry's frame
         self._forgot_ms = 0
 
     def use_focal_px(self, focal_px: float) -> None:
@@ -230,7 +229,6 @@ class FrameRedactor:
             if found is not None:
                 if self._home is None and place is not None and not hider.is_blank:
                     self._home = Spot(place)
-                self._lose_when_axes_change(place)
                 seen.blank = hider.is_blank
                 self._blank_frames_count += hider.is_blank
                 if self._motion is not None and not hider.is_blank:
@@ -244,12 +242,6 @@ class FrameRedactor:
         if self._motion is None:
             return True
         return place is not None and (self._home is None or self._home.holds(place))
-
-    def _lose_when_axes_change(self, place: RobotPlace | None) -> None:
-        """Nobody is followed from places in the odometry's frame to places before the camera, or back."""
-        if self._is_placed is not None and self._is_placed != (place is not None):
-            self._lose_everybody()
-        self._is_placed = place is not None
 
     def _find_place(self, at_ms: int) -> RobotPlace | None:
         """Nobody is followed across a jump of the odometry."""
@@ -275,6 +267,8 @@ class FrameRedactor:
                 seen.may_show[track.number] = found.may_show[silhouette.label]
             if silhouette.withhold_reason:
                 seen.withhold_reasons[track.number] = silhouette.withhold_reason
+            elif self._tracker.may_hide_somebody(track, at_ms):
+                seen.withhold_reasons[track.number] = str(WithholdReason.OCCLUDED)
             else:
                 seen.cutouts[track.number] = found.cut(silhouette)
         merged = [one for one, track in zip(found.silhouettes, tracks, strict=True) if track is None]
@@ -304,9 +298,11 @@ class FrameRedactor:
         """From one place to the next, distances change by the robot's own motion: that tells nothing of who wears a tag."""
         if place is None:
             return
-        if self._listened_at is not None and not place.is_same_spot(self._listened_at):
+        if self._listened_at is None:
+            self._listened_at = Spot(place)
+        elif not self._listened_at.holds(place):
             self.matcher.forget_evidence()
-        self._listened_at = place
+            self._listened_at = Spot(place)
 
     def _lose_everybody(self) -> None:
         self._tracker = self._tracker.successor()

@@ -1,1 +1,1 @@
-"""Which silhouette wears which tag, by distances and bearings over time."""
+"""Follows people from frame to frame, and tells which of them wears which tag, by distances and bearings."""

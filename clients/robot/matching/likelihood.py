@@ -25,7 +25,7 @@ BIAS_SIGMA_M = 0.15
 ABSENT_MEAN_M, ABSENT_SIGMA_M = 3.0, 2.0
 ABSENT_MOTIONS = ((0.0, 0.0, 0.4), (0.7, 0.02, 0.3), (0.7, 0.3, 0.3))
 # The same of bearings, in degrees: of a person some 3 m away. Nobody knows on which side an absent bearer is.
-BEARING_BIAS_SIGMA_DEG = 4.0
+BEARING_BIAS_SIGMA_DEG = 3.0
 ABSENT_BEARING_DEG, ABSENT_BEARING_SIGMA_DEG = 0.0, 60.0
 ABSENT_TURNS = ((0.0, 0.0, 0.4), (13.0, 7.0, 0.3), (13.0, 108.0, 0.3))
 # A tag in view is mostly heard by the antenna that faces as the camera does; an absent one mostly by the other,

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clients.robot.hiding.tracking import NEAREST_RANGE_MS, Track
 from clients.robot.matching.likelihood import BEARINGS, DISTANCES, Belief, Filters, FilterUpdate, log_antenna, log_sum
 from clients.robot.matching.match_evidence import (
     BIND_LOG_ODDS,
@@ -22,6 +21,7 @@ from clients.robot.matching.match_evidence import (
     READINGS_MIN_COUNT,
     MatchEvidence,
 )
+from clients.robot.matching.tracking import NEAREST_RANGE_MS, Track
 from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, DISTANCE_SIGMA_MAX_M, Facing, Sighting
 
 PRIOR_ABSENT = 0.3

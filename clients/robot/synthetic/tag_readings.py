@@ -8,8 +8,8 @@ channel. The figures are assumptions of the scenes, not measurements of a reader
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ FADING_M = 0.15
 SWAY_M_PER_S = 0.05  # nobody stands quite still
 HEARD_MIN_DBM = -84.0
 SWITCHED_S = 0.04  # from one antenna to the next
+ROUND_S = 0.2  # all antennas in turn; a distance is told no more often than by a reader without such antennas
 
 SeenFrom = Callable[[Person, float], tuple[float, float, float] | None]
 
@@ -54,7 +55,7 @@ def readings(scenario: Scenario, seen: SeenFrom | None = None) -> list[Reading]:
         rng = np.random.default_rng([scenario.seed, 2, number])
         fate = np.random.default_rng([scenario.seed, 3, number])
         fading = _Fading(scenario.reader.antennas, np.random.default_rng([scenario.seed, 4, number]))
-        for at_s in person.reading_times_s():
+        for at_s in _times_s(person, scenario.reader):
             place = seen(person, at_s)
             missed, late_s = fate.random() < scenario.reader.missed, fate.random() * scenario.reader.late_s
             if place is None:
@@ -67,6 +68,12 @@ def readings(scenario: Scenario, seen: SeenFrom | None = None) -> list[Reading]:
             if not missed:
                 made.append(reading)
     return sorted(made, key=lambda reading: reading.arrives_s)
+
+
+def _times_s(person: Person, reader: Reader) -> Sequence[float]:
+    if reader.antennas and person.also_every_s:
+        return replace(person, also_every_s=min(ROUND_S, person.also_every_s)).reading_times_s()
+    return person.reading_times_s()
 
 
 def _by_facing(
@@ -94,6 +101,7 @@ class _Fading:
         self._rng = rng
         self._stays = rng.normal(size=len(antennas))
         self._before: tuple[float, float] | None = None  # walked (m), at (s)
+        self._measured_s = -math.inf
 
     def hear(
         self, person: Person, at_s: float, late_s: float, place: tuple[float, float, float], reader: Reader
@@ -124,7 +132,8 @@ class _Fading:
             heard.append(
                 Reading(person.alias, when_s, when_s + late_s, antenna.number, facing, round(rssi_dbm), None, None)
             )
-        if heard:  # the reader tells one distance a round, by the antenna that hears best
+        if heard and at_s >= self._measured_s + person.also_every_s - 1e-6:  # by the antenna that hears best
+            self._measured_s = at_s
             best = max(heard, key=lambda reading: reading.rssi_dbm)
             best.distance_m, best.sigma_m = measured_m, reader.distance_sigma_m
         return heard

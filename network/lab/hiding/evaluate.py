@@ -33,6 +33,7 @@ class HidingOptions:
     people: int = 8  # in each population of the re-identification
     matcher_tracks: int = 0  # also judge the matcher alone on so many drawn tracks
     companion_scenes: int = 0  # also judge the cues for companions on so many scenes of each kind
+    antennas: int = 0  # of the reader that hears the tags to the sides; 0: one that tells front and back
 
 
 def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> Result[HidingFigures]:
@@ -48,7 +49,8 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
         waiting: list[Future[SceneReport | GaitReport]] = []
         waiting += [pool.submit(judge_gait, seed, options.people, attackers[seed]) for seed in seeds]
         for seed, count in zip(seeds, _shares(options.scenes, options.seeds), strict=True):
-            waiting += [pool.submit(judge_scene, scene, attackers[seed]) for scene in draw_scenes(seed, count, JUDGING)]
+            scenes = draw_scenes(seed, count, JUDGING, antennas=options.antennas)
+            waiting += [pool.submit(judge_scene, scene, attackers[seed]) for scene in scenes]
         for done, future in enumerate(as_completed(waiting), start=1):
             result = future.result()
             if isinstance(result, GaitReport):
@@ -65,6 +67,7 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
         "seeds": options.seeds,
         "learning_scenes_a_seed": options.learning_scenes,
         "processes": processes,
+        "antennas": options.antennas,
         "frame": "640x480",
     }
     ok = len(reports) == options.scenes and holds(figures)

@@ -16,9 +16,9 @@ from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cutouts import Cutout, extract_cutout
 from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.segmentation import Segmented, Silhouette, segment
-from clients.robot.hiding.tracking import Tracker
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.matching.matcher import Matcher
+from clients.robot.matching.tracking import Tracker
 from clients.robot.sensing.antenna_pairs import AntennaBearings
 from clients.robot.sensing.sensor_events import Depth, Frame, Mask
 from clients.robot.synthetic.camera import Labels

@@ -24,7 +24,7 @@ ANTENNAS = {
     2: (Antenna(1, -35.0), Antenna(2, 35.0)),
     4: (Antenna(1, -35.0), Antenna(2, 35.0), Antenna(3, 145.0), Antenna(4, -145.0)),
 }
-CALIBRATION_S, CROSSING_S, CAMERA_SIGMA_DEG = 240.0, 4.0, 0.5
+CALIBRATION_S, CROSSING_S, CAMERA_SIGMA_DEG = 180.0, 4.0, 0.5
 BLUR_PX = 51  # the Gaussian of the paper's prototype
 
 

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from clients.robot.hiding.tracking import Track
+from clients.robot.matching.tracking import Track
 from clients.robot.sensing.sensor_events import Facing, Sighting
 
 TRACK_MS = 30_000

@@ -10,7 +10,7 @@ import numpy as np
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.segmentation import segment
-from clients.robot.hiding.tracking import Tracker
+from clients.robot.matching.tracking import Tracker
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Sighting
 from network.lab.pedestrians.film import FOCAL_PX, FRAME_MS, Film, background_of, depth_of
 

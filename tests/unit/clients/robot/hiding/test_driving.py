@@ -17,6 +17,7 @@ from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera
 from clients.robot.hiding.own_motion import SPOT_M, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.matching.matcher import Matcher
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Odometry, Sighting
 
 SHAPE = (60, 80)
@@ -75,7 +76,9 @@ class Ward:
         self.fits_everywhere = False
         self.keeps = True
         self.heard_from_ms = 0
+        self.heard_ms: frozenset[int] | None = None  # only then; None: twice a second
         self.hidden_ms = range(0)
+        self.confirms = False  # whether the camera agrees with the odometry also away from the empty scene
         self.allowed = True
         self.outputs: list[Output] = []
 
@@ -91,13 +94,16 @@ class Ward:
             place = self.odometry(at_ms - self.odometry_late_ms)
             if place is not None:
                 redactor.push_odometry(place)
-            if at_ms % READING_MS == 0 and at_ms >= self.heard_from_ms:
+            heard = at_ms % READING_MS == 0 if self.heard_ms is None else at_ms in self.heard_ms
+            if heard and at_ms >= self.heard_from_ms:
                 x_m, z_m = self.people(at_ms)[0]
                 distance_m = math.hypot(x_m, z_m - self.true_z(at_ms))
-                heard = Sighting(at_ms, at_ms, "", 1, self.facing, -50.0, distance_m, 0.2)
-                self.outputs += redactor.push_sighting("owner", heard)
+                reading = Sighting(at_ms, at_ms, "", 1, self.facing, -50.0, distance_m, 0.2)
+                self.outputs += redactor.push_sighting("owner", reading)
             if at_ms % FRAME_MS == 0:
                 self.outputs += redactor.push_frame(Frame(at_ms, at_ms // FRAME_MS, EMPTY))
+                if self.confirms and redactor._motion is not None:
+                    redactor._motion.confirm(at_ms)
         self.outputs += redactor.flush()
         self.figures = redactor.summarise_driving()
         return self
@@ -181,6 +187,41 @@ def test_what_several_places_tell_together_binds_nobody() -> None:
     assert ward.outputs
     assert not ward.kept(blank=True)
     assert not ward.kept(blank=False)
+
+
+def back_and_forth_z(at_ms: int) -> float:
+    """Away by 30 cm, and back again, for two seconds before `DRIVES_MS`."""
+    return 0.3 * max(0.0, 1 - abs(at_ms - (DRIVES_MS - 1_000)) / 1_000)
+
+
+def test_a_robot_that_comes_back_to_its_place_goes_on_with_what_it_heard_there() -> None:
+    ward = Ward()
+    ward.true_z, ward.fits_everywhere = back_and_forth_z, True
+    before, away, after = {6_000, 6_500, 7_000, 7_500}, {8_800}, {11_000, 12_000}
+    ward.heard_ms = frozenset(after)
+    assert not ward.play().kept(blank=False), "two readings are too few"
+    ward = Ward()
+    ward.true_z, ward.fits_everywhere = back_and_forth_z, True
+    ward.heard_ms = frozenset(before - {6_000, 6_500} | away | after)
+    assert ward.play().kept(blank=False)
+
+
+def creeping_z(at_ms: int) -> float:
+    """Some centimetres every second, and still in between."""
+    return 0.045 * (at_ms // 1_000 + min(1.0, at_ms % 1_000 / 200))
+
+
+def test_a_robot_that_creeps_from_stop_to_stop_adds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each step is within a spot, two are not."""
+    begun = []
+    forget = Matcher.forget_evidence
+    monkeypatch.setattr(Matcher, "forget_evidence", lambda matcher: (begun.append(1), forget(matcher)))
+    ward = Ward()
+    ward.true_z, ward.confirms = creeping_z, True
+    ward.heard_ms = frozenset(range(600, ENDS_MS, 1_000))
+    ward.play()
+    steps = ENDS_MS // 1_000
+    assert len(begun) >= steps // 2 - 1
 
 
 def test_readings_after_the_odometry_broke_off_wait_no_longer_than_their_time() -> None:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clients.robot.hiding.tracking import Track
 from clients.robot.matching.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, Obstacle
 from clients.robot.matching.matcher import TAGS_MAX_COUNT, Matcher
+from clients.robot.matching.tracking import Track
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M as SIGMA_MAX_M
 from clients.robot.sensing.sensor_events import Facing, Sighting
 
@@ -348,3 +348,57 @@ def test_a_storm_of_strangers_pushes_out_those_heard_longest_ago_and_no_tag_of_t
     matcher.add_sighting("stranger", reading(1_000, 2.5), known=False)
     assert not matcher.has_distance("stranger")
     assert matcher.has_distance("tag-0")
+
+
+def at_bearing(track: Track, bearing_deg: float) -> Track:
+    track.bearings = [bearing_deg] * len(track.times)
+    return track
+
+
+def heard_at(readings: list[Sighting], bearing_deg: float, rng: np.random.Generator) -> list[Sighting]:
+    """The same readings, of a reader that tells bearings with an error of 8 degrees."""
+    return [
+        replace(one, bearing_deg=bearing_deg + float(rng.normal(0, 8.0)), bearing_sigma_deg=8.0) for one in readings
+    ]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_bearings_tell_two_apart_who_are_as_far_away(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    left, right = at_bearing(walker(1, 2.5), -18.0), at_bearing(walker(2, 2.5), 18.0)
+    readings = worn_by(left, rng)
+    assert bind([left, right], readings).bound_track("tag", [1, 2]) is None
+    matcher = bind([left, right], heard_at(readings, -18.0, rng))
+    assert matcher.bound_track("tag", [1, 2]) == 1
+    evidence = matcher.explain("tag", [1, 2])
+    assert evidence is not None
+    assert evidence.summarise().bearing_log_odds == round(evidence.bearing_log_odds, 1)
+    assert evidence.bearings == len(readings)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_bearer_who_stands_beside_the_picture_binds_nobody_in_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shown = at_bearing(walker(1, 2.5), -10.0)
+    readings = worn_by(shown, rng)
+    assert bind([shown], readings).bound_track("tag", [1]) == 1, "by the distances alone"
+    assert bind([shown], heard_at(readings, 45.0, rng)).bound_track("tag", [1]) is None
+
+
+def test_bearings_alone_bind_nobody() -> None:
+    rng = np.random.default_rng(1)
+    shown = at_bearing(walker(1, 2.5), 5.0)
+    readings = heard_at([reading(at, None) for at in range(0, 14_000, 200)], 5.0, rng)
+    assert bind([shown], readings).bound_track("tag", [1]) is None
+
+
+@pytest.mark.parametrize(
+    ("bearing_deg", "sigma_deg"),
+    [(float("nan"), 8.0), (400.0, 8.0), (5.0, 0.0), (5.0, -1.0), (5.0, 90.0), (5.0, None), (None, 8.0)],
+)
+def test_a_bearing_that_is_none_counts_as_a_reading_without(bearing_deg: float | None, sigma_deg: float | None) -> None:
+    rng = np.random.default_rng(2)
+    shown = at_bearing(walker(1, 2.5), 5.0)
+    plain = worn_by(shown, rng)
+    wrong = [replace(one, bearing_deg=bearing_deg, bearing_sigma_deg=sigma_deg) for one in plain]
+    assert bind([shown], wrong).log_odds("tag") == bind([shown], plain).log_odds("tag")

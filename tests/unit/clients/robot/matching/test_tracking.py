@@ -7,7 +7,7 @@ import math
 import pytest
 
 from clients.robot.hiding.segmentation import Silhouette
-from clients.robot.hiding.tracking import GONE_MS, HIDDEN_MS, Tracker
+from clients.robot.matching.tracking import GONE_MS, HIDDEN_MS, LOST_AFTER_MS, UNSEEN_BESIDE_MS, Tracker
 
 
 def seen(x_m: float, z_m: float, withhold_reason: str = "") -> Silhouette:
@@ -228,3 +228,32 @@ def test_who_are_seen_one_after_the_other_are_not_taken_for_seen_both() -> None:
     for at_ms in range(99, 1_500, 33):
         tracker.step((one,), at_ms)
     assert hidden(tracker, (one,), 1_500)
+
+
+@pytest.mark.parametrize(
+    ("last_seen", "hidden"), [((0.3, 2.9), True), ((1.4, 2.9), False)], ids=["beside", "further away"]
+)
+def test_who_was_seen_beside_a_person_and_is_not_seen_now_may_show_through(
+    last_seen: tuple[float, float], *, hidden: bool
+) -> None:
+    tracker = Tracker()
+    (before, _) = tracker.step((seen(-0.4, 2.2), seen(*last_seen)), 0)
+    (track,) = tracker.step((seen(-0.4, 2.2),), 500)
+    assert track is before
+    assert track is not None
+    assert tracker.may_hide_somebody(track, 500) == hidden
+    tracker.step((seen(-0.4, 2.2), seen(*last_seen)), 600)
+    assert not tracker.may_hide_somebody(track, 600), "both are seen"
+
+
+def test_who_has_been_gone_for_long_shows_through_nobody() -> None:
+    tracker = Tracker()
+    tracker.step((seen(-0.4, 2.2), seen(0.3, 2.9)), 0)
+    hiding = set()
+    for at_ms in range(100, 2 * UNSEEN_BESIDE_MS, 100):
+        (track,) = tracker.step((seen(-0.4, 2.2),), at_ms)
+        assert track is not None
+        if tracker.may_hide_somebody(track, at_ms):
+            hiding.add(at_ms)
+    assert hiding >= set(range(100, UNSEEN_BESIDE_MS, 100))
+    assert max(hiding) < UNSEEN_BESIDE_MS + LOST_AFTER_MS, "from when they were last seen, or last known to be together"

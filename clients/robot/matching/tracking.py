@@ -7,13 +7,13 @@ seen again.
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
-
-from clients.robot.hiding.segmentation import Silhouette
 
 GATE_M = 0.55
 GATE_PER_M = 0.04
@@ -33,6 +33,29 @@ HIDDEN_MS = 30_000
 GONE_MS = 5_000
 TOGETHER_M, TOGETHER_MS = 1.2, 1_500
 TOGETHER_COUNT = 2
+UNSEEN_BESIDE_M, UNSEEN_BESIDE_MS = 1.0, 3_000
+
+
+class Seen(Protocol):
+    """A silhouette, as far as it is followed: its place in plan, its range and bearing from the camera."""
+
+    @property
+    def x_m(self) -> float: ...
+
+    @property
+    def z_m(self) -> float: ...
+
+    @property
+    def range_m(self) -> float: ...
+
+    @property
+    def ahead_m(self) -> float: ...
+
+    @property
+    def bearing_deg(self) -> float: ...
+
+    @property
+    def withhold_reason(self) -> str: ...
 
 
 @dataclass(slots=True, eq=False)
@@ -69,7 +92,7 @@ class Track:
     def overlaps(self, other: Track) -> bool:
         return self.began_ms <= other.seen_ms and other.began_ms <= self.seen_ms
 
-    def observe(self, seen: Silhouette, at_ms: int) -> None:
+    def observe(self, seen: Seen, at_ms: int) -> None:
         elapsed = (at_ms - self.seen_ms) / 1000
         if elapsed > 0:
             self.speed_x += SMOOTHING * ((seen.x_m - self.x_m) / elapsed - self.speed_x)
@@ -133,7 +156,18 @@ class Tracker:
         """Ranges (m) where somebody may be hidden."""
         return [track.ranges[-1] for group in self._together if group.hidden_count for track in group.apart]
 
-    def step(self, silhouettes: tuple[Silhouette, ...], at_ms: int) -> list[Track | None]:
+    def may_hide_somebody(self, track: Track, at_ms: int) -> bool:
+        """Whether somebody who was seen beside this person a moment ago is not seen now, and may show through."""
+        since_ms = at_ms - UNSEEN_BESIDE_MS
+        if any(group.hidden_count and group.seen_ms >= since_ms and track in group.apart for group in self._together):
+            return True
+        return any(
+            since_ms <= other.seen_ms < at_ms
+            and float(np.hypot(other.x_m - track.x_m, other.z_m - track.z_m)) <= UNSEEN_BESIDE_M
+            for other in self.live
+        )
+
+    def step(self, silhouettes: Sequence[Seen], at_ms: int) -> list[Track | None]:
         """Return each silhouette's track, None if merged."""
         lost = [track for track in self.live if at_ms - track.seen_ms > LOST_AFTER_MS]
         for track in lost:
@@ -160,7 +194,7 @@ class Tracker:
             match.observe(silhouettes[i], at_ms)
         return chosen
 
-    def _assign(self, silhouettes: list[Silhouette], at_ms: int) -> list[tuple[int, Track]]:
+    def _assign(self, silhouettes: Sequence[Seen], at_ms: int) -> list[tuple[int, Track]]:
         if not silhouettes or not self.live:
             return []
         shape = (len(silhouettes), len(self.live))
@@ -183,7 +217,7 @@ class Tracker:
         self,
         matches: list[tuple[int, int]],
         possible: npt.NDArray[np.bool_],
-        silhouettes: list[Silhouette],
+        silhouettes: Sequence[Seen],
         at_ms: int,
     ) -> None:
         unseen = [at_ms - track.seen_ms > UNSEEN_CERTAIN_MS for track in self.live]
@@ -200,7 +234,7 @@ class Tracker:
             if unseen[column] and any(possible[r, column] for r in range(len(possible)) if r not in found.values()):
                 self.live[column].ended = True
 
-    def _end_doubtful(self, silhouettes: tuple[Silhouette, ...], chosen: list[Track | None], at_ms: int) -> None:
+    def _end_doubtful(self, silhouettes: Sequence[Seen], chosen: list[Track | None], at_ms: int) -> None:
         taken = {track.number for track in chosen if track is not None}
         lost = [track for track in self.live if track.number not in taken]
         for seen, matched in zip(silhouettes, chosen, strict=True):
@@ -216,12 +250,12 @@ class Tracker:
                     track.ended = True
                 self._note_swallowed(seen, (*inside, matched), at_ms)
 
-    def _note_swallowed(self, seen: Silhouette, ended: tuple[Track, ...], at_ms: int) -> None:
+    def _note_swallowed(self, seen: Seen, ended: tuple[Track, ...], at_ms: int) -> None:
         near = [group for group in self._together if group.is_near(seen.x_m, seen.z_m, at_ms)]
         counted = {track.number for group in near for track in group.counted}
         self._note_together(seen, tuple(track for track in ended if track.number not in counted), at_ms)
 
-    def _note_together(self, seen: Silhouette, ended: tuple[Track, ...], at_ms: int) -> None:
+    def _note_together(self, seen: Seen, ended: tuple[Track, ...], at_ms: int) -> None:
         near = [group for group in self._together if group.is_near(seen.x_m, seen.z_m, at_ms)]
         self._together = [group for group in self._together if group not in near]
         # Who has left the others counts as seen, though they still look like two; whose track has just ended does not.
@@ -255,7 +289,7 @@ class Tracker:
             group.hidden_count -= 1
         group.apart.append(track)
 
-    def _begin(self, seen: Silhouette, before: Track | None, at_ms: int) -> Track:
+    def _begin(self, seen: Seen, before: Track | None, at_ms: int) -> Track:
         self._count += 1
         since_ms = at_ms if before is None else before.since_ms
         track = Track(self._count, at_ms, at_ms, seen.x_m, seen.z_m, since_ms=since_ms)
@@ -264,6 +298,6 @@ class Tracker:
         return track
 
 
-def _could_be_in(track: Track, seen: Silhouette, at_ms: int) -> bool:
+def _could_be_in(track: Track, seen: Seen, at_ms: int) -> bool:
     x, z = track.predicted(at_ms)
     return float(np.hypot(seen.x_m - x, seen.z_m - z)) <= SWALLOWED_M + GATE_PER_M * seen.ahead_m
