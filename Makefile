@@ -52,7 +52,7 @@ help:
 	@echo 'make demo          the demonstration; installs first (minutes)'
 	@echo 'make test          what must hold before a change lands; installs what it needs (minutes)'
 	@echo 'make test-fast     unit and property tests only'
-	@echo 'make test-long     all tests (an hour and a half); TEST_EFFORT=10 searches ten times as long'
+	@echo 'make test-long     all tests (an hour and three quarters); TEST_EFFORT=10 searches ten times as long'
 	@echo 'make lint types    ruff; mypy'
 	@echo 'make docs          write what is made from code and catalogues'
 	@echo 'make lock          pin all requirements anew'

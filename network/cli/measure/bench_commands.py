@@ -219,9 +219,16 @@ def flood_command(kind: str, identity: Any, seconds: float, lists: bool, as_json
     "--companion-scenes", default=0, type=click.IntRange(0, 10_000), help="Also judge companions, scenes of each kind."
 )
 @click.option("--processes", default=0, type=click.IntRange(0, 256), help="Processes (0: one for each core).")
+@click.option(
+    "--antennas",
+    default="0",
+    show_default=True,
+    type=click.Choice(["0", "1", "2", "4"]),
+    help="A reader with so many, which look to different sides (0: it tells front and back).",
+)
 @click.option("--moving", is_flag=True, help="Judge a robot that drives: --scenes, --seed and --processes count.")
 @command_output
-def hiding(as_json: bool, moving: bool, **options: int) -> None:
+def hiding(as_json: bool, moving: bool, antennas: str, **options: int) -> None:
     """Judge hiding: what hand-made and learned attackers recover of the people whom a robot hides.
 
     Exits 1 if a goal is missed. Needs the extra `attack` (scikit-learn). A line of progress goes to standard error.
@@ -236,7 +243,7 @@ def hiding(as_json: bool, moving: bool, **options: int) -> None:
         return
     from network.lab.hiding.evaluate import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
 
-    _finish(run_hiding_benchmark(HidingOptions(**options), _Teller()), as_json=as_json)
+    _finish(run_hiding_benchmark(HidingOptions(**options, antennas=int(antennas)), _Teller()), as_json=as_json)
 
 
 @bench.command("matcher")

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clients.robot.hiding.tracking import Track
 from clients.robot.matching.matcher import Matcher
+from clients.robot.matching.tracking import Track
 from clients.robot.sensing.sensor_clocks import RunClocks
 from clients.robot.sensing.sensor_events import Facing, Frame, Sighting
 

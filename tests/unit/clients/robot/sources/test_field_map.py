@@ -184,3 +184,30 @@ def test_a_message_that_does_not_fit_its_map_is_refused(made: TagMap, content: A
     with pytest.raises(BlockRobotError) as refused:
         read(made, content)
     assert (refused.value.code, refused.value.context["reason"]) == ("FRAME_INVALID", reason)
+
+
+@pytest.mark.parametrize(
+    ("unit", "positive", "told", "bearing_deg"),
+    [
+        ("deg", "right", 20.0, 20.0),
+        ("deg", "left", 20.0, -20.0),
+        ("rad", "left", math.pi / 6, -30.0),
+        ("deg", "right", 350.0, -10.0),
+        ("deg", "right", math.nan, None),
+    ],
+)
+def test_a_readers_angle_becomes_a_bearing_to_the_right(
+    unit: str, positive: str, told: float, bearing_deg: float | None
+) -> None:
+    sigma = 4.0 if unit == "deg" else 0.1
+    made = TagMap(epc="epc", bearing="angle", bearing_sigma=sigma, bearing_unit=unit, bearing_positive=positive)
+    sighting = one(made, message(epc="E2", angle=told))
+    expected = None if bearing_deg is None else sigma * (1.0 if unit == "deg" else 180 / math.pi)
+    assert sighting.bearing_deg == (None if bearing_deg is None else pytest.approx(bearing_deg))
+    assert sighting.bearing_sigma_deg == (None if expected is None else pytest.approx(expected))
+
+
+def test_an_angles_error_may_be_a_field_and_must_be_below_a_pictures_width() -> None:
+    made = TagMap(epc="epc", bearing="angle", bearing_sigma="error", bearing_positive="right")
+    assert one(made, message(epc="E2", angle=5.0, error=3.0)).bearing_sigma_deg == 3.0
+    assert one(made, message(epc="E2", angle=5.0, error=60.0)).bearing_deg is None

@@ -13,8 +13,8 @@ from msgspec.structs import replace
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cutouts import Cutout, encode_cutout
 from clients.robot.hiding.frame_redactor import KeptFrame
-from clients.robot.hiding.tracking import Tracker
 from clients.robot.matching.matcher import Matcher
+from clients.robot.matching.tracking import Tracker
 from clients.robot.sensing.sensor_events import Frame
 from network.lab.hiding import run_scene as play_module
 from network.lab.hiding.attacks import (
