@@ -323,6 +323,7 @@ class FrameRedactor:
         outputs = [*self._queue_decided(decided), *self._decide_pending(final=True)]
         self.matcher, self._newest_ms, self._forgot_ms = Matcher(), None, 0
         self._readings.clear()
+        self._bearings.restart()
         self._listened_at = None
         self._lose_everybody()
         if self._motion is not None:

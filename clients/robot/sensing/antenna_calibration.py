@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.stats import siegelslopes
 
 from clients.robot.sensing.antenna_pairs import PAIRED_WITHIN_MS, AntennaPair
-from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, Sighting
+from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, RSSI_UNKNOWN_DBM, Sighting
 from consensus.errors import BlockRobotError
 
 READINGS_MIN_COUNT = 60  # of both antennas together
@@ -45,11 +45,12 @@ def calibrate(seen: Sequence[tuple[int, float]], sightings: Sequence[Sighting]) 
     """
     times, bearings = [at for at, _ in seen], [bearing for _, bearing in seen]
     heard: dict[tuple[str, int], list[tuple[int, float]]] = {}
-    for sighting in sightings:
+    for sighting in (one for one in sightings if one.rssi_dbm != RSSI_UNKNOWN_DBM):
         heard.setdefault((sighting.origin, sighting.antenna), []).append((sighting.middle_ms, sighting.rssi_dbm))
     if len(heard) < 2:
         raise _failed(
-            "one-antenna", "Readings came from one antenna only: two are needed that look to different sides."
+            "one-antenna",
+            "Readings with an RSSI came from one antenna or none: two are needed that look to different sides.",
         )
     fits, most_count, most_deg = [], 0, 0.0
     loudest = sorted(heard, key=lambda one: -len(heard[one]))[:ANTENNAS_MAX_COUNT]

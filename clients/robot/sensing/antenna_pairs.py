@@ -11,7 +11,7 @@ from collections import OrderedDict, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, Sighting
+from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, RSSI_UNKNOWN_DBM, Sighting
 
 PAIRED_WITHIN_MS = 300
 BEARING_MAX_DEG = 90.0  # beyond it the line says only that the tag is far to that side
@@ -66,9 +66,13 @@ class AntennaBearings:
         self._tags: OrderedDict[str, _HeardByAntenna] = OrderedDict()
         self.contradicted_count = 0
 
+    def restart(self) -> None:
+        """Readings that follow have another clock."""
+        self._tags.clear()
+
     def locate(self, alias: str, sighting: Sighting) -> Sighting:
         """Return the sighting with a bearing, if it has none and another antenna heard the tag at that time."""
-        if not self._pairs or sighting.bearing_deg is not None:
+        if not self._pairs or sighting.bearing_deg is not None or sighting.rssi_dbm == RSSI_UNKNOWN_DBM:
             return sighting
         antennas = self._tags.setdefault(alias, {})
         self._tags.move_to_end(alias)

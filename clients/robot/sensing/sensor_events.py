@@ -25,6 +25,8 @@ that errs by more does not tell where in a room somebody is, and its readings co
 BEARING_SIGMA_MAX_DEG = 45.0
 """The largest error of a bearing that is taken: more than the width of a picture tells nobody in it from anybody else."""
 
+RSSI_UNKNOWN_DBM = 0.0  # no tag answers so loud
+
 Depth = npt.NDArray[np.uint16]
 Mask = npt.NDArray[np.bool_]
 
@@ -64,7 +66,7 @@ class Sighting:
     uid: str = field(repr=False)
     antenna: int = 0
     facing: Facing = Facing.UNKNOWN
-    rssi_dbm: float = 0.0
+    rssi_dbm: float = RSSI_UNKNOWN_DBM
     distance_m: float | None = None
     sigma_m: float | None = None
     bearing_deg: float | None = None

@@ -225,6 +225,9 @@ def _check_antenna_pairs(topics: Topics) -> None:
             raise _wrong(
                 f"antenna_pairs[{place}].reader = {pair.reader!r} is none of the readers: {', '.join(readers)}."
             )
+        tables = [tags for tags in topics.tags if rooted(tags.topic) == rooted(pair.reader or tags.topic)]
+        if any(not (tags.map.antenna and tags.map.rssi) for tags in tables):
+            raise _wrong(f"antenna_pairs[{place}] needs antenna and rssi in the [[tags]] table of its reader.")
         if not pair.reader and len(readers) > 1:
             raise _wrong(f"antenna_pairs[{place}].reader is missing: there are several, {', '.join(readers)}.")
 

@@ -17,7 +17,7 @@ from clients.robot.run.antenna_walk import AntennaWalk
 from clients.robot.sensing.antenna_calibration import READINGS_MIN_COUNT, calibrate
 from clients.robot.sensing.antenna_pairs import BEARING_MAX_DEG, PAIRED_WITHIN_MS, AntennaBearings, AntennaPair
 from clients.robot.sensing.message_names import SIGHTING_TOPIC
-from clients.robot.sensing.sensor_events import Facing, Sighting
+from clients.robot.sensing.sensor_events import RSSI_UNKNOWN_DBM, Facing, Sighting
 from clients.robot.sources.messages.topics import parse_topics
 from clients.robot.sources.recordings.bag_source import BagSource
 from clients.robot.synthetic.scenario import Antenna, Scenario
@@ -56,8 +56,9 @@ def test_the_second_antenna_that_hears_a_tag_tells_its_side() -> None:
         heard(40, 3, -50.0),
         heard(40, 1, -50.0),
         heard(40, 2, -50.0, origin="/another"),
+        heard(40, 2, RSSI_UNKNOWN_DBM),
     ],
-    ids=["later", "an antenna of no pair", "the same antenna", "another reader's antenna"],
+    ids=["later", "an antenna of no pair", "the same antenna", "another reader's antenna", "no RSSI"],
 )
 def test_what_was_not_heard_by_both_at_one_time_tells_no_side(other: Sighting) -> None:
     assert bearings([PAIR], heard(0, 1, -60.0), other) == [None, None]
@@ -87,6 +88,13 @@ def test_pairs_that_disagree_are_not_believed() -> None:
     for one in (heard(0, 1, -60.0), heard(20, 3, -42.0)):
         agreed.locate("tag", one)
     assert agreed.locate("tag", heard(40, 2, -49.0)).bearing_deg == pytest.approx(20.0), "the more exact pair's"
+
+
+def test_after_the_clock_was_set_back_nothing_from_before_is_a_partner() -> None:
+    located = AntennaBearings([PAIR])
+    located.locate("tag", heard(0, 1, -60.0))
+    located.restart()
+    assert located.locate("tag", heard(40, 2, -49.0)).bearing_deg is None
 
 
 def test_a_bearing_ends_at_the_side() -> None:
@@ -136,6 +144,7 @@ def test_reflections_bend_no_line_but_count_as_its_error() -> None:
         ("little-turn", walk(0.6, turn_deg=12.0)),
         ("no-slope", walk(0.0)),
         ("one-antenna", (walk(0.6)[0], walk(0.6)[1][:200])),
+        ("one-antenna", (walk(0.6)[0], [replace(one, rssi_dbm=RSSI_UNKNOWN_DBM) for one in walk(0.6)[1]])),
     ],
 )
 def test_a_walk_that_tells_nothing_is_refused_with_its_reason(reason: str, given) -> None:  # type: ignore[no-untyped-def]
@@ -186,6 +195,7 @@ def test_a_topics_file_names_antenna_pairs() -> None:
         (LINES + 'reader = "/other"\n', "is none of the readers: /rfid"),
         (LINES.replace("offset_db", "ofset_db"), "Did you mean offset_db"),
         (LINES * 33, "more than 32"),
+        ("[[tags]]\ntopic = '/deaf'\nepc = 'epc'\n" + LINES + 'reader = "/deaf"\n', "needs antenna and rssi"),
         ('[[llrp]]\nhost = "reader.local"\n' + LINES, "reader is missing"),
     ],
 )
