@@ -71,11 +71,8 @@ def walk_calibration(antennas: int, seed: int) -> tuple[AntennaPair, ...]:
     way = ((-1.0, 2.0), (1.0, 2.0), (1.6, 3.5), (-1.6, 3.5))
     times_s = np.arange(0.0, CALIBRATION_S + CROSSING_S, CROSSING_S).tolist()
     path = tuple((at_s, *way[turn % len(way)]) for turn, at_s in enumerate(times_s))
-    scenario = replace(
-        drawn,
-        people=(replace(drawn.people[0], path=path, facing=()),),
-        reader=replace(drawn.reader, antennas=ANTENNAS[antennas]),
-    )
+    people = (replace(drawn.people[0], path=path, facing=()),)
+    scenario = replace(drawn, people=people, reader=replace(drawn.reader, antennas=ANTENNAS[antennas]))
     rng = np.random.default_rng([seed, antennas])
     seen = []
     for at_ms in range(0, round(1000 * CALIBRATION_S), 100):
@@ -89,19 +86,10 @@ def walk_calibration(antennas: int, seed: int) -> tuple[AntennaPair, ...]:
 def sightings(read: Iterable[Reading]) -> list[tuple[int, str, Sighting]]:
     """(arrival in ms, alias, sighting), by arrival."""
     made = []
-    for reading in read:
-        at_ms = round(reading.at_s * 1000)
-        seen = Sighting(
-            at_ms,
-            at_ms,
-            "",
-            reading.antenna,
-            reading.facing,
-            reading.rssi_dbm,
-            reading.distance_m,
-            reading.sigma_m,
-        )
-        made.append((round(reading.arrives_s * 1000), reading.alias, seen))
+    for one in read:
+        at_ms = round(one.at_s * 1000)
+        measured = (one.antenna, one.facing, one.rssi_dbm, one.distance_m, one.sigma_m)
+        made.append((round(one.arrives_s * 1000), one.alias, Sighting(at_ms, at_ms, "", *measured)))
     return made
 
 

@@ -32,7 +32,7 @@ WEAK_FRONT_SHARES = {"present": (12, 4), "absent": (6, 10), "behind": (4, 12), "
 # Bearings: of whoever is in the picture, and of a bearer who is not, by where they are: from, to, on either side.
 VIEW_MAX_DEG = 28.0
 BEARINGS_DEG = {"absent": (32.0, 180.0), "behind": (100.0, 180.0), "aside": (32.0, 60.0)}
-BEARING_SPEED_DEG_S = 12.0
+WALK_M_PER_S, BEARING_SPEED_DEG_S = 0.6, 12.0
 BEARING_BIAS_SIGMA_DEG, BEARING_BIAS_OFF_SIGMA_DEG = 4.0, 10.0
 BEARING_OUTLIER_SHARE, BEARING_OUTLIER_MAX_DEG = 0.15, 90.0
 BEARING_UNDERSTATED, BEARING_OFF_DRIFT_S = 1.5, 6.0
@@ -103,10 +103,13 @@ def _walk(rng: np.random.Generator) -> Array:
     sway = 0.03 * np.sin(_TIMES_S * rng.uniform(0.5, 1.5) + rng.uniform(0, 6))
     if rng.random() < STANDING_SHARE:
         return np.asarray(start + sway)
+    return _reflect(start + _wander(rng, WALK_M_PER_S)) + sway
+
+
+def _wander(rng: np.random.Generator, speed_sigma: float) -> Array:
     places = np.sort(rng.uniform(0, TRACK_MS / 1000, size=6))
-    speeds = np.where(rng.random(7) < 0.25, 0.0, rng.normal(0, 0.6, size=7))
-    steps = speeds[np.searchsorted(places, _TIMES_S)] * FRAME_EVERY_MS / 1000
-    return _reflect(start + np.cumsum(steps)) + sway
+    speeds = np.where(rng.random(7) < 0.25, 0.0, rng.normal(0, speed_sigma, size=7))
+    return np.asarray(np.cumsum(speeds[np.searchsorted(places, _TIMES_S)] * FRAME_EVERY_MS / 1000))
 
 
 def _beside(rng: np.random.Generator, other: Array) -> Array:
@@ -186,10 +189,7 @@ def _turn(rng: np.random.Generator, least_deg: float, most_deg: float) -> Array:
     start = float(rng.uniform(least_deg, most_deg))
     if rng.random() < STANDING_SHARE:
         return np.full(_TIMES_S.size, start)
-    places = np.sort(rng.uniform(0, TRACK_MS / 1000, size=6))
-    speeds = np.where(rng.random(7) < 0.25, 0.0, rng.normal(0, BEARING_SPEED_DEG_S, size=7))
-    walked = start + np.cumsum(speeds[np.searchsorted(places, _TIMES_S)] * FRAME_EVERY_MS / 1000)
-    return _reflect(walked, least_deg, most_deg)
+    return _reflect(start + _wander(rng, BEARING_SPEED_DEG_S), least_deg, most_deg)
 
 
 def _drifting(rng: np.random.Generator, times: npt.NDArray[np.int64], drift_s: float) -> Array:
