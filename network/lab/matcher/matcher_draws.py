@@ -178,10 +178,9 @@ def _with_bearings(
     if off:
         reflected = rng.random(times.size) < BEARING_OUTLIER_SHARE
         measured += rng.uniform(-BEARING_OUTLIER_MAX_DEG, BEARING_OUTLIER_MAX_DEG, times.size) * reflected
-    around = (measured + 180) % 360 - 180
     return tuple(
         replace(reading, bearing_deg=bearing, bearing_sigma_deg=sigma_deg)
-        for reading, bearing in zip(readings, around.tolist(), strict=True)
+        for reading, bearing in zip(readings, ((measured + 180) % 360 - 180).tolist(), strict=True)
     )
 
 
