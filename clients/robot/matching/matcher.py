@@ -441,7 +441,7 @@ def _order(reading: Sighting) -> _Order:
 
 def _without_nonsense(sighting: Sighting) -> Sighting:
     distance_m, sigma_m = sighting.distance_m, sighting.sigma_m
-    if distance_m is None or sigma_m is None or not (0 < distance_m < math.inf and 0 < sigma_m <= DISTANCE_SIGMA_MAX_M):
+    if distance_m is None or sigma_m is None or not _is_distance(distance_m, sigma_m):
         distance_m = sigma_m = None
     else:
         sigma_m = max(sigma_m, SIGMA_MIN_M)
@@ -456,6 +456,10 @@ def _without_nonsense(sighting: Sighting) -> Sighting:
     return replace(
         sighting, distance_m=distance_m, sigma_m=sigma_m, bearing_deg=bearing_deg, bearing_sigma_deg=bearing_sigma_deg
     )
+
+
+def _is_distance(distance_m: float, sigma_m: float) -> bool:
+    return 0 < distance_m < math.inf and 0 < sigma_m <= DISTANCE_SIGMA_MAX_M
 
 
 def _is_bearing(bearing_deg: float, sigma_deg: float) -> bool:

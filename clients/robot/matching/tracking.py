@@ -33,7 +33,7 @@ HIDDEN_MS = 30_000
 GONE_MS = 5_000
 TOGETHER_M, TOGETHER_MS = 1.2, 1_500
 TOGETHER_COUNT = 2
-UNSEEN_BESIDE_M, UNSEEN_BESIDE_MS = 1.0, 3_000
+UNSEEN_BESIDE_MS = 3_000
 
 
 class Seen(Protocol):
@@ -163,7 +163,7 @@ class Tracker:
             return True
         return any(
             since_ms <= other.seen_ms < at_ms
-            and float(np.hypot(other.x_m - track.x_m, other.z_m - track.z_m)) <= UNSEEN_BESIDE_M
+            and float(np.hypot(other.x_m - track.x_m, other.z_m - track.z_m)) <= TOGETHER_M
             for other in self.live
         )
 

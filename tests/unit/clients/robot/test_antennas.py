@@ -64,6 +64,12 @@ def test_what_was_not_heard_by_both_at_one_time_tells_no_side(other: Sighting) -
     assert bearings([PAIR], heard(0, 1, -60.0), other) == [None, None]
 
 
+def test_a_pair_of_one_reader_tells_nothing_of_anothers_antennas() -> None:
+    theirs = [heard(0, 1, -60.0, origin="/another"), heard(40, 2, -50.0, origin="/another")]
+    assert bearings([replace(PAIR, reader="/rfid")], *theirs) == [None, None]
+    assert bearings([replace(PAIR, reader="/another")], *theirs)[1] is not None
+
+
 def test_each_reading_makes_one_bearing() -> None:
     found = bearings([PAIR], heard(0, 1, -60.0), heard(40, 2, -50.0), heard(80, 2, -50.0), heard(90, 1, -60.0))
     assert [bearing is not None for bearing in found] == [False, True, False, True]

@@ -266,6 +266,15 @@ def test_a_bound_bearer_in_trouble_is_withheld_for_that_frame_only(stage: Stage,
     assert len(stage.kept("ann")) == 130
 
 
+def test_a_frame_in_which_somebody_vanished_beside_the_bearer_is_withheld(stage: Stage) -> None:
+    """They may stand half behind, and show in the bearer's silhouette."""
+    gone = times(9.0, 9.2)
+    scene = {at: [stroll(at), *([] if at in gone else [Place(0.75, stroll(at).z_m + 0.6)])] for at in times(0, 14)}
+    stage.play(scene, worn("ann", 0, 14))
+    assert stage.reasons("ann", gone[0], gone[-1]) == {WithholdReason.OCCLUDED: len(gone)}
+    assert stage.kept("ann")
+
+
 def test_a_merged_blob_is_nobodys_and_the_bearer_is_known_again_after_it(stage: Stage) -> None:
     def places(at: int) -> list[Place]:
         blob = 12_000 <= at < 13_000
