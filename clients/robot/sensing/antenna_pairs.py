@@ -64,7 +64,6 @@ class AntennaBearings:
     def __init__(self, pairs: Sequence[AntennaPair]) -> None:
         self._pairs = sorted(pairs, key=lambda pair: pair.sigma_deg)
         self._tags: OrderedDict[str, _HeardByAntenna] = OrderedDict()
-        self.contradicted_count = 0
 
     def restart(self) -> None:
         """Readings that follow have another clock."""
@@ -87,7 +86,6 @@ class AntennaBearings:
             return sighting
         best, other, bearing_deg = found[0]
         if any(_disagree(best, bearing_deg, pair, other_deg) for pair, _, other_deg in found[1:]):
-            self.contradicted_count += 1
             return sighting
         mine.used = other.used = True
         return replace(sighting, bearing_deg=bearing_deg, bearing_sigma_deg=best.sigma_deg)

@@ -89,7 +89,6 @@ def test_pairs_that_disagree_are_not_believed() -> None:
     first = [located.locate("tag", one) for one in (heard(0, 1, -60.0), heard(20, 3, -90.0))]
     assert [one.bearing_deg for one in first] == [None, None]
     assert located.locate("tag", heard(40, 2, -49.0)).bearing_deg is None
-    assert located.contradicted_count == 1
     agreed = AntennaBearings([wide, PAIR])
     for one in (heard(0, 1, -60.0), heard(20, 3, -42.0)):
         agreed.locate("tag", one)
