@@ -53,6 +53,7 @@ from node.storage.ledger_store import LedgerStore, Position
 from node.sync.block_sync import LAG_TOLERATED_BLOCKS, Synchroniser
 
 HOUSEKEEPING_INTERVAL_MS = 1_000
+_VERSION = version("blockrobot")
 
 log = structlog.get_logger(__name__)
 
@@ -202,6 +203,7 @@ class NodeComponents:
         )
         self.peers.connect(self.network, self.engine, self.sync)
         self.engine.add_epoch_listener(self.peers.begin_epoch)
+        self.engine.add_unseen_listener(self.intake.note_unseen)
         self.directory.add_listener(lambda _directory: self.peers.name_producers())
         self.pool = Pool(
             mempool=self.mempool,
@@ -435,7 +437,7 @@ class NodeComponents:
             "finality": self.stall_detector.describe(),
             "suspended_height": self._suspended_height(),
             "accused": describe_accused(self.evidence_submitter, self.directory, self.executor.reader),
-            "version": version("blockrobot"),
+            "version": _VERSION,
             "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
         }
 

@@ -107,6 +107,8 @@ CoreFactory = Callable[[Head, Core], Core]
 """Makes the core of the epoch that a head begins, after the core of the epoch before."""
 EpochListener = Callable[[EpochStart], None]
 EvidenceListener = Callable[[Evidence], None]
+UnseenListener = Callable[[int, Sequence[Transaction]], None]
+"""Hears the time of a final block, in ms since 1970, and which of its transactions never waited here."""
 
 
 class Engine:
@@ -134,6 +136,7 @@ class Engine:
         self._make_core = make_core
         self._epoch_listeners: list[EpochListener] = []
         self._evidence_listeners: list[EvidenceListener] = []
+        self._unseen_listeners: list[UnseenListener] = []
         self._executor = executor
         self._mempool = mempool
         self._outages: dict[str, str] = {}
@@ -173,6 +176,9 @@ class Engine:
 
     def add_evidence_listener(self, listener: EvidenceListener) -> None:
         self._evidence_listeners.append(listener)
+
+    def add_unseen_listener(self, listener: UnseenListener) -> None:
+        self._unseen_listeners.append(listener)
 
     async def stop(self) -> None:
         self._stopped = True
@@ -354,6 +360,9 @@ class Engine:
     def _commit(self, effect: CommitBlocks) -> None:
         executed = [self._executor.executed(block.block_id) for block in effect.blocks]
         for item in executed:
+            unseen = [transaction for transaction in item.transactions if transaction.txid not in self._mempool]
+            for listener in self._unseen_listeners if unseen else ():
+                listener(item.header.timestamp_ms, unseen)
             self._mempool.remove(item.txids)
             self._unstored[item.block_id] = item.txids
         self._refresh_branch()

@@ -77,9 +77,9 @@ class TokenBucket:
         self.level_us -= cost_us
         return True
 
-    def charge(self, cost_us: float, now_s: float) -> None:
+    def charge(self, cost_us: float, now_s: float, debt_max_us: float = math.inf) -> None:
         self._fill(now_s)
-        self.level_us -= cost_us
+        self.level_us = max(self.level_us - cost_us, min(self.level_us, -debt_max_us))
 
     def wait_s(self, cost_us: float, now_s: float) -> float:
         """Return seconds until this cost, or at most a full bucket, is there."""
@@ -132,9 +132,10 @@ class TokenBuckets(Generic[K]):
         bucket, now_s = self._of(source)
         return Charge(bucket, cost_us) if bucket.take(cost_us, now_s) else None
 
-    def charge(self, source: K, cost_us: float) -> None:
+    def charge(self, source: K, cost_us: float, debt_max_us: float = math.inf) -> None:
+        """Take it even where it is not there; the debt grows to `debt_max_us` at most."""
         bucket, now_s = self._of(source)
-        bucket.charge(cost_us, now_s)
+        bucket.charge(cost_us, now_s, debt_max_us)
 
     def wait_s(self, source: K, cost_us: float = 1.0) -> float:
         bucket, now_s = self._of(source)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 EC_OPERATION_US = 100
 """One signature verified or one key recovered, with the hash before it."""
-TRANSACTION_SCREENING_US = 40
+TRANSACTION_SCREENING_US = 80
 """Decoding a transaction, and all checks that need no elliptic curve."""
 BYTES_PER_US = 512
 """Reading, decrypting and copying."""

@@ -26,7 +26,7 @@ SENDER_MAX_BYTES = 4 * 1024 * 1024
 SHARED_DIVISOR = 16
 """What part of the room of an account that many keys share one of them may take."""
 RESERVED_DIVISOR = 10
-BLOCK_SHARE_COUNT = BLOCK_TRANSACTIONS_MAX_COUNT // 4
+BLOCK_SHARE_COUNT = BLOCK_TRANSACTIONS_MAX_COUNT // 8
 """So many transactions of one account in a block at most: full blocks take longer, for everybody."""
 BLOCK_SHARE_OF_ORIGIN_COUNT = 2 * BLOCK_SHARE_COUNT
 """The same for all visits that one robot opened, some of which may be under keys of its own."""
@@ -96,7 +96,7 @@ class Mempool:
         self._cache = cache
         self._check_admission = check_admission
         self._is_spent = is_spent
-        self._account_of = account_of
+        self.account_of = account_of
         self._max_bytes = max_bytes
         self._ordinary_max_bytes = max_bytes - max_bytes // RESERVED_DIVISOR
         self._sender_max_count = sender_max_count
@@ -176,7 +176,7 @@ class Mempool:
         reserved = body.contract in RESERVED_CONTRACTS or (body.contract, body.entry) in RESERVED_CALLS
         if not self._check_admission(transaction):
             raise BlockRobotError("SENDER_NOT_ADMITTED")
-        account = self._account_of(transaction)
+        account = self.account_of(transaction)
         self._plan_evictions(
             transaction, account, reserved
         )  # for its refusal alone: nothing leaves for who has not signed

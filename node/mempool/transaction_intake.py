@@ -25,7 +25,9 @@ from node.mempool.transaction_pool import PoolStatus, SubmitResult, TransactionP
 SLICE_MAX_US = 2_000
 INLINE_MAX_COUNT = 4
 REGISTRATION_US = 3 * EC_OPERATION_US
+SIGNED_US = EC_OPERATION_US + TRANSACTION_SCREENING_US
 KNOWN_US = 5
+UNSEEN_MAX_AGE_MS = 2_000
 QUEUE_OF_PEER_MAX_BYTES = 4 * 1024 * 1024
 QUEUE_OF_CLIENT_MAX_BYTES = 2 * 1024 * 1024
 QUEUE_OF_VISIT_KEY_MAX_BYTES = 64 * 1024
@@ -41,9 +43,9 @@ SESSION_ALLOWANCE = Allowance(us_per_s=50_000, burst_us=250_000)
 VISIT_KEYS_ALLOWANCE = Allowance(us_per_s=100_000, burst_us=500_000)
 VISIT_KEY_ALLOWANCE = Allowance(us_per_s=2 * TRANSACTION_SCREENING_US, burst_us=8 * TRANSACTION_SCREENING_US)
 """What each of the visit keys at one address may have looked at when the others have used up what they share."""
-SENDER_ALLOWANCE = Allowance(us_per_s=60_000, burst_us=300_000)
-"""Some 400 transactions a second at each node, whoever brings them."""
-ORIGIN_ALLOWANCE = Allowance(us_per_s=120_000, burst_us=600_000)
+SENDER_ALLOWANCE = Allowance(us_per_s=30_000, burst_us=60_000)
+"""Some 160 transactions a second, whoever brings them to which node: each is looked at, checked and executed by all."""
+ORIGIN_ALLOWANCE = Allowance(us_per_s=60_000, burst_us=120_000)
 """The same for all visits that one robot opened, some of which may be under keys of its own."""
 TRIAL_ALLOWANCE = Allowance(us_per_s=2 * EC_OPERATION_US, burst_us=8 * EC_OPERATION_US)
 """What a sender may have checked behind an address that others used up."""
@@ -91,6 +93,8 @@ class _Job:
     waiting_bytes: int = 0
     counted_bytes: int = 0
     """What its queue has counted of it."""
+    refused_senders: dict[bytes, BlockRobotError] = field(default_factory=dict)
+    """Whose budget it has used up: what else it has of theirs is refused before the ledger is read for it."""
 
     def __post_init__(self) -> None:
         self.waiting_bytes = sum(map(len, self.wires))
@@ -99,6 +103,11 @@ class _Job:
         wire = self.wires.popleft()
         self.waiting_bytes -= len(wire)
         return wire
+
+    def take_rest(self) -> list[bytes]:
+        rest = list(self.wires)
+        self.clear()
+        return rest
 
     def clear(self) -> None:
         self.wires.clear()
@@ -226,6 +235,21 @@ class TransactionIntake:
             self._task = self._loop.create_task(self._work(), name="intake")
         return True
 
+    def note_unseen(self, block_time_ms: int, transactions: Sequence[Transaction]) -> None:
+        """Charge senders for what others let into a block, or each node would let in as much again.
+
+        Not for old blocks: a node that catches up knows nothing of its peers' budgets then.
+        """
+        if self._clock() - block_time_ms > UNSEEN_MAX_AGE_MS:
+            return
+        counts = Counter(transaction.body.sender for transaction in transactions)
+        for transaction in {transaction.body.sender: transaction for transaction in transactions}.values():
+            sender = transaction.body.sender
+            account, cost_us = self._mempool.account_of(transaction), counts[sender] * SIGNED_US
+            self._senders.charge(account.name_payer(sender), cost_us, SENDER_ALLOWANCE.burst_us)
+            if account.origin:
+                self._origins.charge(account.origin, cost_us, ORIGIN_ALLOWANCE.burst_us)
+
     def forget(self, source: Source) -> None:
         for ring in self._rings:
             queue = ring.pop(source, None)
@@ -275,11 +299,22 @@ class TransactionIntake:
         screened: list[_Paid] = []
         outcomes: list[Outcome] = []
         while job.wires and weight_us < SLICE_MAX_US:
-            wire, transaction = job.take(), None
             weight_us += TRANSACTION_SCREENING_US
             try:
                 charge = self._pay(job.source, TRANSACTION_SCREENING_US)
+            except BlockRobotError as error:
+                # together, since nobody pays for refusals: one by one they took more than the whole budget
+                self.dropped_count += len(job.wires) - 1
+                outcomes += [Outcome(wire, None, is_new=False, error=error) for wire in job.take_rest()]
+                break
+            wire, transaction = job.take(), None
+            try:
                 transaction, is_verified = self._mempool.read(wire)
+                refusal = None if is_verified else job.refused_senders.get(transaction.body.sender)
+                if refusal is not None:
+                    self.dropped_count += 1
+                    outcomes.append(Outcome(wire, transaction, is_new=False, error=refusal))
+                    continue
                 paid, cost_us = self._screen(job, charge, transaction, now_ms, is_verified=is_verified)
             except BlockRobotError as error:
                 outcomes.append(Outcome(wire, transaction, is_new=False, error=error))
@@ -312,7 +347,11 @@ class TransactionIntake:
         elif not is_verified and not cost_us:
             cost_us = EC_OPERATION_US
             if source != OWN:
-                paid.by_sender = self._pay_as_sender(item)
+                try:
+                    paid.by_sender = self._pay_as_sender(item)
+                except BlockRobotError as error:
+                    job.refused_senders[transaction.body.sender] = error
+                    raise
                 try:
                     receipts.append(self._pay_for_signature(source, item.account.name_payer(transaction.body.sender)))
                 except BlockRobotError:
@@ -327,16 +366,16 @@ class TransactionIntake:
         return charge or self._refuse(str(source), self._sources.wait_s(source.shared, cost_us))
 
     def _pay_as_sender(self, item: Screened) -> list[Charge]:
-        account, cost_us = item.account, EC_OPERATION_US + TRANSACTION_SCREENING_US
+        account = item.account
         payer = account.name_payer(item.transaction.body.sender)
         charges: list[Charge] = []
         for buckets, name in ((self._senders, payer), (self._origins, account.origin)):
-            charge = buckets.take(name, cost_us) if name else None
+            charge = buckets.take(name, SIGNED_US) if name else None
             if charge is not None:
                 charges.append(charge)
             elif name:
                 _give_back(charges)
-                self._refuse(payer, buckets.wait_s(name, cost_us))
+                self._refuse(payer, buckets.wait_s(name, SIGNED_US))
         return charges
 
     def _pay_for_signature(self, source: Source, sender: str) -> Charge:

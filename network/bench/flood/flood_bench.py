@@ -39,6 +39,8 @@ NODES_COUNT = 4
 INTERVAL_S = 0.05
 STATUS_INTERVAL_S = 0.1
 STATUS_TIMEOUT_S = 30.0
+SETTLE_S = 5.0
+"""Custodians and streams are still busy with full blocks for so long, which is no quiet to compare with."""
 QUIET_S = 4.0
 REST_S = 2.0
 AFTER_S = 3.0
@@ -62,7 +64,7 @@ async def fill_blocks(robots: Sequence[LoadRobot]) -> CostlyTargets:
         accepted += (taken := refusals.count(None))
         if taken < len(batch):
             await asyncio.sleep(BUSY_PAUSE_S)
-    await asyncio.sleep(BUSY_PAUSE_S)
+    await asyncio.sleep(SETTLE_S)
     rows = await _list_blocks(robots[0])
     fullest = max(rows, key=lambda row: row.transaction_count)
     block = await _ask(robots[0], f"/v1/blocks/{fullest.height}", BlockAnswer)

@@ -26,6 +26,8 @@ from node.mempool.transaction_intake import (
     ORIGIN_ALLOWANCE,
     PEER_ALLOWANCE,
     SENDER_ALLOWANCE,
+    SIGNED_US,
+    UNSEEN_MAX_AGE_MS,
     Outcome,
     TransactionIntake,
 )
@@ -181,9 +183,31 @@ def test_many_visits_of_one_robot_have_no_more_than_twice_the_budget_of_one() ->
 
     pool = make_pool(sender_max_count=100_000, account_of=account_of)
     _run(pool, story, over)
-    cost_us = EC_OPERATION_US + TRANSACTION_SCREENING_US
-    assert SENDER_ALLOWANCE.burst_us / cost_us < len(pool) <= ORIGIN_ALLOWANCE.burst_us / cost_us + 10
+    assert SENDER_ALLOWANCE.burst_us / SIGNED_US < len(pool) <= ORIGIN_ALLOWANCE.burst_us / SIGNED_US + 10
     assert {who.partition(" ")[0] for who in over} == {"visit"}
+
+
+@pytest.mark.parametrize(("age_ms", "codes"), [(0, {"RATE_LIMITED"}), (UNSEEN_MAX_AGE_MS + 1, {""})])
+def test_a_sender_pays_here_too_for_what_other_nodes_let_in(age_ms: int, codes: set[str]) -> None:
+    """All nodes together let in no more than one would; who only catches up with old blocks charges nobody."""
+    let_in = [transaction(number) for number in range(SENDER_ALLOWANCE.burst_us // SIGNED_US + 1)]
+
+    async def story(intake: TransactionIntake) -> None:
+        intake.note_unseen(NOW_MS - age_ms, let_in)
+        assert _codes(await _submit(intake, STRANGER, [transaction(90_000).wire])) == codes
+        assert _codes(await _submit(intake, STRANGER, [transaction(90_000, by=3).wire])) == {""}
+
+    _run(make_pool(), story)
+
+
+@in_virtual_time
+async def test_nobody_is_refused_for_long_after_what_others_let_in() -> None:
+    intake = TransactionIntake(make_pool(sender_max_count=100_000), lambda: NOW_MS)
+    for first in range(0, 5_000, 500):
+        intake.note_unseen(NOW_MS, [transaction(number) for number in range(first, first + 500)])
+    await asyncio.sleep(SENDER_ALLOWANCE.burst_us / SENDER_ALLOWANCE.us_per_s + 0.1)
+    assert _codes(await _submit(intake, STRANGER, [transaction(90_000).wire])) == {""}
+    await intake.stop()
 
 
 def test_who_uses_up_their_bytes_is_named() -> None:
@@ -240,7 +264,7 @@ def test_a_visit_that_floods_leaves_the_others_at_its_address_a_few_transactions
     _run(make_pool(), story)
 
 
-@pytest.mark.parametrize(("source", "left_s"), [(STRANGER, 0.001), (VISIT, 0.001), (VISIT, 0.0)])
+@pytest.mark.parametrize(("source", "left_s"), [(STRANGER, 0.004), (VISIT, 0.001), (VISIT, 0.0)])
 def test_what_a_reserve_paid_for_a_signed_transaction_does_not_go_to_the_address(source: Source, left_s: float) -> None:
     def looked_at(*wires: bytes) -> int:
         """Return how many expired transactions a used-up address has looked at after these."""
@@ -341,6 +365,47 @@ def test_a_peer_pays_for_what_nobody_signed() -> None:
         assert seen * TRANSACTION_SCREENING_US <= PEER_ALLOWANCE.burst_us + PEER_ALLOWANCE.us_per_s * 0.3
 
     _run(make_pool(check_admission=_stands), story)
+
+
+def test_the_ledger_is_not_read_for_the_rest_of_whoever_is_over_budget() -> None:
+    """A refusal costs more than the signature that it saves, if everything is looked up for it first."""
+    looked_up = 0
+
+    def admit(_item: Transaction) -> bool:
+        nonlocal looked_up
+        looked_up += 1
+        return True
+
+    found: list[Outcome] = []
+
+    async def story(intake: TransactionIntake) -> None:
+        peer = Source("peer", "loud")
+        for wires in ([transaction(number).wire for number in range(1_000)], [transaction(9_000, by=3).wire]):
+            await intake.submit(peer, wires, lambda _item: None, found.extend)
+        assert intake.dropped_count == sum(outcome.error is not None for outcome in found)
+
+    _run(make_pool(check_admission=admit), story)
+    codes = Counter("" if outcome.error is None else outcome.error.code for outcome in found)
+    assert set(codes) == {"", "RATE_LIMITED"}
+    assert looked_up == codes[""] + 1, "one refused, and the others like it"
+    assert found[-1].error is None, "others of the same peer are heard"
+
+
+def test_the_rest_of_a_message_is_refused_at_once_where_its_source_is_over_budget() -> None:
+    over: list[str] = []
+    found: list[Outcome] = []
+
+    async def story(intake: TransactionIntake) -> None:
+        batch = [transaction(number, by=number).wire for number in range(400)]
+        while all(outcome.transaction is not None for outcome in found):
+            intake.offer(Source("peer", "loud"), batch, found.extend)
+            await asyncio.sleep(0.001)
+        assert len(over) == 1, "one refusal, however many transactions the message has left"
+        unread = [outcome for outcome in found if outcome.transaction is None]
+        assert len(unread) > 1
+        assert intake.dropped_count == len(unread)
+
+    _run(make_pool(check_admission=_stands), story, over)
 
 
 def test_a_fault_in_a_request_whose_client_has_left_stops_nobody_else() -> None:
