@@ -18,6 +18,8 @@ async def network(shared_network: NetworkUnderTest) -> NetworkUnderTest:
     return shared_network
 
 
+MANY_COUNT = 250
+"""Within what one sender may have looked at in one go."""
 QUIET_MAX_S = 20.0
 """How long a busy machine may take to bring the last rounds to their end; an idle network's next block comes later."""
 
@@ -33,17 +35,17 @@ async def test_a_transaction_handed_to_any_node_is_final_on_every_node_in_the_sa
 
 
 async def test_many_transactions_at_once_are_all_final_and_each_only_once(network: NetworkUnderTest) -> None:
-    transactions = [network.transaction() for _ in range(400)]
+    transactions = [network.transaction() for _ in range(MANY_COUNT)]
     await asyncio.gather(
         *(
             network.submit(name, transactions[start : start + 50])
-            for start in range(0, 400, 50)
+            for start in range(0, MANY_COUNT, 50)
             for name in network.names[:2]
         )
     )
     places = await asyncio.gather(*(network.place("node-3", item.txid, 20_000) for item in transactions))
     assert {place["status"] for place in places} == {"finalized"}
-    assert len({(place["height"], place["index"]) for place in places}) == 400
+    assert len({(place["height"], place["index"]) for place in places}) == MANY_COUNT
 
 
 async def test_an_idle_network_makes_no_blocks(network: NetworkUnderTest) -> None:

@@ -14,10 +14,12 @@ from tests.sim.mutants.mutant import Mutant
 from tests.sim.mutants.schedules import EXPIRED_FLOOD
 
 EVERYTHING_US = 10**9
+LOOK_US = 20
 
 
 def check_signatures_first(patch: pytest.MonkeyPatch) -> None:
-    """Signatures are checked before anything else, also of what is long over, and all that a source sent at once."""
+    """Signatures are checked before anything else, also of what is long over, all that a source sent at once, and for the price
+    of a look."""
     require_timely = Mempool._require_timely
 
     def require(self: Mempool, transaction: Transaction, now_ms: int) -> None:
@@ -27,6 +29,7 @@ def check_signatures_first(patch: pytest.MonkeyPatch) -> None:
 
     patch.setattr(Mempool, "_require_timely", require)
     patch.setattr(transaction_intake, "SLICE_MAX_US", EVERYTHING_US)
+    patch.setattr(transaction_intake, "TRANSACTION_SCREENING_US", LOOK_US)
 
 
 FLOODING = (
