@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from clients.robot.synthetic.camera import CameraPose
-from clients.robot.synthetic.driving.draws import draw_drive
+from clients.robot.synthetic.driving.draws import DriveStratum, draw_drive
 from clients.robot.synthetic.driving.drive_render import DriveTruth
+from clients.robot.synthetic.driving.odometry import FAULTS, Fault, fault_window
 from network.lab.hiding.moving.drive_figures import summarise_drives, upper_bound
 from network.lab.hiding.moving.run_drive import DrivePlayed, PersonFrame, Shown, run_drive
 
@@ -80,3 +83,22 @@ def test_a_drive_goes_through_redactor_and_hider() -> None:
     assert played.everybody.foreign_share <= 0.001
     assert played.end_to_end.wrong == 0
     assert len(played.frame_ms) > 30
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("faults", [(), *((fault,) for fault in FAULTS), FAULTS], ids="-".join)
+@pytest.mark.parametrize(("stratum", "seed"), [("past", 2), ("crowd", 1)])
+def test_whatever_the_odometry_says_nobody_else_is_shown(
+    stratum: DriveStratum, seed: int, faults: tuple[Fault, ...]
+) -> None:
+    drive = draw_drive(seed, stratum, judging=False, stands_s=8.0)
+    played = run_drive(replace(drive, faults=faults), seed)
+    shown = played.end_to_end
+    assert (shown.wrong, shown.things) == (0, 0)
+    assert shown.foreign_share <= 0.001
+    if stratum == "past" and not faults:
+        assert len(shown.kept) > 60, "there is somebody to lose"
+    if "jump" in faults:
+        begin_s, _ = fault_window(drive.scenario.seed, "jump", drive.scenario.frame_count / drive.scenario.frame_rate)
+        late = [sequence for _, sequence in shown.kept if sequence > (begin_s + 1) * drive.scenario.frame_rate]
+        assert not late, "after a jump nobody is known, and on the way nobody is bound again"
