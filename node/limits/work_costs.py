@@ -16,7 +16,7 @@ READ_US = 20
 """Reading from a connection what ends no frame."""
 RECORD_US = 1
 """Opening any record of TLS."""
-REFUSAL_US = 50
+REFUSAL_US = 150
 """Answering that a request is refused."""
 
 ROUTE_DEFAULT_US = 500

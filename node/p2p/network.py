@@ -84,8 +84,8 @@ LINK_RENEWAL_MS = 250
 REFUSED_LINGER_MS = 200
 LINK_ALLOWANCE = Allowance(us_per_s=60_000, burst_us=120_000)
 """What reading a peer's frames may cost: some 7,000 small ones a second, or 30 MB."""
-CONSENSUS_ALLOWANCE = Allowance(us_per_s=150_000, burst_us=400_000)
-"""What a peer's votes, proposals and certificates may cost: ten times what an honest one says in a busy network."""
+CONSENSUS_ALLOWANCE = Allowance(us_per_s=80_000, burst_us=200_000)
+"""What a peer's votes, proposals and certificates may cost: five times what an honest one says in a busy network."""
 
 log = structlog.get_logger(__name__)
 

@@ -18,8 +18,10 @@ from node.p2p.wire import BlockBatch, BranchRequest, FinalizedRequest, RequestKi
 from node.storage.ledger_store import LedgerStore
 from node.sync.block_ranges import read_range
 
-REQUEST_ALLOWANCE = Allowance(us_per_s=200_000, burst_us=500_000)
+REQUEST_ALLOWANCE = Allowance(us_per_s=100_000, burst_us=250_000)
 WAIT_MAX_S = 1.5
+SENDING_FACTOR = 4
+"""A byte of an answer is read, encoded, encrypted and sent, which takes so much longer than to receive one."""
 OF_BLOCKS = frozenset({RequestKind.BRANCH, RequestKind.FINALIZED})
 """One of these at a time for each peer: one thread reads them all."""
 OTHERS_AT_ONCE_COUNT = 4
@@ -73,7 +75,7 @@ class PeerRequests:
                 await asyncio.sleep(wait_s)
             self._budgets.charge(peer, cost_us)
             answer = await make()
-            self._budgets.charge(peer, bytes_cost_us(len(answer)))
+            self._budgets.charge(peer, SENDING_FACTOR * bytes_cost_us(len(answer)))
             return answer
 
     # Blocks

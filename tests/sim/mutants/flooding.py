@@ -18,8 +18,8 @@ LOOK_US = 20
 
 
 def check_signatures_first(patch: pytest.MonkeyPatch) -> None:
-    """Signatures are checked before anything else, also of what is long over, all that a source sent at once, and for the price
-    of a look."""
+    """Signatures are checked before anything else, also of what is long over, all of a source at once, and for a look's
+    price."""
     require_timely = Mempool._require_timely
 
     def require(self: Mempool, transaction: Transaction, now_ms: int) -> None:
