@@ -359,14 +359,19 @@ class Engine:
 
     def _commit(self, effect: CommitBlocks) -> None:
         executed = [self._executor.executed(block.block_id) for block in effect.blocks]
+        unseen = [
+            (item.header.timestamp_ms, [one for one in item.transactions if one.txid not in self._mempool])
+            for item in executed
+        ]
         for item in executed:
-            unseen = [transaction for transaction in item.transactions if transaction.txid not in self._mempool]
-            for listener in self._unseen_listeners if unseen else ():
-                listener(item.header.timestamp_ms, unseen)
             self._mempool.remove(item.txids)
             self._unstored[item.block_id] = item.txids
         self._refresh_branch()
         self._sink.store(executed, effect.proof)
+        for listener in self._unseen_listeners:
+            for time_ms, transactions in unseen:
+                if transactions:
+                    listener(time_ms, transactions)
 
     # The mempool's view of the branch
 

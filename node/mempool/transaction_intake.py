@@ -94,7 +94,7 @@ class _Job:
     counted_bytes: int = 0
     """What its queue has counted of it."""
     refused_senders: dict[bytes, BlockRobotError] = field(default_factory=dict)
-    """Whose budget it has used up: what else it has of theirs is refused before the ledger is read for it."""
+    """Senders over their budget: the rest of theirs in this job is refused without reading the ledger for it."""
 
     def __post_init__(self) -> None:
         self.waiting_bytes = sum(map(len, self.wires))
@@ -236,9 +236,9 @@ class TransactionIntake:
         return True
 
     def note_unseen(self, block_time_ms: int, transactions: Sequence[Transaction]) -> None:
-        """Charge senders for what others let into a block, or each node would let in as much again.
+        """Charge senders for transactions of a final block that other nodes admitted.
 
-        Not for old blocks: a node that catches up knows nothing of its peers' budgets then.
+        Otherwise each node would admit a full budget of its own. Old blocks, seen while catching up, charge nobody.
         """
         if self._clock() - block_time_ms > UNSEEN_MAX_AGE_MS:
             return
@@ -303,8 +303,8 @@ class TransactionIntake:
             try:
                 charge = self._pay(job.source, TRANSACTION_SCREENING_US)
             except BlockRobotError as error:
-                # together, since nobody pays for refusals: one by one they took more than the whole budget
-                self.dropped_count += len(job.wires) - 1
+                # Together: nobody pays for refusals, and one by one they took more CPU than the whole budget.
+                self.dropped_count += len(job.wires) - 1  # one is counted already
                 outcomes += [Outcome(wire, None, is_new=False, error=error) for wire in job.take_rest()]
                 break
             wire, transaction = job.take(), None

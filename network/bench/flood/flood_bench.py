@@ -40,7 +40,7 @@ INTERVAL_S = 0.05
 STATUS_INTERVAL_S = 0.1
 STATUS_TIMEOUT_S = 30.0
 SETTLE_S = 5.0
-"""Custodians and streams are still busy with full blocks for so long, which is no quiet to compare with."""
+"""Until custodians and streams have dealt with the full blocks: what is measured before that is not quiet."""
 QUIET_S = 4.0
 REST_S = 2.0
 AFTER_S = 3.0
