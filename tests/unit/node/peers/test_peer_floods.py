@@ -11,11 +11,13 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from node.limits.token_buckets import Allowance
+from node.limits.token_buckets import Allowance, Source
+from node.mempool import transaction_intake
+from node.mempool.transaction_intake import SIGNED_US
 from node.p2p.wire import FinalizedRequest, FrameKind, HeightNotice, RequestKind, TransactionBatch
 from node.peers.peer_requests import PeerRequests
 from node.storage.memory_store import MemoryStore
-from tests.unit.node.small_nodes import SmallNodes, make_genesis
+from tests.unit.node.small_nodes import MemoryLinks, SmallNodes, make_genesis
 from tests.virtual_time import in_virtual_time
 
 NAMES = ["a", "b", "c", "d"]
@@ -38,6 +40,26 @@ async def test_the_first_false_signature_ends_the_talk_with_the_peer_that_passed
     checked = crowd.nodes["a"].intake.signatures_checked_count
     assert await _bring(crowd, false, *(item.wire for item in good[2:])) == [("b", "SIGNATURE_INVALID")]
     assert crowd.nodes["a"].intake.signatures_checked_count - checked <= 20
+    await crowd.stop()
+
+
+@in_virtual_time
+async def test_a_sender_pays_at_each_node_for_what_one_of_them_alone_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    def send_no_transactions(self: MemoryLinks, peer: str, kind: FrameKind, payload: bytes) -> bool:
+        return kind is not FrameKind.TRANSACTIONS and send(self, peer, kind, payload)
+
+    send = MemoryLinks.send
+    monkeypatch.setattr(MemoryLinks, "send", send_no_transactions)
+    monkeypatch.setattr(transaction_intake, "SENDER_ALLOWANCE", Allowance(us_per_s=1, burst_us=10 * SIGNED_US))
+    crowd = await SmallNodes(make_genesis(NAMES)).start()
+    many = [crowd.transaction("identity", "authenticate", bytes([number]) * 32) for number in range(10)]
+    for item in many:
+        await crowd.finalize("a", item)
+    await crowd.wait_height(crowd.nodes["a"].feed.height, "b")
+    again = crowd.transaction("identity", "authenticate", bytes(32))
+    (result,) = await crowd.nodes["b"].pool.submit([again.wire], Source("loopback", "127.0.0.1"))
+    assert result.error is not None
+    assert result.error.code == "RATE_LIMITED"
     await crowd.stop()
 
 
