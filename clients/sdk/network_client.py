@@ -64,6 +64,9 @@ WAIT_DEFAULT_MS = 30_000
 PASS_PAUSE_MS = 100
 CATCH_UP_TIMEOUT_MS = 3_000
 PASSES_MAX_COUNT = 20
+BUDGET_WAIT_MS = 1_000
+BUDGET_WAITS_MAX_COUNT = 5
+"""When all nodes refuse because this client asked too much, as one may that reads thousands of answers."""
 T = TypeVar("T")
 
 __all__ = ["FinalReceipt", "NetworkClient"]
@@ -192,8 +195,18 @@ class NetworkClient:
 
     async def with_any_node(self, work: Callable[[NodeAddress], Awaitable[T]], *, is_doubted: bool = False) -> T:
         """Try nodes in turn; raises the first final refusal, or `failure_of` all. `is_doubted` refusals need more nodes
-        than may be faulty.
+        than may be faulty. Where this client's budgets are used up, it waits a few seconds before it gives up.
         """
+        for _ in range(BUDGET_WAITS_MAX_COUNT):
+            try:
+                return await self._try_nodes(work, is_doubted=is_doubted)
+            except BlockRobotError as error:
+                if error.code != "RATE_LIMITED":
+                    raise
+            await asyncio.sleep(BUDGET_WAIT_MS / 1000)
+        return await self._try_nodes(work, is_doubted=is_doubted)
+
+    async def _try_nodes(self, work: Callable[[NodeAddress], Awaitable[T]], *, is_doubted: bool) -> T:
         failures: list[BlockRobotError] = []
         believed_count = 1 + (Schedule.of(self.light_client.epoch).faults_tolerated if is_doubted else 0)
         for node in self._in_turn():

@@ -7,6 +7,7 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
 
+from clients.sdk import network_client
 from clients.sdk.node_answers import failure_of, may_ask_another
 from consensus.api_documents import Problem
 from consensus.chain.schedule import Schedule
@@ -86,6 +87,28 @@ async def test_what_more_nodes_refuse_than_may_be_faulty_is_refused(
     client = nodes.client()
     assert await refusal_of(client.submit_and_wait(make_transaction(client))) == "SENDER_NOT_ADMITTED"
     assert client.troubles == {}, "no trouble of the nodes"
+
+
+@pytest.mark.parametrize(("refusals_count", "is_answered"), [(4, True), (1_000, False)])
+async def test_a_client_whose_budgets_are_used_up_everywhere_waits_and_asks_again(
+    nodes: Any, monkeypatch: pytest.MonkeyPatch, refusals_count: int, is_answered: bool
+) -> None:
+    monkeypatch.setattr(network_client, "BUDGET_WAIT_MS", 1)
+    asked: list[str] = []
+
+    async def ask(node: Any) -> str:
+        asked.append(node.name)
+        if len(asked) <= refusals_count:
+            raise BlockRobotError("RATE_LIMITED")
+        return "answer"
+
+    work = nodes.client().with_any_node(ask)
+    if is_answered:
+        assert await work == "answer"
+        assert asked == ["n0", "n1"] * 2 + ["n0"]
+    else:
+        assert await refusal_of(work) == "RATE_LIMITED"
+        assert len(asked) == 2 * (1 + network_client.BUDGET_WAITS_MAX_COUNT)
 
 
 async def test_a_dead_node_is_passed_over(nodes: Any) -> None:
