@@ -102,6 +102,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("DATA_DIRECTORY_IN_USE", 409, "Another process already runs on this data directory.", "Stop it first, or choose another directory."),
     ErrorEntry("DATA_DIRECTORY_INVALID", 400, "The directory does not hold a node that this version can open.", "Make one with `blockrobot node init`, or name the right directory."),
     ErrorEntry("PORT_IN_USE", 409, "Another program already listens on this port.", "Stop that program or choose other ports with --base-port."),
+    ErrorEntry("PORT_NOT_PERMITTED", 403, "This user may not listen on this port.", "Choose a port above 1023, or let the system allow it to the node's user."),
+    ErrorEntry("ADDRESS_NOT_HERE", 400, "The address to listen on is none of this machine's.", "Listen on an address that the machine has (`ip address` shows them; 0.0.0.0 is all), and name the one that others reach with --advertise."),
     ErrorEntry("STORAGE_DAMAGED", 500, "The node's storage is damaged.", "Stop the node, keep the directory for inspection, and make the node anew."),
     ErrorEntry("STORAGE_BUSY", 503, "Too many readers or writers use the node's storage at once.", "Try again in a moment.", retryable=True),
     ErrorEntry("STORAGE_FULL", 507, "The disk or the size allowed for the node's storage is used up.", "Free space on the disk or allow a larger store, then restart the node."),

@@ -11,6 +11,7 @@ from consensus.chain.genesis import Genesis, genesis_from_json, require_possessi
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from node.limits.disk_reserve import RESERVE_DEFAULT_MIB
+from pages.listening import is_loopback
 
 CONFIG_FILE = "node.toml"
 KEEP_BLOCKS_MIN_COUNT = 256
@@ -18,7 +19,8 @@ KEEP_BLOCKS_MIN_COUNT = 256
 KEEP_BLOCKS_COUNT = 10_000
 SNAPSHOT_LAG_BLOCKS = 100_000
 SNAPSHOT_LAG_MIN_BLOCKS = 100
-OPERATOR_HOST = "127.0.0.1"
+LOOPBACK = "127.0.0.1"
+OPERATOR_HOST = LOOPBACK
 """Where the operator's listener is, wherever the node listens for peers and clients."""
 READING_TOKEN_FILE_NAME = "operator-read.token"  # noqa: S105 - a file's name
 _PORT_MAX = 65_535
@@ -30,7 +32,7 @@ _SANDBOX_MODES = ("on", "require", "off")
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 SECTIONS: dict[str, frozenset[str]] = {
     "node": frozenset({"name", "genesis", "organisation"}),
-    "listen": frozenset({"host", "p2p_port", "api_port", "operator_port"}),
+    "listen": frozenset({"host", "api_host", "api_tls", "p2p_port", "api_port", "operator_port"}),
     "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
     "custody": frozenset({"store", "reserve_mib"}),
     "log": frozenset({"level"}),
@@ -44,7 +46,10 @@ SECTIONS: dict[str, frozenset[str]] = {
 
 @dataclass(frozen=True, slots=True)
 class NodeConfig:
-    """A node's start-up settings; ports are TCP, paths absolute."""
+    """A node's start-up settings; ports are TCP, paths absolute.
+
+    `host` is where it listens for peers, `api_host` for clients; where others reach it, its entry in the network says.
+    """
 
     data_dir: Path
     name: str
@@ -59,6 +64,9 @@ class NodeConfig:
     custodian_key_path: Path | None
     custody_store: str
     log_level: str
+    api_host: str = "127.0.0.1"
+    api_tls: bool = False
+    """Whether clients are served over TLS, by the node's own certificate. Off only on loopback, where a proxy may be."""
     custody_reserve_mib: int = RESERVE_DEFAULT_MIB
     """Free space below which the node takes no uploads; 0: none."""
     faults_enabled: bool = False
@@ -153,8 +161,8 @@ class _Section:
             raise _invalid(f"[{self._name}] needs a number of at least {least} for {field!r}.")
         return value
 
-    def flag(self, field: str) -> bool:
-        value = self._table.get(field, False)
+    def flag(self, field: str, default: bool = False) -> bool:
+        value = self._table.get(field, default)
         if not isinstance(value, bool):
             raise _invalid(f"[{self._name}] needs true or false for {field!r}.")
         return value
@@ -178,6 +186,14 @@ def load_config(data_dir: Path) -> NodeConfig:
     ports = (listen.port("p2p_port"), listen.port("api_port"), listen.port("operator_port"))
     if len(set(ports)) != len(ports):
         raise _invalid("[listen] names a port twice.")
+    host = listen.text("host", LOOPBACK)
+    api_host = listen.text("api_host", host)
+    api_tls = listen.flag("api_tls", default=not is_loopback(api_host))
+    if not api_tls and not is_loopback(api_host):
+        raise _invalid(
+            f"clients that reach {api_host} need TLS: leave [listen] api_tls out, or set api_host to 127.0.0.1 for a "
+            "proxy on this machine."
+        )
     level = log.text("level", "info")
     if level not in _LOG_LEVELS:
         raise _invalid(f"[log] level is one of {', '.join(_LOG_LEVELS)}.")
@@ -189,7 +205,9 @@ def load_config(data_dir: Path) -> NodeConfig:
         data_dir=data_dir,
         name=node.text("name"),
         genesis_path=data_dir / node.text("genesis", "genesis.json"),
-        host=listen.text("host", "127.0.0.1"),
+        host=host,
+        api_host=api_host,
+        api_tls=api_tls,
         p2p_port=ports[0],
         api_port=ports[1],
         operator_port=ports[2],
@@ -227,6 +245,8 @@ def config_to_toml(config: NodeConfig) -> str:
         "",
         "[listen]",
         f'host = "{config.host}"',
+        *([f'api_host = "{config.api_host}"'] if config.api_host != config.host else []),
+        *([f"api_tls = {str(config.api_tls).lower()}"] if config.api_tls == is_loopback(config.api_host) else []),
         f"p2p_port = {config.p2p_port}",
         f"api_port = {config.api_port}",
         f"operator_port = {config.operator_port}",

@@ -36,12 +36,13 @@ from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.limits.disk_reserve import DiskReserve
 from node.mempool.transaction_intake import ClientPool
 from node.operator_listener import create_operator_listener, serve_operator
-from node.p2p.connection_acceptor import bind_listener
+from node.p2p.connection_acceptor import OF_CLIENTS, ConnectionAcceptor, bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
 from node.retention.pruning import answer_requests
 from node.snapshot.joining import SnapshotJoiner
 from node.snapshot.snapshot_store import SnapshotStore
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
+from pages.listening import Accept, accept_plain
 
 HTTP_STOP_MS = 500
 JOIN_INTERVAL_S = 1.0
@@ -99,7 +100,7 @@ class Node:
         """Set once a restored ledger lies ready: the node has to be closed and opened again."""
 
     async def __aenter__(self) -> Self:
-        """Raises DATA_DIRECTORY_IN_USE, PORT_IN_USE, JOURNAL_*, STORAGE_*."""
+        """Raises DATA_DIRECTORY_IN_USE, PORT_*, ADDRESS_NOT_HERE, JOURNAL_*, STORAGE_*."""
         try:
             await self._open()
             await self._start()
@@ -245,9 +246,16 @@ class Node:
         if self._faults is not None:
             self._faults.require_space("custody")
 
+    def _accept_clients(self) -> Accept:
+        if not self.config.api_tls:
+            return accept_plain
+        acceptor = ConnectionAcceptor(self._network.client_context, self._parts.peers.on_over_budget, OF_CLIENTS)
+        self._stack.callback(acceptor.close)
+        return acceptor.accept
+
     async def _start(self) -> None:
         config, stack, parts = self.config, self._stack, self._parts
-        api_socket = bind_listener(config.host, config.api_port)
+        api_socket = bind_listener(config.api_host, config.api_port)
         stack.callback(api_socket.close)
         operator_socket = bind_listener(OPERATOR_HOST, config.operator_port)
         stack.callback(operator_socket.close)
@@ -272,7 +280,9 @@ class Node:
             on_over_budget=parts.on_over_budget,
             peers_with_block=parts.sync.peers_with_block,
         )
-        await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
+        await stack.enter_async_context(
+            serve_api(create_api(services), api_socket, HTTP_STOP_MS, self._accept_clients())
+        )
         reading = read_or_make_token(config.data_dir, READING_TOKEN_FILE_NAME)
         operator = create_operator_listener(self, self._faults, self._token, parts.custody_admin, reading_token=reading)
         await stack.enter_async_context(serve_operator(operator, operator_socket, HTTP_STOP_MS))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import logging
 import resource
 import socket
 from collections import Counter, OrderedDict
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AbstractContextManager, asynccontextmanager, contextmanager
+from functools import partial
 from typing import Any
 
 from aiohttp import web
@@ -165,12 +167,33 @@ def awaiting_body(request: web.BaseRequest) -> Iterator[None]:
         connection.begin()
 
 
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches it. A name counts as another machine's, but for `localhost`."""
+    if host == "localhost":
+        return True
+    try:
+        return plain_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def plain_address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """As IPv4 where a socket for both tells it as IPv6. Raises ValueError for a name."""
+    address = ipaddress.ip_address(host)
+    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
+    return mapped or address
+
+
 def open_listener(host: str, port: int) -> socket.socket:
-    """Return a listening TCP socket for `serve` or `accept_each`. Raises OSError."""
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    """Return a listening TCP socket for `serve` or `accept_each`; `::` takes IPv4 too. Raises OSError."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    family, kind, protocol, _, address = found[0]
+    listener = socket.socket(family, kind, protocol)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((host, port))
+        if family == socket.AF_INET6:
+            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        listener.bind(address)
         listener.listen(BACKLOG_COUNT)
     except OSError:
         listener.close()
@@ -191,6 +214,17 @@ async def accept_each(listener: socket.socket, take: Callable[[socket.socket, st
         await asyncio.sleep(0)
 
 
+Accept = Callable[[Callable[[], asyncio.Protocol], socket.socket, str], Awaitable[None]]
+"""Makes a connection of an accepted socket, whose other side has this address."""
+
+
+async def accept_plain(make: Callable[[], asyncio.Protocol], accepted: socket.socket, _host: str) -> None:
+    try:
+        await asyncio.get_running_loop().connect_accepted_socket(make, accepted)
+    except OSError:
+        accepted.close()
+
+
 @asynccontextmanager
 async def serve(
     application: web.Application,
@@ -198,6 +232,7 @@ async def serve(
     max_count: int,
     stop_ms: int,
     kind: Callable[[Any, ConnectionTable, asyncio.AbstractEventLoop], Connection] = Connection,
+    accept: Accept = accept_plain,
 ) -> AsyncIterator[None]:
     """Serve at most `max_count` connections; on exit open requests get `stop_ms`."""
     application.middlewares.insert(0, _keep_place)
@@ -205,12 +240,7 @@ async def serve(
     await runner.setup()
     loop, table, manager = asyncio.get_running_loop(), ConnectionTable(max_count), _server_of(runner)
 
-    async def take(accepted: socket.socket, _host: str) -> None:
-        try:
-            await loop.connect_accepted_socket(lambda: kind(manager, table, loop), accepted)
-        except OSError:
-            accepted.close()
-
+    take = partial(accept, lambda: kind(manager, table, loop))
     accepting = loop.create_task(accept_each(listener, take), name="accepting")
     try:
         yield

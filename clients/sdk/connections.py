@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import ipaddress
 import ssl
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import aiohttp
 
 from clients.sdk.node_answers import read_problem
 from consensus.errors import BlockRobotError
+from pages.listening import is_loopback
 
 CONNECT_TIMEOUT_MS = 3_000
 REQUEST_TIMEOUT_MS = 15_000
@@ -32,15 +32,6 @@ class NodeAddress:
     ca_certificate: str = ""
 
 
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
 def check_address(node: NodeAddress) -> NodeAddress:
     """Require HTTPS, or plain HTTP on loopback. Raises CONFIGURATION_INVALID."""
     try:
@@ -50,7 +41,7 @@ def check_address(node: NodeAddress) -> NodeAddress:
         host = None
     if host is None or parts.scheme not in {"http", "https"}:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The address of node {node.name} is no HTTP address.")
-    if parts.scheme == "http" and not _is_loopback(host):
+    if parts.scheme == "http" and not is_loopback(host):
         raise BlockRobotError("CONFIGURATION_INVALID", f"Node {node.name} is not on loopback, so it needs HTTPS.")
     return node
 

@@ -162,17 +162,16 @@ def _is_locked(data_dir: Path) -> bool:
 
 
 def _places(config: NodeConfig) -> tuple[tuple[str, int], ...]:
-    own = (config.host, config.p2p_port), (config.host, config.api_port)
+    own = (config.host, config.p2p_port), (config.api_host, config.api_port)
     return *own, (OPERATOR_HOST, config.operator_port)
 
 
 def _is_taken(host: str, port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.settimeout(ASK_TIMEOUT_S)
-        try:
-            return probe.connect_ex((host, port)) == 0
-        except OSError:
-            return False
+    try:
+        with socket.create_connection((host, port), timeout=ASK_TIMEOUT_S):
+            return True
+    except OSError:
+        return False
 
 
 def _check_answers(answers: Sequence[Answer], ledgers: dict[str, LedgerFacts]) -> list[Finding]:

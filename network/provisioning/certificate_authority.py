@@ -17,6 +17,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from consensus.errors import BlockRobotError
+from node.config import LOOPBACK
 
 AUTHORITY_LIFETIME_DAYS = 10 * 365
 NODE_LIFETIME_DAYS = 2 * 365
@@ -118,18 +119,17 @@ def _address(host: str) -> x509.GeneralName:
 def issue_node_certificate(
     authority: Authority,
     node: str,
-    host: str = "127.0.0.1",
-    *,
+    *hosts: str,
     lifetime: dt.timedelta = dt.timedelta(days=NODE_LIFETIME_DAYS),
     key: ec.EllipticCurvePrivateKey | None = None,
     now: dt.datetime | None = None,
 ) -> NodeCertificate:
-    """Issue a certificate: common and DNS name `node`, address `host` (IP or name).
+    """Issue a certificate: common and DNS name `node`, reached at `hosts` (IP or name; else 127.0.0.1).
 
     Valid until `now` + `lifetime`; for `key`, else a new one.
     """
     key = key or ec.generate_private_key(ec.SECP256R1())
-    names: list[x509.GeneralName] = [x509.DNSName(node), _address(host)]
+    names = [x509.DNSName(node), *map(_address, dict.fromkeys(hosts or (LOOPBACK,)))]
     issuer_key = authority.certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
     certificate = (
         _builder(_name(authority.organisation, node), authority.certificate.subject, lifetime, now)
@@ -152,6 +152,12 @@ def issue_node_certificate(
         key_pem=encode_private_key(key),
         serial=certificate.serial_number,
     )
+
+
+def certified_hosts(certificate: x509.Certificate) -> tuple[str, ...]:
+    """Where a certificate says its node is reached, besides by its name."""
+    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    return tuple(str(name.value) for name in names)[1:]
 
 
 def encode_private_key(key: ec.EllipticCurvePrivateKey) -> bytes:

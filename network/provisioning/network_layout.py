@@ -16,6 +16,7 @@ import time
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from consensus.chain.genesis import (
     GENESIS_VERSION,
@@ -42,15 +43,24 @@ from network.provisioning.certificate_authority import (
 )
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE, organisation_entry_to_json
 from network.provisioning.network_removal import MAKING_MARK, marked_as_making, remove_abandoned
-from node.config import CONFIG_FILE, NodeConfig, config_to_toml
+from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, config_to_toml
 from node.consensus.journal import Journal
+from pages.listening import is_loopback
 
-HOST = "127.0.0.1"
 PORTS_PER_NODE = 10
 NAME_MAX_CHARS = 40
 _NAME_CHARS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789-")
 NETWORK_FOLDER_MODE = 0o755
 _ORGANISATION_NAMES = ("hospital", "university")
+
+
+@dataclass(frozen=True, slots=True)
+class Listening:
+    """Where a node listens: for peers at `host` and `base_port`, for clients at `api_host` and the port after it."""
+
+    base_port: int
+    host: str = LOOPBACK
+    api_host: str = LOOPBACK
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,9 +249,9 @@ def _node_entry(name: str, organisation: str, port: int, keys: NodeKeys, *, prod
     return NodeEntry(
         name=name,
         organisation=organisation,
-        host=HOST,
+        host=LOOPBACK,
         p2p_port=port,
-        api_url=f"http://{HOST}:{port + 1}",
+        api_url=f"http://{LOOPBACK}:{port + 1}",
         producer_key=keys.producer.public_key if produces else b"",
         producer_possession=prove_possession(keys.producer, name) if produces else b"",
         custodian_key=b"" if keys.custodian is None else keys.custodian.public_key,
@@ -259,20 +269,26 @@ def create_node(
     faults: bool,
     organisation: str = "",
     archive: bool = False,
+    listening: Listening | None = None,
 ) -> None:
     """Create a node's data directory; `organisation` if genesis does not name the node.
 
+    `listening`: else on loopback, at the ports of its entry.
+
     Raises FileExistsError.
     """
+    listening = listening or Listening(entry.p2p_port)
     folder.mkdir(parents=True, mode=0o700)  # ledger and custody tell who was where when
     config = NodeConfig(
         data_dir=folder,
         name=entry.name,
         genesis_path=folder / "genesis.json",
-        host=entry.host,
-        p2p_port=entry.p2p_port,
-        api_port=entry.p2p_port + 1,
-        operator_port=entry.p2p_port + 2,
+        host=listening.host,
+        p2p_port=listening.base_port,
+        api_host=listening.api_host,
+        api_tls=not is_loopback(listening.api_host),
+        api_port=listening.base_port + 1,
+        operator_port=listening.base_port + 2,
         tls_certificate_path=folder / "keys" / "tls.crt.pem",
         tls_key_path=folder / "keys" / "tls.key.pem",
         producer_key_path=folder / "keys" / "producer.key",
@@ -283,7 +299,8 @@ def create_node(
         archive=archive,
         organisation=organisation,
     )
-    certificate = issue_node_certificate(authority, entry.name, entry.host)
+    hosts = entry.host, urlsplit(entry.api_url).hostname or entry.host
+    certificate = issue_node_certificate(authority, entry.name, *hosts)
     write_secret(config.tls_key_path, certificate.key_pem)
     write_secret(config.tls_certificate_path, certificate.certificate_pem)
     write_secret(folder / "keys" / "producer.key", keys.producer.secret)

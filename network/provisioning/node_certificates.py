@@ -22,6 +22,7 @@ from network.provisioning.certificate_authority import (
     NODE_LIFETIME_DAYS,
     Authority,
     NodeCertificate,
+    certified_hosts,
     issue_node_certificate,
     load_authority,
     write_secret,
@@ -99,23 +100,31 @@ def read_report(config: NodeConfig) -> CertificateReport:
     return CertificateReport(config.name, facts, trouble)
 
 
-def issue_into(folder: Path, authority: Authority, name: str, host: str, days: int = NODE_LIFETIME_DAYS) -> int:
+def issue_into(folder: Path, authority: Authority, name: str, *hosts: str, days: int = NODE_LIFETIME_DAYS) -> int:
     """Return the serial. Raises FileExistsError."""
-    issued = issue_node_certificate(authority, name, host, lifetime=dt.timedelta(days=days))
+    issued = issue_node_certificate(authority, name, *hosts, lifetime=dt.timedelta(days=days))
     write_secret(folder / KEY_FILE, issued.key_pem)
     write_secret(folder / CERTIFICATE_FILE, issued.certificate_pem)
     return issued.serial
 
 
 def renew(config: NodeConfig, authority: Authority, *, days: int = NODE_LIFETIME_DAYS, new_key: bool = False) -> int:
-    """Return the new serial number.
+    """Return the new serial number; the new certificate names the hosts that the old one did.
 
     A running node reloads it within a second. Raises FILE_UNUSABLE if the kept key is unreadable.
     """
     key = None if new_key else _read_key(config)
-    issued = issue_node_certificate(authority, config.name, config.host, lifetime=dt.timedelta(days=days), key=key)
+    hosts = _own_hosts(config)
+    issued = issue_node_certificate(authority, config.name, *hosts, lifetime=dt.timedelta(days=days), key=key)
     _replace(config, issued, with_key=new_key)
     return issued.serial
+
+
+def _own_hosts(config: NodeConfig) -> tuple[str, ...]:
+    try:
+        return certified_hosts(x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes()))
+    except (OSError, ValueError, x509.ExtensionNotFound):
+        return (config.host,)
 
 
 def _read_key(config: NodeConfig) -> ec.EllipticCurvePrivateKey:

@@ -16,7 +16,7 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.problems import problem_response
-from pages.listening import Connection, ConnectionTable, serve, share_of_descriptors
+from pages.listening import Accept, Connection, ConnectionTable, accept_plain, serve, share_of_descriptors
 
 CONNECTIONS_MAX_COUNT = 2048
 CONTINUE = "100-continue"
@@ -91,7 +91,9 @@ def name_server(response: web.StreamResponse) -> None:
     response.headers["Server"] = "blockrobot"
 
 
-def serve_api(application: web.Application, listener: socket.socket, stop_ms: int) -> AbstractAsyncContextManager[None]:
+def serve_api(
+    application: web.Application, listener: socket.socket, stop_ms: int, accept: Accept = accept_plain
+) -> AbstractAsyncContextManager[None]:
     admit_stray = application[STRAY_KEY]
     return serve(
         application,
@@ -99,6 +101,7 @@ def serve_api(application: web.Application, listener: socket.socket, stop_ms: in
         share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART),
         stop_ms,
         lambda manager, table, loop: ApiConnection(manager, table, loop, admit_stray),
+        accept,
     )
 
 

@@ -10,9 +10,12 @@ from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 from consensus.errors import BlockRobotError
+from pages.listening import plain_address
 
 SOURCES_MAX_COUNT = 4096
 RETRY_AFTER_MAX_S = 60
+NETWORK_BITS = 64
+"""Of an IPv6 address: what is the same for all addresses of a network."""
 _ROUNDING_US = 1.0
 
 K = TypeVar("K", bound=Hashable)
@@ -42,11 +45,16 @@ OWN = Source("own")
 
 
 def source_at(address: str) -> Source:
+    """Addresses of IPv6 count by network: a machine there has 2^64 of them."""
     try:
-        is_loopback = ipaddress.ip_address(address).is_loopback
+        found = plain_address(address)
     except ValueError:
-        is_loopback = False
-    return Source("loopback" if is_loopback else "address", address)
+        return Source("address", address)
+    if found.is_loopback:
+        return Source("loopback", str(found))
+    if isinstance(found, ipaddress.IPv6Address):
+        return Source("address", str(ipaddress.IPv6Network((int(found), NETWORK_BITS), strict=False)))
+    return Source("address", str(found))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,13 +1,16 @@
-"""Accepts other nodes' connections until the handshake ends, limited by address."""
+"""Accepts connections until their TLS handshake ends, limited by address."""
 
 from __future__ import annotations
 
 import asyncio
+import errno
 import socket
 import ssl
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 
 from consensus.errors import BlockRobotError
 from node.limits.token_buckets import Allowance, Source, TokenBuckets, source_at
@@ -17,9 +20,21 @@ HANDSHAKE_TIMEOUT_MS = 5_000
 SHUTDOWN_TIMEOUT_MS = 1_000
 """For how long a closed connection may wait for the other side to confirm."""
 HANDSHAKE_US = 3_000
-HANDSHAKES_OPEN_MAX_COUNT, HANDSHAKES_OF_ADDRESS_MAX_COUNT = 64, 32
-HANDSHAKE_ALLOWANCE = Allowance(us_per_s=20 * HANDSHAKE_US, burst_us=60 * HANDSHAKE_US)
-"""By address: twenty handshakes a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class HandshakeLimits:
+    """How many handshakes may be open, in all and of an address, and how much time those of an address may take."""
+
+    open_max_count: int
+    of_address_max_count: int
+    allowance: Allowance
+
+
+OF_PEERS = HandshakeLimits(64, 32, Allowance(us_per_s=20 * HANDSHAKE_US, burst_us=60 * HANDSHAKE_US))
+"""Twenty handshakes a second of an address."""
+OF_CLIENTS = HandshakeLimits(256, 64, Allowance(us_per_s=40 * HANDSHAKE_US, burst_us=200 * HANDSHAKE_US))
+"""Forty: the wallets of a ward may share an address."""
 _DESCRIPTORS_PART = 16
 
 
@@ -28,42 +43,49 @@ class ConnectionAcceptor:
 
     def __init__(
         self,
-        make: Callable[[], asyncio.Protocol],
         context: Callable[[], ssl.SSLContext],
         on_over_budget: Callable[[Source, float], None],
+        limits: HandshakeLimits,
     ) -> None:
-        """`make` builds a connection's protocol; `on_over_budget` gets addresses with too many handshakes."""
-        self._make = make
+        """`on_over_budget` gets addresses with too many handshakes."""
         self._context = context
         self._on_over_budget = on_over_budget
-        self._budgets: TokenBuckets[str] = TokenBuckets(lambda _host: HANDSHAKE_ALLOWANCE, time.monotonic)
-        self._open: Counter[str] = Counter()
-        self._open_max_count = share_of_descriptors(HANDSHAKES_OPEN_MAX_COUNT, _DESCRIPTORS_PART)
+        self._limits = limits
+        self._budgets: TokenBuckets[Source] = TokenBuckets(lambda _source: limits.allowance, time.monotonic)
+        self._open: Counter[Source] = Counter()
+        self._open_max_count = share_of_descriptors(limits.open_max_count, _DESCRIPTORS_PART)
         self._tasks: set[asyncio.Task[None]] = set()
 
-    async def run(self, listener: socket.socket) -> None:
+    async def run(self, listener: socket.socket, make: Callable[[], asyncio.Protocol]) -> None:
+        """Accept until cancelled; `make` builds a connection's protocol."""
         try:
-            await accept_each(listener, self._take)
+            await accept_each(listener, partial(self.accept, make))
         finally:
-            for task in self._tasks:
-                task.cancel()
+            self.close()
 
-    async def _take(self, accepted: socket.socket, host: str) -> None:
-        if self._open[host] >= HANDSHAKES_OF_ADDRESS_MAX_COUNT or not self._budgets.take(host, HANDSHAKE_US):
-            self._on_over_budget(source_at(host), self._budgets.wait_s(host, HANDSHAKE_US))
+    def close(self) -> None:
+        """End all handshakes that are open."""
+        for task in self._tasks:
+            task.cancel()
+
+    async def accept(self, make: Callable[[], asyncio.Protocol], accepted: socket.socket, host: str) -> None:
+        """Begin a handshake, or close a connection for which there is no room or no budget."""
+        source = source_at(host)
+        if self._open[source] >= self._limits.of_address_max_count or not self._budgets.take(source, HANDSHAKE_US):
+            self._on_over_budget(source, self._budgets.wait_s(source, HANDSHAKE_US))
             accepted.close()
         elif self._open.total() >= self._open_max_count:
             accepted.close()
         else:
-            self._open[host] += 1
-            task = asyncio.get_running_loop().create_task(self._shake_hands(accepted, host))
+            self._open[source] += 1
+            task = asyncio.get_running_loop().create_task(self._shake_hands(make, accepted, source))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
 
-    async def _shake_hands(self, accepted: socket.socket, host: str) -> None:
+    async def _shake_hands(self, make: Callable[[], asyncio.Protocol], accepted: socket.socket, source: Source) -> None:
         try:
             await asyncio.get_running_loop().connect_accepted_socket(
-                self._make,
+                make,
                 accepted,
                 ssl=self._context(),
                 ssl_handshake_timeout=HANDSHAKE_TIMEOUT_MS / 1000,
@@ -72,13 +94,20 @@ class ConnectionAcceptor:
         except (OSError, TimeoutError):
             accepted.close()
         finally:
-            self._open[host] -= 1
+            self._open[source] -= 1
             self._open += Counter()  # without those at 0
 
 
 def bind_listener(host: str, port: int) -> socket.socket:
-    """Raises PORT_IN_USE."""
+    """Raises PORT_IN_USE, PORT_NOT_PERMITTED, ADDRESS_NOT_HERE."""
     try:
         return open_listener(host, port)
-    except OSError:
-        raise BlockRobotError("PORT_IN_USE", f"Another program already listens on {host}:{port}.") from None
+    except OSError as error:
+        place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        if isinstance(error, socket.gaierror) or error.errno in {errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT}:
+            raise BlockRobotError("ADDRESS_NOT_HERE", f"{host} is no address of this machine.") from None
+        if error.errno in {errno.EACCES, errno.EPERM}:
+            raise BlockRobotError("PORT_NOT_PERMITTED", f"This user may not listen on {place}.") from None
+        if error.errno != errno.EADDRINUSE:
+            raise
+        raise BlockRobotError("PORT_IN_USE", f"Another program already listens on {place}.") from None

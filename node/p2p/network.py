@@ -23,7 +23,7 @@ from node.limits.refusal_log import RefusalLog
 from node.limits.token_buckets import Allowance, Source, TokenBuckets
 from node.limits.work_costs import REFUSAL_US
 from node.p2p.connection import LinkShaper, PeerConnection
-from node.p2p.connection_acceptor import SHUTDOWN_TIMEOUT_MS, ConnectionAcceptor, bind_listener
+from node.p2p.connection_acceptor import OF_PEERS, SHUTDOWN_TIMEOUT_MS, ConnectionAcceptor, bind_listener
 from node.p2p.frame_costs import FRAME_COSTS, Lane
 from node.p2p.identity import PROVEN_REFUSALS, identify_peer
 from node.p2p.tls import Credentials
@@ -137,9 +137,7 @@ class PeerNetwork:
         self._peers: dict[str, PeerConnection] = {}
         self._open: set[PeerConnection] = set()
         self._listener: socket.socket | None = None
-        self._accepting = ConnectionAcceptor(
-            self._connection, lambda: self._credentials.listening, handler.on_over_budget
-        )
+        self._accepting = ConnectionAcceptor(lambda: self._credentials.accepting, handler.on_over_budget, OF_PEERS)
         self._greeting = Greeting(self._give_up)
         self._links: TokenBuckets[str] = TokenBuckets(lambda _peer: LINK_ALLOWANCE, time.monotonic)
         self._consensus: TokenBuckets[str] = TokenBuckets(lambda _peer: CONSENSUS_ALLOWANCE, time.monotonic)
@@ -151,14 +149,18 @@ class PeerNetwork:
         self._said_of_own: str | None = None
         self._credentials = Credentials(config.tls_certificate_path, config.tls_key_path, self._directory.content)
 
+    def client_context(self) -> ssl.SSLContext:
+        """The newest TLS context for clients."""
+        return self._credentials.serving
+
     @property
     def connected(self) -> list[str]:
         return sorted(self._peers)
 
     async def start(self) -> None:
-        """Listen, and dial nodes with higher names. Raises PORT_IN_USE."""
+        """Listen, and dial nodes with higher names. Raises PORT_IN_USE, PORT_NOT_PERMITTED, ADDRESS_NOT_HERE."""
         self._listener = bind_listener(self._config.host, self._config.p2p_port)
-        self._spawn(self._accepting.run(self._listener))
+        self._spawn(self._accepting.run(self._listener, self._connection))
         self._directory.add_listener(self._directory_changed)
         self._dial_the_right_ones()
         self._spawn(self._watch_certificates())

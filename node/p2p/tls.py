@@ -1,4 +1,4 @@
-"""The node's certificate and its two mutual TLS 1.3 contexts.
+"""The node's certificate and its TLS 1.3 contexts: mutual with peers, one-sided for clients.
 
 Rebuilt when CAs or certificate change; validity dates are left to `identity`.
 """
@@ -75,14 +75,9 @@ class Credentials:
         self._key_path = key_path
         self._authorities = _authorities(directory)
         self.own = self._read_own()
-        self.connection_acceptor = self._new_context(self._authorities, server=True)
-        self.dialling = self._new_context(self._authorities)
-        self.listening = self._new_context(self._authorities, server=True)
-        """What the listener is made with: each handshake goes on with the newest context for accepted connections."""
-        self.listening.sni_callback = self._hand_on
-
-    def _hand_on(self, handshake: ssl.SSLObject | ssl.SSLSocket, _name: str | None, _context: ssl.SSLContext) -> None:
-        handshake.context = self.connection_acceptor
+        self.accepting, self.dialling = self._peer_contexts(self._authorities)
+        self.serving = self._client_context()
+        """For clients, which show no certificate."""
 
     def trust(self, directory: DirectoryContent) -> bool:
         """Trust these CAs from the next handshake; return whether they changed.
@@ -92,10 +87,7 @@ class Credentials:
         authorities = _authorities(directory)
         if authorities == self._authorities:
             return False
-        self.connection_acceptor, self.dialling = (
-            self._new_context(authorities, server=True),
-            self._new_context(authorities),
-        )
+        self.accepting, self.dialling = self._peer_contexts(authorities)
         self._authorities = authorities
         return True
 
@@ -106,24 +98,36 @@ class Credentials:
         """
         if self._stamp() == self.own.stamp:
             return False
-        own = self._read_own()
-        connection_acceptor, dialling = (
-            self._new_context(self._authorities, server=True),
-            self._new_context(self._authorities),
-        )
-        self.own, self.connection_acceptor, self.dialling = own, connection_acceptor, dialling
+        own, serving = self._read_own(), self._client_context()
+        self.accepting, self.dialling = self._peer_contexts(self._authorities)
+        self.own, self.serving = own, serving
         return True
 
-    def _new_context(self, authorities: tuple[str, ...], *, server: bool = False) -> ssl.SSLContext:
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER if server else ssl.PROTOCOL_TLS_CLIENT)
-        if server:
-            context.num_tickets = 0
+    def _peer_contexts(self, authorities: tuple[str, ...]) -> tuple[ssl.SSLContext, ssl.SSLContext]:
+        """For connections that come, and for those that go out."""
+        made = []
+        for protocol in (ssl.PROTOCOL_TLS_SERVER, ssl.PROTOCOL_TLS_CLIENT):
+            context = self._new_context(protocol)
+            context.check_hostname = False
+            context.verify_mode = ssl.CERT_REQUIRED
+            context.verify_flags = ssl.VerifyFlags(context.verify_flags | _NO_CHECK_TIME)
+            try:
+                context.load_verify_locations(cadata="".join(authorities))
+            except ssl.SSLError:
+                raise BlockRobotError("GENESIS_INVALID", "A CA certificate of the directory cannot be used.") from None
+            made.append(context)
+        made[0].num_tickets = 0
+        return made[0], made[1]
+
+    def _client_context(self) -> ssl.SSLContext:
+        context = self._new_context(ssl.PROTOCOL_TLS_SERVER)
+        context.set_alpn_protocols(["http/1.1"])
+        return context
+
+    def _new_context(self, protocol: ssl._SSLMethod) -> ssl.SSLContext:
+        context = ssl.SSLContext(protocol)
         context.minimum_version = ssl.TLSVersion.TLSv1_3
-        context.check_hostname = False
-        context.verify_mode = ssl.CERT_REQUIRED
-        context.verify_flags = ssl.VerifyFlags(context.verify_flags | _NO_CHECK_TIME)
         try:
-            context.load_verify_locations(cadata="".join(authorities))
             context.load_cert_chain(self._certificate_path, self._key_path)
         except (ssl.SSLError, OSError):
             raise BlockRobotError(

@@ -42,7 +42,7 @@ from network.provisioning.node_certificates import (
     serial_bytes,
 )
 from network.provisioning.node_joining import newest_directory, organisation_of
-from node.config import NodeConfig
+from node.config import LOOPBACK, NodeConfig
 
 authority_option = click.option(
     "--authority", type=FOLDER, help="The folder with ca.crt.pem and ca.key.pem, if it is not in the network's folder."
@@ -102,7 +102,14 @@ def list_certificates(folder: Path | None, as_json: bool) -> None:
 @certificate.command()
 @click.argument("name")
 @click.option("--organisation", required=True, help="Whose node it is.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="The node's address or host name.")
+@click.option(
+    "--host",
+    "hosts",
+    multiple=True,
+    default=(LOOPBACK,),
+    show_default=True,
+    help="An address or a host name at which peers or clients reach it; may be repeated.",
+)
 @click.option("--out", required=True, type=FOLDER, help="Where the two files are made.")
 @days_option
 @authority_option
@@ -111,7 +118,7 @@ def list_certificates(folder: Path | None, as_json: bool) -> None:
 def issue(
     name: str,
     organisation: str,
-    host: str,
+    hosts: tuple[str, ...],
     out: Path,
     days: int,
     authority: Path | None,
@@ -124,7 +131,7 @@ def issue(
     """
     ca = get_authority(network_folder(folder), organisation, authority)
     try:
-        serial = issue_into(out, ca, name, host, days)
+        serial = issue_into(out, ca, name, *hosts, days=days)
     except FileExistsError:
         raise BlockRobotError("NODE_EXISTS", f"There is a certificate or a key in {out} already; renew it.") from None
     if as_json:

@@ -33,6 +33,7 @@ from network.provisioning.node_joining import (
     newest_directory,
     next_base_port,
     of_chain,
+    parse_place,
 )
 from node.directory.directory_file import DIRECTORY_FILE, decode_directory, encode_directory
 
@@ -43,12 +44,16 @@ from node.directory.directory_file import DIRECTORY_FILE, decode_directory, enco
 @click.option(
     "--data-dir", type=FOLDER, help="Where the node keeps all that is its own; else nodes/NAME in the network's folder."
 )
-@click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens, and peers reach it.")
+@click.option("--bind", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Where it listens.")
 @click.option(
-    "--api-url",
+    "--advertise",
     default="",
-    metavar="URL",
-    help="Where clients reach it: needed, and https://, if --host is another machine's address.",
+    metavar="HOST[:PORT]",
+    help="Where peers reach it, and clients at the port after it; else where it listens.",
+)
+@click.option("--api-url", default="", metavar="URL", help="Where clients reach it, if elsewhere: a proxy, say.")
+@click.option(
+    "--api-bind", default="", metavar="ADDRESS", help="Where it listens for clients, if elsewhere: 127.0.0.1, say."
 )
 @click.option("--base-port", type=click.IntRange(1, 65_533), help="The first of its three ports; else the next free.")
 @click.option("--custodian", is_flag=True, help="It keeps off-chain data too.")
@@ -70,8 +75,10 @@ def init(
     name: str,
     organisation: str,
     data_dir: Path | None,
-    host: str,
+    bind: str,
+    advertise: str,
     api_url: str,
+    api_bind: str,
     base_port: int | None,
     custodian: bool,
     store: str,
@@ -98,10 +105,14 @@ def init(
     if directory_file is not None:
         directory_content = decode_directory(read_given_file(directory_file, JSON_MAX_BYTES), beginning.chain_id)
         known = max(known, directory_content, key=lambda content: content.height)
+    host, port = parse_place(advertise or bind)
     newcomer = JoiningNode(
         name=name,
         organisation=organisation,
         host=host,
+        bind=bind,
+        api_bind=api_bind,
+        p2p_port=port,
         base_port=base_port or next_base_port(known, configs),
         store=store,
         is_custodian=custodian,

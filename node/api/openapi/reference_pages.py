@@ -19,8 +19,8 @@ from node.api.state_page import write_state_page
 _MADE = "<!-- Made from the code by `python -m node.api.openapi.reference_pages docs/reference`. Do not edit. -->"
 
 _HTTP_INTRODUCTION = """\
-Every node serves this interface; `GET /v1/openapi.json` describes it for machines. The node speaks plain HTTP. Clients
-take that on loopback only: elsewhere a TLS proxy stands before it, with a certificate of the organisation's CA.
+Every node serves this interface; `GET /v1/openapi.json` describes it for machines. On loopback it is plain HTTP; beyond
+that it is HTTPS (TLS 1.3), by a certificate of the authority of the node's organisation, and clients take nothing else.
 
 - **Bytes** are lower-case hexadecimal in JSON, in paths and in queries. Bodies of `application/msgpack` are the
   canonical encoding.

@@ -6,10 +6,16 @@ import stat
 from pathlib import Path
 
 import pytest
+from cryptography import x509
 
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
-from network.provisioning.certificate_authority import create_authority, encode_private_key, write_secret
+from network.provisioning.certificate_authority import (
+    certified_hosts,
+    create_authority,
+    encode_private_key,
+    write_secret,
+)
 from network.provisioning.network_layout import create_network
 from network.provisioning.node_certificates import (
     DAY_MS,
@@ -52,6 +58,16 @@ def test_renewing_keeps_the_key_and_changes_the_serial(folder: Path, config: Nod
     assert config.tls_key_path.read_bytes() == key
     assert 399 <= after.days_left(now_ms()) <= 400
     assert after.state(now_ms()) == "valid"
+
+
+def test_renewing_keeps_the_addresses_at_which_others_reach_the_node(folder: Path, config: NodeConfig) -> None:
+    keys = config.tls_certificate_path.parent
+    for path in (config.tls_certificate_path, config.tls_key_path):
+        path.unlink()
+    issue_into(keys, get_authority(folder, "hospital"), "node-1", "10.0.0.7", "node-1.clinic.example")
+    renew(config, get_authority(folder, "hospital"))
+    renewed = x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())
+    assert certified_hosts(renewed) == ("10.0.0.7", "node-1.clinic.example")
 
 
 def test_a_new_key_comes_with_a_certificate_that_fits(folder: Path, config: NodeConfig) -> None:

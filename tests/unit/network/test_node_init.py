@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 from click.testing import CliRunner, Result
+from cryptography import x509
 
 from consensus.chain.genesis import Genesis
 from network.cli.node.node_setup_commands import init
 from network.cluster import Cluster
+from network.provisioning.certificate_authority import certified_hosts
 from network.provisioning.network_layout import PORTS_PER_NODE, create_network
 from network.provisioning.node_joining import ENTRY_FILE, of_chain
 from node.config import load_config, load_genesis
 from node.directory.directory_file import DIRECTORY_FILE
+from pages.listening import is_loopback
 
 HOME_PORT, OTHER_PORT = 21_000, 22_000
 
@@ -82,11 +86,18 @@ def test_faults_are_allowed_only_if_one_says_so(home: Path) -> None:
     ("arguments", "url"),
     [
         ((), "http://127.0.0.1:21501"),
-        (("--host", "::1"), "http://[::1]:21501"),
-        (("--host", "10.0.0.7", "--api-url", "https://node-3.clinic.example"), "https://node-3.clinic.example"),
-        (("--host", "10.0.0.7", "--api-url", "http://127.0.0.1:9000"), "http://127.0.0.1:9000"),
-        (("--host", "10.0.0.7"), None),
-        (("--host", "0.0.0.0"), None),
+        (("--bind", "::1"), "http://[::1]:21501"),
+        (("--bind", "10.0.0.7"), "https://10.0.0.7:21501"),
+        (("--bind", "fd00::7"), "https://[fd00::7]:21501"),
+        (("--bind", "0.0.0.0", "--advertise", "node-3.clinic.example"), "https://node-3.clinic.example:21501"),
+        (("--bind", "::", "--advertise", "[fd00::7]:443"), "https://[fd00::7]:444"),
+        (("--bind", "10.0.0.7", "--api-url", "https://node-3.clinic.example"), "https://node-3.clinic.example"),
+        (("--bind", "10.0.0.7", "--api-url", "http://127.0.0.1:9000"), "http://127.0.0.1:9000"),
+        (("--bind", "0.0.0.0"), None),
+        (("--bind", "::"), None),
+        (("--bind", "0.0.0.0", "--advertise", "10.0.0.7:70000"), None),
+        (("--bind", "0.0.0.0", "--advertise", "user@node-3:443"), None),
+        (("--bind", "0.0.0.0", "--advertise", "https://node-3:443"), None),
         (("--api-url", "http://node-3.clinic.example"), None),
         (("--api-url", "node-3.clinic.example"), None),
     ],
@@ -97,12 +108,14 @@ def test_a_node_is_entered_only_where_clients_would_talk_to_it(
     place = home / "nodes" / "node-3"
     said = run("node-3", "--organisation", "hospital", "--base-port", "21500", *arguments)
     if url is None:
-        assert "--api-url" in said.stderr
         assert "CONFIGURATION_INVALID" in said.stderr
         assert not place.exists()
     else:
         assert said.exit_code == 0, said.output
         assert json.loads((place / ENTRY_FILE).read_text("utf-8"))["api_url"] == url
+        config, reached = load_config(place), urlsplit(url).hostname or ""
+        assert config.api_tls == (not is_loopback(config.api_host))
+        assert reached in certified_hosts(x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes()))
 
 
 def _proposals(*arguments: str) -> list[str]:

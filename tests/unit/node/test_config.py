@@ -44,6 +44,32 @@ def test_paths_are_relative_and_what_is_written_is_what_is_read(tmp_path: Path) 
     assert load_config(_write(tmp_path, config_to_toml(config))) == config
 
 
+@pytest.mark.parametrize(
+    ("listen", "api_host", "api_tls"),
+    [
+        ("", "127.0.0.1", False),
+        ('host = "10.0.0.7"', "10.0.0.7", True),
+        ('host = "::"', "::", True),
+        ('host = "node-1.clinic.example"', "node-1.clinic.example", True),
+        ('host = "0.0.0.0"\napi_host = "127.0.0.1"', "127.0.0.1", False),
+        ("api_tls = true", "127.0.0.1", True),
+        ('host = "10.0.0.7"\napi_tls = false', "10.0.0.7", None),
+        ('api_host = "::ffff:10.0.0.7"\napi_tls = false', "::ffff:10.0.0.7", None),
+    ],
+)
+def test_clients_are_served_over_tls_wherever_others_could_listen_in(
+    tmp_path: Path, listen: str, api_host: str, api_tls: bool | None
+) -> None:
+    folder = _write(tmp_path, GOOD.replace("[listen]", f"[listen]\n{listen}"))
+    if api_tls is None:
+        with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .*TLS"):
+            load_config(folder)
+        return
+    config = load_config(folder)
+    assert (config.api_host, config.api_tls) == (api_host, api_tls)
+    assert load_config(_write(tmp_path, config_to_toml(config))) == config
+
+
 @pytest.mark.parametrize("sandbox", ["on", "require", "off"])
 def test_the_sandbox_of_contracts_is_on_unless_the_file_says_otherwise(tmp_path: Path, sandbox: str) -> None:
     assert load_config(_write(tmp_path, GOOD)).contract_sandbox == "on"

@@ -29,7 +29,7 @@ async def test_the_operator_listens_on_loopback_though_the_node_listens_everywhe
     monkeypatch.setattr(service, "bind_listener", watched)
     create_network(tmp_path, nodes=1, organisations=1, base_port=find_base_port(1))
     everywhere = "0.0.0.0"
-    config = replace(Cluster(tmp_path).config("node-1"), host=everywhere)
+    config = replace(Cluster(tmp_path).config("node-1"), api_host=everywhere)
     async with Node(config), aiohttp.ClientSession() as session:
         status = await fetch_status(session, config)
     assert bound == {config.api_port: everywhere, config.operator_port: "127.0.0.1"}

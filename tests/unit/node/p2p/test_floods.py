@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,8 +14,8 @@ from consensus.errors import BlockRobotError
 from node.limits.peer_bans import BAN_FIRST_MS, BAN_MAX_MS, FORGOTTEN_AFTER_MS, PeerBans, monotonic_ms
 from node.limits.token_buckets import Allowance
 from node.limits.work_costs import bytes_cost_us
-from node.p2p import connection_acceptor
 from node.p2p import network as links
+from node.p2p.connection_acceptor import OF_PEERS
 from node.p2p.network import PeerNetwork
 from node.p2p.wire import FrameKind, RequestKind, encode_request
 from tests.unit.node.p2p.linked_nodes import LinkedNodes, eventually
@@ -172,7 +173,7 @@ async def test_a_stream_of_answers_that_nobody_asked_for_holds_up_who_sends_it(
 async def test_an_address_that_only_shakes_hands_gets_no_more_of_them_than_its_budget(
     crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection_acceptor, "HANDSHAKE_ALLOWANCE", Allowance(us_per_s=1, burst_us=0))
+    monkeypatch.setattr(links, "OF_PEERS", replace(OF_PEERS, allowance=Allowance(us_per_s=1, burst_us=0)))
     await crowd.start({"a": "hospital", "b": "hospital"})
     assert crowd.nodes["b"].links.connected == []
     reader, writer = await asyncio.open_connection("127.0.0.1", crowd.ports["b"])
@@ -184,7 +185,7 @@ async def test_an_address_that_only_shakes_hands_gets_no_more_of_them_than_its_b
 async def test_an_address_that_begins_handshakes_and_ends_none_leaves_room_for_others(
     crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection_acceptor, "HANDSHAKES_OF_ADDRESS_MAX_COUNT", 3)
+    monkeypatch.setattr(links, "OF_PEERS", replace(OF_PEERS, of_address_max_count=3))
     await _linked(crowd)
     port = crowd.ports["a"]
     silent = [await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.2", 0)) for _ in range(4)]

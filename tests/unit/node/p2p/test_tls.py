@@ -83,7 +83,7 @@ def test_an_odd_certificate_of_one_organisation_harms_no_other(
 ) -> None:
     credentials = open_credentials(ODD[kind])
     others = {authority.certificate.public_bytes(Encoding.DER) for authority in (OWN, LAST)}
-    assert others <= trusted(credentials.connection_acceptor)
+    assert others <= trusted(credentials.accepting)
     assert others <= trusted(credentials.dialling)
 
 
@@ -94,7 +94,7 @@ def test_what_can_be_read_is_trusted_however_it_is_written(
     kind: str, open_credentials: Callable[[str], Credentials]
 ) -> None:
     assert load_authorities(ODD[kind])
-    assert DER in trusted(open_credentials(ODD[kind]).connection_acceptor)
+    assert DER in trusted(open_credentials(ODD[kind]).accepting)
 
 
 @pytest.mark.parametrize("kind", ODD)
@@ -117,4 +117,4 @@ def test_without_any_readable_authority_the_node_says_so(open_credentials: Calla
     nobody = DirectoryContent(8, {}, {"clinic": DirectoryOrganisation("clinic", ODD["cut short"])})
     with pytest.raises(BlockRobotError, match=r"^GENESIS_INVALID:"):
         credentials.trust(nobody)
-    assert DER in trusted(credentials.connection_acceptor)
+    assert DER in trusted(credentials.accepting)
