@@ -104,6 +104,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("PORT_IN_USE", 409, "Another program already listens on this port.", "Stop that program or choose other ports with --base-port."),
     ErrorEntry("PORT_NOT_PERMITTED", 403, "This user may not listen on this port.", "Choose a port above 1023, or let the system allow it to the node's user."),
     ErrorEntry("ADDRESS_NOT_HERE", 400, "The address to listen on is none of this machine's.", "Listen on an address that the machine has (`ip address` shows them; 0.0.0.0 is all), and name the one that others reach with --advertise."),
+    ErrorEntry("FOUNDING_ENTRY_INVALID", 400, "An entry cannot be part of the genesis file.", "Ask the party that made it for a new one, or leave one of two out."),
+    ErrorEntry("GENESIS_DIFFERS", 409, "Two genesis files, or a file and the entries in it, are not alike.", "Compare fingerprints with the other parties (`blockrobot genesis check`), and make the file anew of everybody's entries."),
     ErrorEntry("STORAGE_DAMAGED", 500, "The node's storage is damaged.", "Stop the node, keep the directory for inspection, and make the node anew."),
     ErrorEntry("STORAGE_BUSY", 503, "Too many readers or writers use the node's storage at once.", "Try again in a moment.", retryable=True),
     ErrorEntry("STORAGE_FULL", 507, "The disk or the size allowed for the node's storage is used up.", "Free space on the disk or allow a larger store, then restart the node."),

@@ -15,7 +15,7 @@ import hypothesis
 import pytest
 
 HERE = Path(__file__).parent
-PROCESS_FOLDERS = ("benchmarks", "cluster", "demo", "experiments", "install", "robot_live", "security", "ui")
+PROCESS_FOLDERS = ("benchmarks", "cluster", "demo", "experiments", "hosts", "install", "robot_live", "security", "ui")
 """Their tests start programs: nodes, robots, wallets, brokers."""
 SLOW_KINDS = ("process", "browser", "mongo", "ros", "docs")
 """Kinds that only the long tier runs whole."""

@@ -12,13 +12,14 @@ from consensus.chain.block import HEADER_VERSION, NO_BLOCK, Block, Header, Quoru
 from consensus.chain.epoch_settings import ChainSettings, Epoch, check_settings, parse_production
 from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import Wire, encode
+from consensus.primitives.encoding import Wire, encode, encode_value
 from consensus.primitives.hashing import HASH_SIZE_BYTES, tagged_hash
 from consensus.primitives.keys import PrivateKey, is_public_key, verify
 from consensus.primitives.merkle import merkle_root
 
 __all__ = [
     "GENESIS_VERSION",
+    "PARTS",
     "POSSESSION_TAG",
     "ChainSettings",
     "ContractEntry",
@@ -33,6 +34,8 @@ __all__ = [
 ]
 
 GENESIS_VERSION = 1
+PARTS = ("name or beginning", "settings", "organisations", "nodes", "contracts", "purposes")
+"""Of a genesis file, as they are called where two differ."""
 POSSESSION_TAG = "blockrobot/producer-possession"
 
 
@@ -87,6 +90,19 @@ class Genesis(Wire, frozen=True):
         return tagged_hash("blockrobot/chain", encode(msgspec.structs.replace(self, state_root=b"")))
 
     @property
+    def part_digests(self) -> tuple[bytes, ...]:
+        """Eight bytes for each of PARTS, by which two networks find out in which their files differ."""
+        parts = (
+            (self.version, self.network, self.created_at_ms),
+            self.settings,
+            self.organisations,
+            self.nodes,
+            (self.contracts, self.contract_language),
+            self.purposes,
+        )
+        return tuple(tagged_hash("blockrobot/genesis-part", encode_value(_as_lists(part)))[:8] for part in parts)
+
+    @property
     def epoch(self) -> Epoch:
         producers = tuple(node.producer_key for node in self.nodes if node.producer_key)
         return Epoch(number=0, producers=producers, leaderless=(), settings=self.settings)
@@ -130,6 +146,12 @@ class Genesis(Wire, frozen=True):
     @property
     def block_id(self) -> bytes:
         return compute_header_id(self.block().header)
+
+
+def _as_lists(value: Any) -> Any:
+    if isinstance(value, msgspec.Struct):
+        return [_as_lists(field) for field in msgspec.structs.astuple(value)]
+    return [_as_lists(item) for item in value] if isinstance(value, tuple | list) else value
 
 
 def _check_nodes(genesis: Genesis) -> None:

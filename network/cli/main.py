@@ -34,6 +34,10 @@ _COMMANDS = {
         "network.cli.measure.demo_commands:demo",
         "Run the whole story: four nodes, a robot, two patients, a visitor; check every step.",
     ),
+    "genesis": LazyCommand(
+        "network.cli.governance.genesis_commands:genesis",
+        "Found a network of several parties: make the genesis file of everybody's entries, check it, and begin with it.",
+    ),
     "org": LazyCommand("network.cli.governance.org_commands:org", "The organisations of the network and their nodes."),
     "producer": LazyCommand(
         "network.cli.governance.producer_commands:producer",
@@ -114,7 +118,7 @@ SECTIONS = {
     "Robot operators": ("robot",),
     "Registrars": ("card", "roster"),
     "Data protection officers": ("officer",),
-    "Administrators of an organisation": ("org", "producer", "settings", "notice", "frames"),
+    "Administrators of an organisation": ("genesis", "org", "producer", "settings", "notice", "frames"),
     "Operators of nodes": ("up", "down", "status", "logs", "node", "certificate", "custody", "doctor"),
     "To watch and to break a network": ("console", "explore", "fault", "demo"),
     "Contract developers": ("contract",),

@@ -6,7 +6,6 @@ rejected.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 
 from clients.sdk.new_files import read_given_file
 from consensus.bounded_text import read_json_text
-from consensus.chain.genesis import NodeEntry, Organisation
+from consensus.chain.genesis import NodeEntry
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import is_public_key
 from node.p2p.identity import load_authorities
@@ -60,17 +59,6 @@ def read_certificate(path: Path) -> x509.Certificate:
         return x509.load_pem_x509_certificate(read_given_file(path, HANDED_OVER_MAX_BYTES))
     except (ValueError, x509.InvalidVersion):
         raise BlockRobotError("FILE_UNUSABLE", f"{path} is no certificate in PEM.") from None
-
-
-def organisation_entry_to_json(entry: Organisation) -> str:
-    """For `org propose add-org`: public keys only, in hex."""
-    document = {
-        "name": entry.name,
-        "ca_certificate": entry.ca_certificate,
-        "admins": [key.hex() for key in entry.admins],
-        "registrars": [key.hex() for key in entry.registrars],
-    }
-    return json.dumps(document, indent=2) + "\n"
 
 
 def _require_public_keys(keys: list[bytes], path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import structlog
 
-from consensus.chain.genesis import Genesis
+from consensus.chain.genesis import PARTS, Genesis
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from node.config import NodeConfig
@@ -128,7 +128,7 @@ class PeerNetwork:
         """Read the node's certificate. Raises CONFIGURATION_INVALID, GENESIS_INVALID."""
         self._config = config
         self._name = config.name
-        self._chain_id = genesis.chain_id
+        self._genesis = genesis
         self._handler = handler
         self._shaper = shaper
         self._clock = clock
@@ -367,9 +367,10 @@ class PeerNetwork:
         self._greeting.add(connection)
         hello = Hello(
             version=PROTOCOL_VERSION,
-            chain_id=self._chain_id,
+            chain_id=self._genesis.chain_id,
             name=self._name,
             finalized_height=self._handler.finalized_height(),
+            genesis=self._genesis.part_digests,
         )
         connection.send(FrameKind.HELLO, encode_frame(FrameKind.HELLO, encode(hello)))
 
@@ -382,6 +383,16 @@ class PeerNetwork:
             connection.cut_off(REFUSED_LINGER_MS / 1000)
         else:
             connection.abort()
+        self._forget(connection)
+
+    def _refuse_founding(self, connection: PeerConnection, hello: Hello) -> None:
+        """Name the parts that differ; both sides do, since both have said hello."""
+        pairs = zip(PARTS, self._genesis.part_digests, hello.genesis, strict=False)
+        parts = ", ".join(name for name, own, other in pairs if own != other) or "what nobody can tell"
+        detail = f"{connection.peer} is of a network with another genesis file. What differs: {parts}."
+        self._refused.note(connection.peer, BlockRobotError("GENESIS_DIFFERS", detail), self._clock())
+        self._greeting.remove(connection)
+        connection.cut_off(REFUSED_LINGER_MS / 1000)
         self._forget(connection)
 
     def _give_up(self, connection: PeerConnection, why: str) -> None:
@@ -415,8 +426,9 @@ class PeerNetwork:
         hello = decode(payload, Hello)
         if connection.greeted or hello.version != PROTOCOL_VERSION or hello.name != connection.peer:
             raise BlockRobotError("PEER_MESSAGE_INVALID", "The hello does not fit the connection.")
-        if hello.chain_id != self._chain_id:
-            raise BlockRobotError("PEER_REFUSED", f"{connection.peer} is on another chain.")
+        if hello.chain_id != self._genesis.chain_id:
+            self._refuse_founding(connection, hello)
+            return
         connection.greeted = True
         self._greeting.remove(connection)
         previous = self._peers.get(connection.peer)

@@ -10,7 +10,7 @@ from consensus.chain.block import FinalityProof
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 HEADER_SIZE_BYTES = 5
 SMALL_FRAME_MAX_BYTES = 64 * 1024
 EPOCH_FRAME_MAX_BYTES = 512 * 1024
@@ -71,12 +71,13 @@ GOSSIP_KINDS = frozenset({FrameKind.TRANSACTIONS, FrameKind.HEIGHT})
 
 
 class Hello(Wire, frozen=True):
-    """First frame of both sides: protocol, chain and height."""
+    """First frame of both sides: protocol, chain and height; `genesis`: digests of the parts of its genesis file."""
 
     version: int
     chain_id: bytes
     name: str
     finalized_height: int
+    genesis: tuple[bytes, ...] = ()
 
 
 class Refusal(Wire, frozen=True):

@@ -12,7 +12,7 @@ from network.cli.main import main
 from tests.architecture.test_named_in_documents import documents
 
 TYPED = re.compile(r"^(?:[A-Z_]+=\S+ )*(?:\.venv/bin/)?blockrobot (.*)$")
-FENCE = re.compile(r"^```(?:sh|bash)?(?: again)?\n(.*?)^```", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(r"^```(?:sh|bash)?(?: [a-z ]+)?\n(.*?)^```", re.MULTILINE | re.DOTALL)
 ENDS_OF_A_COMMAND = frozenset({"|", "&&", ";", ">"})
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cluster.network_under_test import find_base_port
-from tests.cluster.tutorial_reader import Reader
+from tests.cluster.tutorial_reader import Placeholders, Reader
 
 PLACEHOLDERS = {
     "BR1-...": r"^(BR1-[A-Z2-7-]+)$",
@@ -22,7 +22,7 @@ READING_MAX_S = 600
 @pytest.fixture
 def reader(tmp_path: Path) -> Iterator[Reader]:
     """A reader who has a clone of BlockRobot, and nothing else."""
-    reader = Reader(tmp_path, PLACEHOLDERS, base_port=find_base_port(4))
+    reader = Reader(tmp_path, Placeholders(PLACEHOLDERS), base_port=find_base_port(4))
     yield reader
     reader.close()
 

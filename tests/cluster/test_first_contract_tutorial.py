@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cluster.network_under_test import find_base_port
-from tests.cluster.tutorial_reader import Reader
+from tests.cluster.tutorial_reader import Placeholders, Reader
 
 TXID = "408374439e1dc512691a30162ed157320f1a8e2d4863a294ef429d6d8906144b"
 PLACEHOLDERS = {
@@ -20,7 +20,7 @@ PLACEHOLDERS = {
 @pytest.fixture
 def reader(tmp_path: Path) -> Iterator[Reader]:
     """A reader who has a clone of BlockRobot, and nothing else."""
-    reader = Reader(tmp_path, PLACEHOLDERS, base_port=find_base_port(4))
+    reader = Reader(tmp_path, Placeholders(PLACEHOLDERS), base_port=find_base_port(4))
     yield reader
     reader.close()
 

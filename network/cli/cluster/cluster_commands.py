@@ -24,10 +24,9 @@ from network.cluster import Cluster, NodeStatusReport
 from network.cluster_monitor import accusers_of, kept_lines
 from network.notices.notice_publishing import publish_demo_notice
 from network.provisioning.network_files import require_own
-from network.provisioning.network_layout import create_network
+from network.provisioning.network_layout import FIRST_PORT, create_network
 from network.provisioning.network_removal import remove_network
 
-DEFAULT_BASE_PORT = 7272
 ORGANISATIONS_COUNT = 2
 TOLD_NODES_COUNT = 2
 TOLD_LINES_COUNT = 5
@@ -40,7 +39,7 @@ _TEXT_COLUMNS = frozenset({"node", "state", "leads"})
 @click.option(
     "--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="How many nodes a new network has."
 )
-@click.option("--base-port", default=DEFAULT_BASE_PORT, show_default=True, help="The first of ten ports a node.")
+@click.option("--base-port", default=FIRST_PORT, show_default=True, help="The first of ten ports a node.")
 @click.option(
     "--store", default="sqlite", show_default=True, help="Where custodians keep data: sqlite or mongodb://..."
 )

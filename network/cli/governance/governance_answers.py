@@ -72,6 +72,30 @@ class OrgNewAnswer(Answer, frozen=True, kw_only=True):
     admins: Annotated[list[Hex], doc("Its admins' keys")]
 
 
+class GenesisNode(Answer, frozen=True, kw_only=True):
+    """A node that a genesis file names."""
+
+    name: Annotated[str, doc("Its name")]
+    organisation: Annotated[str, doc("Whose node it is")]
+    host: Annotated[str, doc("Where other nodes reach it")]
+    p2p_port: Annotated[Count, doc("At which port")]
+    api_url: Annotated[str, doc("Where clients reach it")]
+    produces: Annotated[bool, doc("Whether it has a seat from the beginning")]
+    is_custodian: Annotated[bool, doc("Whether it keeps off-chain data")]
+
+
+class GenesisAnswer(Answer, frozen=True, kw_only=True):
+    """A genesis file that was made or checked."""
+
+    file: Annotated[str, doc("The file")]
+    network: Annotated[str, doc("What the network is called")]
+    chain_id: Annotated[Hex, doc("The network's id, which follows from the file")]
+    fingerprint: Annotated[str, doc("What all parties have to see alike")]
+    organisations: Annotated[list[str], doc("The founding organisations")]
+    nodes: Annotated[list[GenesisNode], doc("Their nodes")]
+    adopted: Annotated[list[str], doc("Nodes here that begin with it")]
+
+
 class EpochView(Answer, frozen=True, kw_only=True):
     """The epoch in which something holds."""
 
@@ -279,6 +303,8 @@ class NoticeActivitiesAnswer(Answer, frozen=True, kw_only=True):
 ANSWERS: AnswersByCommand = {
     "org list": OrgListAnswer,
     "org new": OrgNewAnswer,
+    "genesis make": GenesisAnswer,
+    "genesis check": GenesisAnswer,
     "org propose add-org": DecisionAnswer,
     "org propose remove-org": DecisionAnswer,
     "org propose replace-ca": DecisionAnswer,

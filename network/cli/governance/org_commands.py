@@ -43,8 +43,8 @@ from network.provisioning.exchange_files import (
     read_node_entry,
     read_organisation_entry,
 )
-from network.provisioning.network_layout import create_organisation
-from network.provisioning.node_joining import check_api_url
+from network.provisioning.new_node import check_api_url
+from network.provisioning.new_organisation import create_organisation
 
 
 @click.group()

@@ -22,9 +22,10 @@ from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import admin_keys, read_private_key
 from network.cli.node.node_answers import NodeAddAnswer, NodeAddStep
 from network.cluster import Cluster
+from network.provisioning.new_node import NewNode
 from network.provisioning.node_adding import NodeAddition, Step
 from network.provisioning.node_certificates import get_authority
-from network.provisioning.node_joining import JoiningNode, init_node, newest_directory, next_base_port, of_chain
+from network.provisioning.node_joining import init_node, newest_directory, next_base_port, of_chain
 from node.config import load_config
 from node.directory.node_directory import DirectoryContent
 
@@ -120,7 +121,7 @@ def _make(cluster: Cluster, membership: MembershipView, growth: NodeAddition, wa
     known = newest_directory(cluster.genesis, of_chain(configs, cluster.genesis.chain_id))
     owner = wanted.organisation or _smallest(cluster.folder, membership, list(growth.voices))
     name = wanted.name or _free_name(cluster, known, membership)
-    newcomer = JoiningNode(
+    newcomer = NewNode(
         name=name,
         organisation=owner,
         host="127.0.0.1",

@@ -19,7 +19,7 @@ _PLACES = {
     ),
     "init": LazyCommand(
         "network.cli.node.node_setup_commands:init",
-        "Make the data directory of a node that joins a network which runs already.",
+        "Make the data directory of a node: one that joins a network which runs already, or with --founding a first one.",
     ),
     "directory": LazyCommand(
         "network.cli.node.node_setup_commands:directory",

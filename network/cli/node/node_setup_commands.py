@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shlex
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -19,22 +21,19 @@ from clients.sdk.terminal.terminal import (
     print_answer,
 )
 from consensus.bounded_text import JSON_MAX_BYTES, read_json_as
-from consensus.chain.genesis import Genesis
+from consensus.chain.genesis import Genesis, NodeEntry
 from network.cli.cluster.cluster_options import folder_option, network_folder
-from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table
+from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table, read_private_key
 from network.cli.node.node_answers import NodeDirectoryAnswer, NodeInitAnswer
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
+from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
+from network.provisioning.founding import NETWORK_NAME
+from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
+from network.provisioning.new_node import NODE_ENTRY_FILE, Founder, NewNode, create_node, parse_place
 from network.provisioning.node_certificates import get_authority
-from network.provisioning.node_joining import (
-    ENTRY_FILE,
-    JoiningNode,
-    init_node,
-    newest_directory,
-    next_base_port,
-    of_chain,
-    parse_place,
-)
+from network.provisioning.node_joining import init_node, newest_directory, next_base_port, of_chain
+from node.config import CONFIG_FILE, load_config
 from node.directory.directory_file import DIRECTORY_FILE, decode_directory, encode_directory
 
 
@@ -67,6 +66,12 @@ from node.directory.directory_file import DIRECTORY_FILE, decode_directory, enco
     help=f"A {DIRECTORY_FILE} of another machine (see node directory), if the network is older than its genesis file.",
 )
 @click.option(
+    "--founding",
+    is_flag=True,
+    help="It founds a network, whose genesis file is made of its entry and others' (blockrobot genesis).",
+)
+@click.option("--follower", is_flag=True, help="With --founding: it follows the chain and produces no blocks.")
+@click.option(
     "--faults", is_flag=True, help="Allow it to be broken on purpose (blockrobot fault). For experiments only."
 )
 @folder_option
@@ -85,17 +90,43 @@ def init(
     authority: Path | None,
     genesis: Path | None,
     directory_file: Path | None,
+    founding: bool,
+    follower: bool,
     faults: bool,
     folder: Path | None,
     as_json: bool,
 ) -> None:
-    """Make the data directory of a node that joins a network which runs already.
+    """Make the data directory of a node: one that joins a network which runs already, or with --founding a first one.
 
-    It follows the chain once the organisations have agreed on it, and produces blocks once they vote for it.
+    One that joins follows the chain once the organisations have agreed on it, and produces blocks once they vote for it.
 
-    Example: blockrobot node init node-5 --organisation hospital
+    Examples: blockrobot node init node-5 --organisation hospital; blockrobot node init ward-1 --founding --organisation
+    hospital --bind 0.0.0.0 --advertise ward-1.hospital.example --custodian
     """
     network = network_folder(folder)
+    host, port = parse_place(advertise or bind)
+    new = NewNode(
+        name=name,
+        organisation=organisation,
+        host=host,
+        base_port=base_port or FIRST_PORT,
+        store=store,
+        is_custodian=custodian,
+        is_producer=not follower,
+        faults=faults,
+        api_url=api_url,
+        bind=bind,
+        api_bind=api_bind,
+        p2p_port=port,
+    )
+    if founding:
+        if genesis is not None or directory_file is not None:
+            raise click.UsageError("A network that is to be founded has no genesis file yet.")
+        home = (data_dir or network / "nodes" / name).resolve()
+        _init_founding(new, network, folder, home, authority, base_port, as_json=as_json)
+        return
+    if follower:
+        raise click.UsageError("A node that joins produces no blocks until it is voted in.")
     beginning = load_genesis(genesis or network / "genesis.json")
     is_elsewhere = not _is_home(network, beginning)
     if is_elsewhere and (data_dir is None or authority is None):
@@ -105,38 +136,60 @@ def init(
     if directory_file is not None:
         directory_content = decode_directory(read_given_file(directory_file, JSON_MAX_BYTES), beginning.chain_id)
         known = max(known, directory_content, key=lambda content: content.height)
-    host, port = parse_place(advertise or bind)
-    newcomer = JoiningNode(
-        name=name,
-        organisation=organisation,
-        host=host,
-        bind=bind,
-        api_bind=api_bind,
-        p2p_port=port,
-        base_port=base_port or next_base_port(known, configs),
-        store=store,
-        is_custodian=custodian,
-        faults=faults,
-        api_url=api_url,
-    )
+    if base_port is None:
+        new = replace(new, base_port=next_base_port(known, configs))
     place = (data_dir or network / "nodes" / name).resolve()
-    entry = init_node(place, newcomer, beginning, get_authority(network, organisation, authority), known)
+    entry = init_node(place, new, beginning, get_authority(network, organisation, authority), known)
     speaker = _speaker(organisation, None if is_elsewhere else network, authority)
     steps = next_steps(name, speaker, place, None if data_dir is not None else network, folder)
+    _show_made(entry, place, steps, as_json=as_json)
+
+
+def _init_founding(
+    new: NewNode,
+    network: Path,
+    folder: Path | None,
+    place: Path,
+    authority: Path | None,
+    base_port: int | None,
+    *,
+    as_json: bool,
+) -> None:
+    home = authority or network / "organisations" / new.organisation
+    admin = read_private_key(home / ADMIN_KEY_FILE)
+    if base_port is None:
+        ports = [load_config(path.parent).p2p_port for path in network.glob(f"nodes/*/{CONFIG_FILE}")]
+        new = replace(new, base_port=max(ports, default=FIRST_PORT - PORTS_PER_NODE) + PORTS_PER_NODE)
+    founder = Founder(admin, time.time_ns() // 1_000_000)
+    entry = create_node(place, new, get_authority(network, new.organisation, authority), NETWORK_NAME, founder=founder)
+    where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
+    is_elsewhere = place.parent != (network / "nodes").resolve()
+    data_dir = f" --data-dir {shlex.quote(str(place))}" if is_elsewhere else ""
+    run = shlex.quote(str(place)) if is_elsewhere else f"{new.name} --detach{where}"
+    steps = [
+        f"Hand {home / ORGANISATION_ENTRY_FILE} and {place / NODE_ENTRY_FILE} to the other founders, and take theirs",
+        "blockrobot genesis make ENTRY... --out genesis.json   (all entries; each party, or one for all)",
+        f"blockrobot genesis check genesis.json --adopt{data_dir}{where}   (and compare fingerprints on the telephone)",
+        f"blockrobot node run {run}",
+    ]
+    _show_made(entry, place, steps, as_json=as_json)
+
+
+def _show_made(entry: NodeEntry, place: Path, steps: list[str], *, as_json: bool) -> None:
     if as_json:
         answer = NodeInitAnswer(
-            node=name,
+            node=entry.name,
             data_dir=str(place),
-            entry=str(place / ENTRY_FILE),
+            entry=str(place / NODE_ENTRY_FILE),
             producer_key=entry.producer_key.hex(),
             custodian_key=entry.custodian_key.hex(),
             next_steps=steps,
         )
         print_answer(answer)
         return
-    console.print(f"The node {escape(name)} of {escape(organisation)} is in {escape(str(place))}. What is next:")
+    console.print(f"The node {entry.name} of {escape(entry.organisation)} is in {escape(str(place))}. What is next:")
     for number, step in enumerate(steps, 1):
-        console.print(f"  {number}. {escape(step)}")
+        console.print(f"  {number}. {escape(step)}", soft_wrap=True)
 
 
 def _is_home(network: Path, beginning: Genesis) -> bool:
@@ -157,7 +210,7 @@ def next_steps(name: str, speaker: str, place: Path, network: Path | None, folde
     where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
     run = shlex.quote(str(place)) if network is None else f"{name} --detach{where}"
     return [
-        f"blockrobot org propose add-node --from {shlex.quote(str(place / ENTRY_FILE))} {speaker}{where}",
+        f"blockrobot org propose add-node --from {shlex.quote(str(place / NODE_ENTRY_FILE))} {speaker}{where}",
         f"blockrobot org approve ID --as ORG{where}   (the id that propose prints; until a majority stands behind it)",
         f"blockrobot node run {run}   (it fetches the chain and follows it)",
         f"blockrobot producer propose {name} {speaker}{where}   (only if it is to produce blocks)",

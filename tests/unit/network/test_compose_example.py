@@ -13,7 +13,7 @@ from pymongo.uri_parser import parse_uri
 from ruamel.yaml import YAML
 
 from network.cli.main import main
-from network.provisioning.network_layout import store_uri_of
+from network.provisioning.new_node import store_uri_of
 from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.open_store import open_store
 from node.main import main as run_node

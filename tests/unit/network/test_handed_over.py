@@ -17,7 +17,7 @@ from network.provisioning.exchange_files import (
     read_node_entry,
     read_organisation_entry,
 )
-from network.provisioning.network_layout import create_organisation
+from network.provisioning.new_organisation import create_organisation
 
 OLD, NEW = create_authority("hospital"), create_authority("hospital")
 
@@ -76,7 +76,7 @@ def test_a_new_organisation_has_an_entry_without_any_of_its_secrets(tmp_path: Pa
     for name in ("admin.key", "registrar.key"):
         assert (folder / name).read_bytes().hex() not in text
     assert "PRIVATE" not in text
-    assert set(json.loads(text)) == {"name", "ca_certificate", "admins", "registrars"}
+    assert set(json.loads(text)) == {"name", "ca_certificate", "admins", "registrars", "proofs"}
 
 
 @pytest.mark.parametrize("name", ["../evil", "UPPER!", "", "a/b", "..", "x" * 41])

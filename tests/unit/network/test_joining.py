@@ -13,10 +13,9 @@ from consensus.primitives.keys import verify
 from network.cluster import Cluster
 from network.provisioning.exchange_files import read_node_entry
 from network.provisioning.network_layout import PORTS_PER_NODE, create_network
+from network.provisioning.new_node import NODE_ENTRY_FILE, NewNode
 from network.provisioning.node_certificates import get_authority, now_ms, read_report
 from network.provisioning.node_joining import (
-    ENTRY_FILE,
-    JoiningNode,
     init_node,
     newest_directory,
     next_base_port,
@@ -39,8 +38,8 @@ def genesis(folder: Path) -> Genesis:
     return create_network(folder, nodes=2, organisations=2, base_port=BASE_PORT)
 
 
-def newcomer(name: str = "node-3", organisation: str = "hospital", **changes: object) -> JoiningNode:
-    return JoiningNode(name, organisation, "127.0.0.1", BASE_PORT + 20, **changes)  # type: ignore[arg-type]
+def newcomer(name: str = "node-3", organisation: str = "hospital", **changes: object) -> NewNode:
+    return NewNode(name, organisation, "127.0.0.1", BASE_PORT + 20, **changes)  # type: ignore[arg-type]
 
 
 def test_a_newcomer_can_be_opened_as_any_node(folder: Path, genesis: Genesis) -> None:
@@ -60,12 +59,12 @@ def test_a_newcomer_can_be_opened_as_any_node(folder: Path, genesis: Genesis) ->
 def test_its_entry_proves_its_key_and_holds_no_secret(folder: Path, genesis: Genesis) -> None:
     place = folder / "nodes" / "node-3"
     init_node(place, newcomer(), genesis, get_authority(folder, "hospital"), content_of_genesis(genesis))
-    arguments = read_node_entry(place / ENTRY_FILE)
+    arguments = read_node_entry(place / NODE_ENTRY_FILE)
     assert arguments["custodian_key"] == b""
     assert verify(arguments["producer_key"], POSSESSION_TAG, arguments["producer_possession"], b"node-3")
     secret = (place / "keys" / "producer.key").read_bytes().hex()
-    assert secret not in (place / ENTRY_FILE).read_text()
-    assert json.loads((place / ENTRY_FILE).read_text())["api_url"] == f"http://127.0.0.1:{BASE_PORT + 21}"
+    assert secret not in (place / NODE_ENTRY_FILE).read_text()
+    assert json.loads((place / NODE_ENTRY_FILE).read_text())["api_url"] == f"http://127.0.0.1:{BASE_PORT + 21}"
 
 
 @pytest.mark.parametrize(
@@ -78,7 +77,7 @@ def test_its_entry_proves_its_key_and_holds_no_secret(folder: Path, genesis: Gen
     ],
 )
 def test_what_the_network_would_refuse_is_refused_at_once(
-    folder: Path, genesis: Genesis, wanted: JoiningNode, code: str
+    folder: Path, genesis: Genesis, wanted: NewNode, code: str
 ) -> None:
     place = folder / "nodes" / "new"
     with pytest.raises(BlockRobotError, match=f"^{code}:"):

@@ -15,7 +15,8 @@ from network.cli.node.node_setup_commands import init
 from network.cluster import Cluster
 from network.provisioning.certificate_authority import certified_hosts
 from network.provisioning.network_layout import PORTS_PER_NODE, create_network
-from network.provisioning.node_joining import ENTRY_FILE, of_chain
+from network.provisioning.new_node import NODE_ENTRY_FILE
+from network.provisioning.node_joining import of_chain
 from node.config import load_config, load_genesis
 from node.directory.directory_file import DIRECTORY_FILE
 from pages.listening import is_loopback
@@ -112,7 +113,7 @@ def test_a_node_is_entered_only_where_clients_would_talk_to_it(
         assert not place.exists()
     else:
         assert said.exit_code == 0, said.output
-        assert json.loads((place / ENTRY_FILE).read_text("utf-8"))["api_url"] == url
+        assert json.loads((place / NODE_ENTRY_FILE).read_text("utf-8"))["api_url"] == url
         config, reached = load_config(place), urlsplit(url).hostname or ""
         assert config.api_tls == (not is_loopback(config.api_host))
         assert reached in certified_hosts(x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes()))

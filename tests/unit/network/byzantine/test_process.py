@@ -11,9 +11,10 @@ import pytest
 import network.byzantine.process as process
 from consensus.errors import BlockRobotError
 from network.byzantine.process import ByzantineNode
-from network.provisioning.network_layout import create_network, new_key
+from network.provisioning.network_layout import create_network
+from network.provisioning.new_node import NewNode, new_key
 from network.provisioning.node_certificates import get_authority
-from network.provisioning.node_joining import JoiningNode, init_node
+from network.provisioning.node_joining import init_node
 from node.config import NodeConfig, load_config
 from node.directory.node_directory import content_of_genesis
 from tests.cluster.network_under_test import find_base_port
@@ -25,7 +26,7 @@ def newcomer(tmp_path: Path) -> NodeConfig:
     base_port = find_base_port(3)
     genesis = create_network(tmp_path, nodes=2, organisations=1, base_port=base_port, faults=True)
     place = tmp_path / "nodes" / "node-3"
-    wanted = JoiningNode("node-3", "hospital", "127.0.0.1", base_port + 20, faults=True)
+    wanted = NewNode("node-3", "hospital", "127.0.0.1", base_port + 20, faults=True)
     init_node(place, wanted, genesis, get_authority(tmp_path, "hospital"), content_of_genesis(genesis))
     return load_config(place)
 

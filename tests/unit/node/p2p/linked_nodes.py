@@ -175,15 +175,20 @@ class LinkedNodes:
         self.ports.setdefault(name, find_base_port(1))
         self.state.put_node(name, organisation, self.ports[name], status)
 
-    async def start(self, names: dict[str, str]) -> None:
-        """Start these nodes, with certificates unless they have some; the first ones are those of the genesis file."""
+    def prepare(self, names: dict[str, str]) -> Genesis:
+        """Name these nodes in the genesis file, and give them certificates."""
         for name, organisation in names.items():
             self.declare(name, organisation)
             if name not in self.serials:
                 self.certify(name, organisation)
         self.genesis = self.genesis or self._genesis_of(names)
+        return self.genesis
+
+    async def start(self, names: dict[str, str]) -> None:
+        """Start these nodes, with certificates unless they have some; the first ones are those of the genesis file."""
+        genesis = self.prepare(names)
         for name in names:
-            node = LinkedNode(self.config(name), self.genesis)
+            node = LinkedNode(self.config(name), genesis)
             await node.links.start()
             self._stack.push_async_callback(node.links.stop)
             self.nodes[name] = node

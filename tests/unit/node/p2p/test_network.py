@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from network.provisioning.certificate_authority import create_authority
 from node.p2p.wire import FrameKind
@@ -205,3 +206,18 @@ async def test_an_authority_that_nobody_can_read_harms_its_own_organisation_only
     network.state.put_organisation("university", "not a certificate")
     network.finalize()
     await all_linked(network, "n1", "n3")
+
+
+async def test_two_nodes_with_different_genesis_files_tell_each_other_in_what(network: LinkedNodes) -> None:
+    names = {"a": "hospital", "b": "university"}
+    first = network.prepare(names)
+    await network.start({"a": "hospital"})
+    network.genesis = replace(first, purposes=("care",), created_at_ms=first.created_at_ms + 1)
+    await network.start({"b": "university"})
+    for name, other in (("a", "b"), ("b", "a")):
+        links = network.nodes[name].links
+        await eventually(lambda links=links: bool(links.describe()["refused_peers"]))  # type: ignore[misc]
+        (refused,) = links.describe()["refused_peers"]
+        assert (refused["peer"], refused["code"]) == (other, "GENESIS_DIFFERS")
+        assert refused["detail"].endswith("What differs: name or beginning, purposes.")
+        assert links.connected == []

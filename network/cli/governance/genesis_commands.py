@@ -1,0 +1,163 @@
+"""`blockrobot genesis`: several parties found a network, each with its keys at home."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import click
+
+from clients.sdk.new_files import write_new_file
+from clients.sdk.terminal.safe_output import escape
+from clients.sdk.terminal.terminal import (
+    EXISTING_FILE,
+    FILE,
+    FOLDER,
+    command_output,
+    console,
+    load_genesis,
+    print_answer,
+)
+from consensus.chain.genesis import Genesis, genesis_to_json
+from consensus.errors import BlockRobotError
+from network.cli.cluster.cluster_options import folder_option, network_folder
+from network.cli.governance.governance_answers import GenesisAnswer, GenesisNode
+from network.cli.governance.governance_signer import plain_table
+from network.provisioning.founding import (
+    adopt_genesis,
+    check_genesis,
+    find_differences,
+    find_own_differences,
+    find_own_entries,
+    fingerprint,
+    make_genesis,
+)
+from network.provisioning.founding_entries import NodeOffer, read_offers
+
+DIFFERENCES_SHOWN_COUNT = 8
+
+
+@click.group()
+def genesis() -> None:
+    """Found a network of several parties: make the genesis file of everybody's entries, check it, and begin with it.
+
+    Example: blockrobot genesis make entries/*.json --out genesis.json
+    """
+
+
+@genesis.command()
+@click.argument("entries", nargs=-1, required=True, type=EXISTING_FILE)
+@click.option("--out", required=True, type=FILE, help="The genesis file: a new one.")
+@click.option("--network", default="blockrobot", show_default=True, help="What the network is called.")
+@command_output
+def make(entries: tuple[Path, ...], out: Path, network: str, as_json: bool) -> None:
+    """Make the genesis file of all parties' entries, which `org new` and `node init --founding` wrote.
+
+    The same entries make the same file, whoever makes it and in whatever order, so everybody may make their own.
+
+    Example: blockrobot genesis make hospital/*.json university/*.json --out genesis.json
+    """
+    made = make_genesis(*read_offers(entries), network=network)
+    write_new_file(out, genesis_to_json(made).encode(), private=False)
+    _show(made, out, adopted=[], as_json=as_json)
+    if not as_json:
+        console.print(f"Next step, for each party: blockrobot genesis check {escape(str(out))} --adopt", soft_wrap=True)
+
+
+@genesis.command()
+@click.argument("file", type=EXISTING_FILE)
+@click.option("--adopt", is_flag=True, help="Let the nodes that are here begin with it, if all is as it should be.")
+@click.option(
+    "--data-dir",
+    "data_dirs",
+    multiple=True,
+    type=FOLDER,
+    help="A node that is not in the network's folder; repeatable.",
+)
+@folder_option
+@command_output
+def check(file: Path, adopt: bool, data_dirs: tuple[Path, ...], folder: Path | None, as_json: bool) -> None:
+    """Check a genesis file: whether the entries that were made here are in it unchanged, and nothing else in their name.
+
+    All parties have the same file if they see the same fingerprint: read it out to each other on the telephone.
+
+    Example: blockrobot genesis check genesis.json --adopt
+    """
+    offered, place = load_genesis(file), network_folder(folder)
+    check_genesis(offered)
+    organisations, nodes = read_offers(find_own_entries(place, data_dirs))
+    differences = list(find_own_differences(offered, organisations, nodes))
+    if differences:
+        raise _differs(f"{file} says otherwise than the entries here", differences)
+    adopted = _adopt(offered, place, nodes) if adopt else []
+    _show(offered, file, adopted, as_json=as_json)
+    if as_json:
+        return
+    if not nodes:
+        console.print(f"No entry was made in {escape(str(place))}: there was nothing to compare.")
+    for name in adopted:
+        run = name if (place / "nodes" / name).is_dir() else ""
+        where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
+        done = f"{run} --detach{where}" if run else "DATA_DIRECTORY"
+        console.print(f"Next step: blockrobot node run {escape(done)}", soft_wrap=True)
+
+
+def _adopt(offered: Genesis, place: Path, nodes: list[NodeOffer]) -> list[str]:
+    """Raises GENESIS_DIFFERS, NOT_FOUND."""
+    if not nodes:
+        raise BlockRobotError("NOT_FOUND", f"There is no node in {place} that could begin with it.")
+    folders = [Path(node.source).parent for node in nodes]
+    for earlier in (home / "genesis.json" for home in (place, *folders)):
+        if earlier.is_file() and (differences := find_differences(load_genesis(earlier), offered)):
+            raise _differs(f"{earlier} is there already, and another one", differences)
+    adopt_genesis(offered, place, folders)
+    return [node.entry.name for node in nodes]
+
+
+def _differs(what: str, differences: list[str]) -> BlockRobotError:
+    more = len(differences) - DIFFERENCES_SHOWN_COUNT
+    shown = [*differences[:DIFFERENCES_SHOWN_COUNT], *([f"{more} more"] if more > 0 else [])]
+    return BlockRobotError("GENESIS_DIFFERS", f"{what}: {'; '.join(shown)}.")
+
+
+def _show(shown: Genesis, file: Path, adopted: list[str], *, as_json: bool) -> None:
+    nodes = [
+        GenesisNode(
+            name=node.name,
+            organisation=node.organisation,
+            host=node.host,
+            p2p_port=node.p2p_port,
+            api_url=node.api_url,
+            produces=bool(node.producer_key),
+            is_custodian=bool(node.custodian_key),
+        )
+        for node in shown.nodes
+    ]
+    if as_json:
+        answer = GenesisAnswer(
+            file=str(file),
+            network=shown.network,
+            chain_id=shown.chain_id.hex(),
+            fingerprint=fingerprint(shown),
+            organisations=[entry.name for entry in shown.organisations],
+            nodes=nodes,
+            adopted=adopted,
+        )
+        print_answer(answer)
+        return
+    owners = ", ".join(entry.name for entry in shown.organisations)
+    table = plain_table(
+        f"The network {shown.network} of {owners}", ["node", "organisation", "peers", "clients", "does"]
+    )
+    for node in nodes:
+        does = [word for word, is_so in (("produces", node.produces), ("keeps clips", node.is_custodian)) if is_so]
+        cells = [
+            node.name,
+            node.organisation,
+            f"{node.host}:{node.p2p_port}",
+            node.api_url,
+            ", ".join(does) or "follows",
+        ]
+        table.add_row(*map(escape, cells))
+    console.print(table)
+    console.print(f"Fingerprint: {fingerprint(shown)}")

@@ -1,0 +1,197 @@
+"""Makes one genesis file of many parties' entries, the same for whoever has them, and compares it with one's own."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from consensus.chain.genesis import (
+    GENESIS_VERSION,
+    ChainSettings,
+    Genesis,
+    NodeEntry,
+    Organisation,
+    genesis_to_json,
+    require_possession,
+)
+from consensus.errors import BlockRobotError
+from consensus.limits import PRODUCERS_MAX_COUNT
+from consensus.rights.purposes import PURPOSES
+from contracts.execution.genesis import complete_genesis
+from contracts.lifecycle.registry import contract_entries
+from contracts.vm import LANGUAGE_VERSION
+from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
+from network.provisioning.founding_entries import NodeOffer, OrganisationOffer, refuse
+from network.provisioning.new_node import NODE_ENTRY_FILE, PORT_MAX, check_api_url, check_name
+
+NETWORK_NAME = "blockrobot"
+_DIGITS = re.compile(r"\d+")
+T = TypeVar("T", OrganisationOffer, NodeOffer)
+
+
+def make_genesis(
+    organisations: Sequence[OrganisationOffer],
+    nodes: Sequence[NodeOffer],
+    *,
+    network: str = NETWORK_NAME,
+    settings: ChainSettings | None = None,
+) -> Genesis:
+    """The same offers make the same file, in whatever order: it begins when the last node's entry was made.
+
+    Raises FOUNDING_ENTRY_INVALID, naming the entry or the two that do not fit.
+    """
+    for offer in organisations:
+        _check(offer.source, partial(check_name, offer.organisation.name, "an organisation"))
+    for node in nodes:
+        _check_node(node, organisations)
+    _require_unique(organisations, nodes)
+    producers = [offer for offer in nodes if offer.entry.producer_key]
+    if not 1 <= len(producers) <= PRODUCERS_MAX_COUNT:
+        detail = f"The entries name {len(producers)} producers; a network is founded by 1 to {PRODUCERS_MAX_COUNT}."
+        raise BlockRobotError("FOUNDING_ENTRY_INVALID", detail)
+    genesis = Genesis(
+        version=GENESIS_VERSION,
+        network=network,
+        created_at_ms=max(offer.made_at_ms for offer in nodes),
+        settings=settings or ChainSettings(),
+        organisations=tuple(sorted((offer.organisation for offer in organisations), key=_by_name)),
+        nodes=tuple(sorted((offer.entry for offer in nodes), key=_by_name)),
+        contracts=contract_entries(),
+        purposes=tuple(PURPOSES),
+        state_root=b"",
+        contract_language=LANGUAGE_VERSION,
+    )
+    return complete_genesis(genesis)
+
+
+def _by_name(entry: NodeEntry | Organisation) -> str:
+    """So that node-2 comes before node-10."""
+    return _DIGITS.sub(lambda digits: digits[0].zfill(12), entry.name)
+
+
+def _check(source: str, check: Callable[[], None]) -> None:
+    try:
+        check()
+    except BlockRobotError as error:
+        raise refuse(source, f"cannot be used: {error.detail.rstrip('.')}") from None
+
+
+def _check_node(offer: NodeOffer, organisations: Sequence[OrganisationOffer]) -> None:
+    entry, source = offer.entry, offer.source
+    _check(source, lambda: check_name(entry.name, "a node"))
+    owners = [each.organisation for each in organisations if each.organisation.name == entry.organisation]
+    if not owners:
+        raise refuse(source, f"is of the organisation {entry.organisation!r}, whose entry is missing")
+    if not any(offer.admin in owner.admins for owner in owners):
+        raise refuse(source, f"is signed by nobody of {entry.organisation!r}")
+    if not entry.host or not 0 < entry.p2p_port <= PORT_MAX or offer.made_at_ms <= 0:
+        raise refuse(source, "has no address, or no time")
+    _check(source, lambda: check_api_url(entry.name, entry.api_url))
+
+
+def _require_unique(organisations: Sequence[OrganisationOffer], nodes: Sequence[NodeOffer]) -> None:
+    _no_two(organisations, "the name", lambda offer: [offer.organisation.name])
+    _no_two(organisations, "a certificate", lambda offer: [offer.organisation.ca_certificate])
+    _no_two(nodes, "the name", lambda offer: [offer.entry.name])
+    _no_two(nodes, "an address", _addresses)
+    owners = ((offer.source, (*offer.organisation.admins, *offer.organisation.registrars)) for offer in organisations)
+    members = ((offer.source, (offer.entry.producer_key, offer.entry.custodian_key)) for offer in nodes)
+    keys = ((source, key) for source, held in (*owners, *members) for key in held if key)
+    _refuse_second(keys, "a key")
+
+
+def _addresses(offer: NodeOffer) -> list[str]:
+    return [f"{offer.entry.host}:{offer.entry.p2p_port}", offer.entry.api_url]
+
+
+def _no_two(offers: Sequence[T], what: str, values: Callable[[T], Iterable[str]]) -> None:
+    _refuse_second(((offer.source, value) for offer in offers for value in values(offer)), what)
+
+
+def _refuse_second(values: Iterable[tuple[str, str | bytes]], what: str) -> None:
+    first: dict[str | bytes, str] = {}
+    for source, value in values:
+        if value in first:
+            shown = f" {value!r}" if isinstance(value, str) and len(value) <= 80 else ""
+            raise refuse(source, f"has {what}{shown} that {first[value]} has too")
+        first[value] = source
+
+
+def check_genesis(genesis: Genesis) -> None:
+    """Whether a file that somebody made is whole: its state follows from its entries. Raises GENESIS_INVALID."""
+    require_possession(genesis)
+    if complete_genesis(genesis).state_root != genesis.state_root:
+        raise BlockRobotError("GENESIS_INVALID", "The state root does not follow from the entries.")
+
+
+def find_own_differences(
+    genesis: Genesis, organisations: Sequence[OrganisationOffer], nodes: Sequence[NodeOffer]
+) -> Iterator[str]:
+    """Yield what a genesis file says otherwise of one's own organisations and nodes than one's own entries."""
+    named = {entry.name: entry for entry in genesis.organisations}
+    for offer in organisations:
+        own = offer.organisation
+        yield from _differences(f"organisation {own.name}", own, named.get(own.name))
+    entered = {entry.name: entry for entry in genesis.nodes}
+    for node in nodes:
+        yield from _differences(f"node {node.entry.name}", node.entry, entered.get(node.entry.name))
+    owners = {offer.organisation.name for offer in organisations}
+    for name, entry in entered.items():
+        if entry.organisation in owners and name not in {node.entry.name for node in nodes}:
+            yield f"node {name}: it is entered as one of {entry.organisation}, and there is no entry of it here"
+
+
+def _differences(what: str, own: NodeEntry | Organisation, found: NodeEntry | Organisation | None) -> Iterator[str]:
+    if found is None:
+        yield f"{what}: it is missing"
+        return
+    for field in own.__struct_fields__:
+        if getattr(own, field) != getattr(found, field):
+            yield f"{what}: {field} is another one"
+
+
+def find_differences(one: Genesis, other: Genesis) -> list[str]:
+    """Name the parts in which two genesis files differ, with their values where these are short."""
+    first, second = (dict(_flat(json.loads(genesis_to_json(genesis)))) for genesis in (one, other))
+    names = sorted({*first, *second} - {name for name, value in first.items() if second.get(name) == value})
+    return [f"{name}: {_shown(first.get(name))} here, {_shown(second.get(name))} there" for name in names]
+
+
+def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flat(inner, f"{name}.{key}" if name else key)
+    elif isinstance(value, list) and all(isinstance(item, dict) and "name" in item for item in value):
+        for item in value:
+            yield from _flat({key: inner for key, inner in item.items() if key != "name"}, f"{name}.{item['name']}")
+    else:
+        yield name, value
+
+
+def _shown(value: Any) -> str:
+    text = "nothing" if value is None else json.dumps(value)
+    return text if len(text) <= 48 else f"{text[:22]}...{text[-22:]}"
+
+
+def fingerprint(genesis: Genesis) -> str:
+    """128 bits of the chain's id in groups of four digits, to be read out on the telephone."""
+    digits = genesis.chain_id.hex()[:32]
+    return " ".join(digits[place : place + 4] for place in range(0, 32, 4))
+
+
+def find_own_entries(network: Path, data_dirs: Iterable[Path] = ()) -> list[Path]:
+    """Return the entry files of a network's folder, and of data directories elsewhere."""
+    found = sorted(network.glob(f"organisations/*/{ORGANISATION_ENTRY_FILE}"))
+    found += sorted(network.glob(f"nodes/*/{NODE_ENTRY_FILE}"))
+    return found + [place / NODE_ENTRY_FILE for place in data_dirs]
+
+
+def adopt_genesis(genesis: Genesis, directory: Path, data_dirs: Iterable[Path]) -> None:
+    """Write the file into a network's folder and its nodes' data directories."""
+    text = genesis_to_json(genesis)
+    for place in (*data_dirs, directory):
+        (place / "genesis.json").write_text(text, encoding="utf-8")

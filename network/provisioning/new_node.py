@@ -1,0 +1,221 @@
+"""Makes a node's data directory: keys, certificate, empty journal, settings, and the entry by which others know it.
+
+Private keys are raw 32 bytes (TLS: PEM), readable by the owner only.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from urllib.parse import urlsplit
+
+from clients.sdk.connections import NodeAddress, check_address
+from consensus.chain.genesis import NodeEntry, prove_possession
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey
+from network.provisioning.certificate_authority import Authority, issue_node_certificate, write_secret
+from network.provisioning.founding_entries import node_entry_to_json
+from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, config_to_toml
+from node.consensus.journal import Journal
+from pages.listening import is_loopback
+
+NODE_ENTRY_FILE = "node-entry.json"
+NAME_MAX_CHARS = 40
+PORT_MAX = 65_535
+_NAME_CHARS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789-")
+_EVERYWHERE = frozenset({"0.0.0.0", "::"})  # noqa: S104 - refused
+_HOST = re.compile(r"[a-z0-9.:_-]{1,253}")
+
+
+@dataclass(frozen=True, slots=True)
+class NewNode:
+    """A new node's parameters. It listens at `bind` (else `host`), on ports `base_port` to `base_port` + 2.
+
+    Others reach it at `host` and `p2p_port` (else `base_port`), its clients at `api_url` (else `host`, the port after it).
+    """
+
+    name: str
+    organisation: str
+    host: str
+    base_port: int
+    store: str = "sqlite"
+    is_custodian: bool = False
+    is_producer: bool = True
+    faults: bool = False
+    archive: bool = False
+    api_url: str = ""
+    bind: str = ""
+    api_bind: str = ""
+    p2p_port: int = 0
+
+    @property
+    def reached_at(self) -> tuple[str, int, str]:
+        """Host and port for peers, address for clients."""
+        port = self.p2p_port or self.base_port
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        scheme = "http" if is_loopback(self.host) and is_loopback(self.bind or self.host) else "https"
+        return self.host, port, self.api_url or f"{scheme}://{host}:{port + 1}"
+
+    @property
+    def listens_at(self) -> tuple[str, str]:
+        """Addresses for peers and for clients: the same, or loopback for clients if a proxy has to stand before it."""
+        bind = self.bind or self.host
+        is_plain = self.reached_at[2].startswith("http:")
+        return bind, self.api_bind or (LOOPBACK if is_plain and not is_loopback(bind) else bind)
+
+    def check(self) -> None:
+        """Raises CONFIGURATION_INVALID."""
+        check_name(self.name, "a node")
+        if not 0 < self.base_port <= PORT_MAX - 2:
+            raise BlockRobotError("CONFIGURATION_INVALID", f"{self.base_port} leaves no room for three ports.")
+        if self.host in _EVERYWHERE:
+            detail = f"Nobody reaches a node at {self.host}: name the address that others know with --advertise."
+            raise BlockRobotError("CONFIGURATION_INVALID", detail)
+        check_api_url(self.name, self.reached_at[2])
+
+
+def new_key() -> PrivateKey:
+    return PrivateKey(secrets.token_bytes(PRIVATE_KEY_SIZE_BYTES))
+
+
+def check_name(name: str, what: str) -> None:
+    """Reject an invalid node or organisation name (also a folder name). Raises CONFIGURATION_INVALID."""
+    if not 0 < len(name) <= NAME_MAX_CHARS or not set(name) <= _NAME_CHARS:
+        text = f"The name of {what} has 1 to {NAME_MAX_CHARS} small letters, digits and hyphens."
+        raise BlockRobotError("CONFIGURATION_INVALID", text)
+
+
+def check_api_url(name: str, url: str) -> None:
+    """Reject an address that no client would use. Raises CONFIGURATION_INVALID."""
+    try:
+        check_address(NodeAddress(name, url))
+    except BlockRobotError:
+        detail = (
+            f"No client would talk to {name} at {url}: beyond this machine clients take https:// only, with a "
+            "certificate of the organisation's authority. Name such an address with --api-url, or leave it to the node."
+        )
+        raise BlockRobotError("CONFIGURATION_INVALID", detail) from None
+
+
+def parse_place(text: str) -> tuple[str, int]:
+    """Read HOST or HOST:PORT, an IPv6 address with a port in brackets; port 0: none is named.
+
+    Raises CONFIGURATION_INVALID.
+    """
+    try:
+        address = ipaddress.ip_address(text)
+    except ValueError:
+        pass
+    else:
+        return str(address), 0
+    try:
+        parts = urlsplit(f"//{text}")
+        host, port = parts.hostname or "", parts.port or 0
+    except ValueError:
+        host, port = "", 0
+    if not _HOST.fullmatch(host) or parts.netloc != text or "@" in text or not 0 <= port <= PORT_MAX - 1:
+        raise BlockRobotError("CONFIGURATION_INVALID", f"{text!r} is no HOST or HOST:PORT.")
+    return host, port
+
+
+def store_uri_of(store: str, network: str, node: str) -> str:
+    """A node's own database on a MongoDB server. Raises CONFIGURATION_INVALID."""
+    if store == "sqlite":
+        return store
+    if not store.startswith(("mongodb://", "mongodb+srv://")):
+        raise BlockRobotError("CONFIGURATION_INVALID", "The store is sqlite or the URI of a MongoDB server.")
+    server, _, options = store.partition("?")
+    scheme, _, rest = server.partition("://")
+    host = rest.split("/", 1)[0]
+    database = f"{network}-{node}".replace(".", "-").replace(" ", "-")
+    return f"{scheme}://{host}/{database}" + (f"?{options}" if options else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Founder:
+    """The admin who signs the entry of a node that founds a network, and when (ms)."""
+
+    admin: PrivateKey
+    made_at_ms: int
+
+
+def create_node(
+    folder: Path,
+    new: NewNode,
+    authority: Authority,
+    network: str,
+    *,
+    files: dict[str, bytes] | None = None,
+    organisation: str = "",
+    founder: Founder | None = None,
+) -> NodeEntry:
+    """Make the data directory in one step; return the node's entry.
+
+    `files`: what lies in it besides, by name; `organisation`: of a node that the genesis file does not name.
+    Raises NODE_EXISTS, CONFIGURATION_INVALID.
+    """
+    new.check()
+    if folder.exists():
+        raise BlockRobotError("NODE_EXISTS", f"There is something in {folder} already.")
+    producer, custodian = new_key(), new_key() if new.is_custodian else None
+    host, p2p_port, api_url = new.reached_at
+    entry = NodeEntry(
+        name=new.name,
+        organisation=new.organisation,
+        host=host,
+        p2p_port=p2p_port,
+        api_url=api_url,
+        producer_key=producer.public_key if new.is_producer else b"",
+        producer_possession=prove_possession(producer, new.name) if new.is_producer else b"",
+        custodian_key=b"" if custodian is None else custodian.public_key,
+    )
+    signed = (
+        node_entry_to_json(entry) if founder is None else node_entry_to_json(entry, founder.made_at_ms, founder.admin)
+    )
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as own:
+        making = Path(own, folder.name)
+        making.mkdir(mode=0o700)  # ledger and custody tell who was where when
+        config = _config_of(making, new, store_uri_of(new.store, network, new.name), organisation)
+        certificate = issue_node_certificate(authority, new.name, host, urlsplit(api_url).hostname or host)
+        write_secret(config.tls_key_path, certificate.key_pem)
+        write_secret(config.tls_certificate_path, certificate.certificate_pem)
+        write_secret(making / "keys" / "producer.key", producer.secret)
+        if custodian is not None:
+            write_secret(making / "keys" / "custodian.key", custodian.secret)
+        config.journal_dir.mkdir(parents=True, exist_ok=True)
+        Journal.create(config.journal_path).close()
+        write_secret(making / CONFIG_FILE, config_to_toml(config).encode())
+        (making / NODE_ENTRY_FILE).write_text(signed, encoding="utf-8")
+        for name, content in (files or {}).items():
+            write_secret(making / name, content)
+        making.rename(folder)
+    return entry
+
+
+def _config_of(folder: Path, new: NewNode, store_uri: str, organisation: str) -> NodeConfig:
+    bind, api_bind = new.listens_at
+    return NodeConfig(
+        data_dir=folder,
+        name=new.name,
+        genesis_path=folder / "genesis.json",
+        host=bind,
+        p2p_port=new.base_port,
+        api_host=api_bind,
+        api_tls=not is_loopback(api_bind),
+        api_port=new.base_port + 1,
+        operator_port=new.base_port + 2,
+        tls_certificate_path=folder / "keys" / "tls.crt.pem",
+        tls_key_path=folder / "keys" / "tls.key.pem",
+        producer_key_path=folder / "keys" / "producer.key",
+        custodian_key_path=folder / "keys" / "custodian.key" if new.is_custodian else None,
+        custody_store=store_uri,
+        log_level="info",
+        faults_enabled=new.faults,
+        archive=new.archive,
+        organisation=organisation,
+    )

@@ -1,0 +1,35 @@
+"""Makes an organisation's folder: its certificate authority, an admin's and a registrar's key, and its public entry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from consensus.chain.genesis import Organisation
+from consensus.errors import BlockRobotError
+from network.provisioning.certificate_authority import Authority, create_authority, encode_private_key, write_secret
+from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
+from network.provisioning.founding_entries import organisation_entry_to_json
+from network.provisioning.new_node import check_name, new_key
+
+
+def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisation]:
+    """Below `directory`/organisations. Raises ORGANISATION_EXISTS, CONFIGURATION_INVALID for an invalid name."""
+    check_name(name, "an organisation")
+    folder = directory / "organisations" / name
+    if folder.exists():
+        raise BlockRobotError("ORGANISATION_EXISTS", f"There is an organisation in {folder} already.")
+    authority = create_authority(name)
+    admin, registrar = new_key(), new_key()
+    write_secret(folder / "ca.key.pem", encode_private_key(authority.key))
+    (folder / "ca.crt.pem").write_text(authority.certificate_pem, encoding="utf-8")
+    write_secret(folder / "admin.key", admin.secret)
+    write_secret(folder / "registrar.key", registrar.secret)
+    entry = Organisation(
+        name=name,
+        ca_certificate=authority.certificate_pem,
+        admins=(admin.public_key,),
+        registrars=(registrar.public_key,),
+    )
+    text = organisation_entry_to_json(entry, (admin, registrar))
+    (folder / ORGANISATION_ENTRY_FILE).write_text(text, encoding="utf-8")
+    return authority, entry

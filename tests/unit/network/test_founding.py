@@ -1,0 +1,247 @@
+"""Several parties found a network: each hands over public files, and all make the same genesis file of them."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from click.testing import CliRunner, Result
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
+
+from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode
+from contracts.execution.genesis import complete_genesis
+from network.cli.governance.genesis_commands import genesis as genesis_group
+from network.cli.governance.governance_signer import read_private_key
+from network.cli.governance.org_commands import org
+from network.cli.node.node_setup_commands import init
+from network.provisioning.founding import find_differences, fingerprint, make_genesis
+from network.provisioning.founding_entries import NODE_TAG, FoundingNode, read_offers
+from node.config import load_config, load_genesis
+
+PARTIES = {"hospital": ("ward-1", "ward-10"), "university": ("lab-1",), "clinic": ("ward-2",)}
+"""Who founds, and with which nodes."""
+Change = Callable[[dict[str, Any]], None]
+
+
+def run(command: Any, *arguments: str) -> Result:
+    return CliRunner().invoke(command, list(arguments))
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Each party's folder, and what they handed over in `handed`."""
+    place = tmp_path_factory.mktemp("founding")
+    (place / "handed").mkdir()
+    for number, (owner, nodes) in enumerate(PARTIES.items(), 1):
+        home = place / owner
+        assert run(org, "new", owner, "--dir", str(home)).exit_code == 0
+        hand_over(home / "organisations" / owner / "organisation-entry.json", place / "handed" / f"{owner}.json")
+        for node in nodes:
+            address = ("--bind", f"10.0.{number}.1") if node != "ward-10" else ("--bind", "fd00::1", "--follower")
+            said = run(init, node, "--founding", "--organisation", owner, "--dir", str(home), "--custodian", *address)
+            assert said.exit_code == 0, said.output
+            hand_over(home / "nodes" / node / "node-entry.json", place / "handed" / f"{node}.json")
+    return place
+
+
+def hand_over(path: Path, to: Path) -> None:
+    to.write_bytes(path.read_bytes())
+
+
+@pytest.fixture
+def handed(world: Path, tmp_path: Path) -> dict[str, Path]:
+    """The files of a party that has all of them, which a test may change."""
+    for path in (world / "handed").iterdir():
+        hand_over(path, tmp_path / path.name)
+    return {path.stem: path for path in tmp_path.iterdir()}
+
+
+def made_of(*paths: Path) -> Genesis:
+    return make_genesis(*read_offers(paths))
+
+
+def change(path: Path, how: Change) -> Path:
+    document = json.loads(path.read_text())
+    how(document)
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_the_same_entries_make_the_same_file_in_any_order_and_however_often(handed: dict[str, Path]) -> None:
+    paths = list(handed.values())
+    first = genesis_to_json(made_of(*paths))
+    for seed in range(5):
+        random.Random(seed).shuffle(paths)
+        assert genesis_to_json(made_of(*paths, *paths[:2])) == first
+    genesis = genesis_from_json(first)
+    assert [entry.name for entry in genesis.organisations] == ["clinic", "hospital", "university"]
+    assert [entry.name for entry in genesis.nodes] == ["lab-1", "ward-1", "ward-2", "ward-10"]
+    assert [bool(entry.producer_key) for entry in genesis.nodes] == [True, True, True, False]
+    assert {entry.api_url for entry in genesis.nodes} >= {"https://10.0.1.1:7273", "https://[fd00::1]:7283"}
+
+
+def test_each_party_finds_its_own_entries_in_it_and_its_nodes_begin_with_it(world: Path, tmp_path: Path) -> None:
+    out = tmp_path / "genesis.json"
+    said = run(genesis_group, "make", *map(str, sorted((world / "handed").iterdir())), "--out", str(out), "--json")
+    assert said.exit_code == 0, said.output
+    answer = json.loads(said.stdout)
+    for owner, nodes in PARTIES.items():
+        seen = run(genesis_group, "check", str(out), "--adopt", "--dir", str(world / owner), "--json")
+        assert seen.exit_code == 0, seen.output
+        checked = json.loads(seen.stdout)
+        assert checked["fingerprint"] == answer["fingerprint"]
+        assert set(checked["adopted"]) == set(nodes)
+        for node in nodes:
+            config = load_config(world / owner / "nodes" / node)
+            assert load_genesis(config).chain_id.hex() == answer["chain_id"]
+    shown = run(genesis_group, "check", str(out), "--dir", str(tmp_path / "nobody"))
+    assert "nothing to compare" in shown.output
+    said = run(genesis_group, "make", str(out), "--out", str(tmp_path / "other.json"))
+    assert "FILE_UNUSABLE" in said.stderr, "a genesis file is no entry"
+
+
+def test_nothing_that_is_handed_over_holds_a_secret(world: Path, handed: dict[str, Path]) -> None:
+    secrets = [path.read_bytes() for path in world.rglob("*.key")]
+    for path in world.rglob("*key.pem"):
+        key = load_pem_private_key(path.read_bytes(), None)
+        assert isinstance(key, ec.EllipticCurvePrivateKey)
+        secrets.append(key.private_numbers().private_value.to_bytes(32, "big"))
+    genesis = made_of(*handed.values())
+    texts = [*(path.read_bytes() for path in handed.values()), genesis_to_json(genesis).encode()]
+    der = [x509.load_pem_x509_certificate(owner.ca_certificate.encode()) for owner in genesis.organisations]
+    public = b"".join([*texts, *(certificate.public_bytes(Encoding.DER) for certificate in der)])
+    assert len(secrets) == 2 * 3 + 2 * 4 + 3 + 4
+    assert not any(secret in public or secret.hex().encode() in public for secret in secrets)
+
+
+def test_without_an_entry_of_its_organisation_a_node_founds_nothing(handed: dict[str, Path]) -> None:
+    del handed["university"]
+    with pytest.raises(
+        BlockRobotError, match=r"^FOUNDING_ENTRY_INVALID: .*lab-1.json is of the organisation 'university'"
+    ):
+        made_of(*handed.values())
+    with pytest.raises(BlockRobotError, match=r"^FOUNDING_ENTRY_INVALID: .* 0 producers"):
+        made_of(handed["hospital"])
+
+
+def put(field: str, value: Any) -> Change:
+    return lambda document: document.update({field: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [
+        ("hospital", put("name", "university")),
+        ("hospital", put("admins", [])),
+        ("hospital", put("registrars", [])),
+        ("hospital", put("proofs", [])),
+        ("hospital", put("proofs", None)),
+        ("hospital", lambda document: document["proofs"].reverse()),
+        ("ward-1", put("host", "10.0.9.9")),
+        ("ward-1", put("p2p_port", 1)),
+        ("ward-1", put("p2p_port", "7272")),
+        ("ward-1", put("made_at_ms", 1)),
+        ("ward-1", put("made_at_ms", 1 << 70)),
+        ("ward-1", put("organisation", "university")),
+        ("ward-1", put("custodian_key", "")),
+        ("ward-1", put("signature", "")),
+        ("ward-1", put("admin", "00")),
+    ],
+)
+def test_an_entry_that_was_changed_on_the_way_is_refused_by_its_name(
+    handed: dict[str, Path], name: str, how: Change
+) -> None:
+    change(handed[name], how)
+    with pytest.raises(BlockRobotError, match=rf"^FOUNDING_ENTRY_INVALID: \S*{name}.json "):
+        made_of(*handed.values())
+
+
+def sign_anew(path: Path, owner: Path, **fields: Any) -> Path:
+    """As a hostile party would that has an admin's key: its own."""
+    (offer,) = read_offers([path])[1]
+    entry = msgspec.structs.replace(offer.entry, **fields)
+    admin = read_private_key(owner / "admin.key")
+    signature = admin.sign_compact(NODE_TAG, encode(FoundingNode(entry=entry, made_at_ms=offer.made_at_ms)))
+    shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in fields.items()}
+    proof = {"admin": admin.public_key.hex(), "signature": signature.hex()}
+    return change(path, lambda document: document.update({**shown, **proof}))
+
+
+@pytest.mark.parametrize(
+    "what", ["another's node", "address", "url", "custodian key", "producer key", "name", "plain url"]
+)
+def test_a_hostile_party_enters_nothing_of_somebody_elses(world: Path, handed: dict[str, Path], what: str) -> None:
+    owner = world / "university" / "organisations" / "university"
+    (ward,) = read_offers([handed["ward-1"]])[1]
+    fields: dict[str, dict[str, Any]] = {
+        "another's node": {"organisation": "hospital"},
+        "address": {"host": ward.entry.host, "p2p_port": ward.entry.p2p_port},
+        "url": {"api_url": ward.entry.api_url},
+        "custodian key": {"custodian_key": ward.entry.custodian_key},
+        "producer key": {
+            "producer_key": ward.entry.producer_key,
+            "producer_possession": ward.entry.producer_possession,
+        },
+        "name": {"name": "ward-1"},
+        "plain url": {"api_url": "http://10.0.2.1:7273"},
+    }
+    sign_anew(handed["lab-1"], owner, **fields[what])
+    with pytest.raises(BlockRobotError, match=r"^(FOUNDING_ENTRY_INVALID|GENESIS_INVALID): .*(lab-1|ward-1)"):
+        made_of(*handed.values())
+
+
+def test_two_parties_of_one_name_are_both_named(world: Path, handed: dict[str, Path], tmp_path: Path) -> None:
+    assert run(org, "new", "hospital", "--dir", str(tmp_path / "impostor")).exit_code == 0
+    second = tmp_path / "impostor" / "organisations" / "hospital" / "organisation-entry.json"
+    with pytest.raises(BlockRobotError, match=r"^FOUNDING_ENTRY_INVALID: .* has the name 'hospital' that .* has too"):
+        made_of(*handed.values(), second)
+
+
+def test_a_genesis_file_that_says_otherwise_of_a_partys_own_is_refused_with_the_difference(
+    world: Path, handed: dict[str, Path], tmp_path: Path
+) -> None:
+    true = made_of(*handed.values())
+    (ward,) = [entry for entry in true.nodes if entry.name == "ward-1"]
+    spy = msgspec.structs.replace(ward, name="ward-9", custodian_key=b"", producer_key=b"", producer_possession=b"")
+    others = tuple(entry for entry in true.nodes if entry.name != "ward-1")
+    false = {
+        "node ward-1: host is another one": (*others, msgspec.structs.replace(ward, host="10.0.9.9")),
+        "node ward-1: it is missing": others,
+        "node ward-9: it is entered as one of hospital": (*true.nodes, spy),
+    }
+    for difference, nodes in false.items():
+        path = tmp_path / "false.json"
+        path.write_text(genesis_to_json(msgspec.structs.replace(true, nodes=nodes)))
+        said = run(genesis_group, "check", str(path), "--dir", str(world / "hospital"), "--json")
+        assert said.exit_code == 1
+        assert "GENESIS_INVALID" in said.stdout + said.stderr, "its state root is that of the true one"
+        path.write_text(genesis_to_json(complete_genesis(msgspec.structs.replace(true, nodes=nodes))))
+        said = run(genesis_group, "check", str(path), "--dir", str(world / "hospital"))
+        assert said.exit_code == 1
+        assert "GENESIS_DIFFERS" in said.stderr
+        assert difference in " ".join(said.stderr.split())
+
+
+def test_a_node_that_has_begun_takes_no_other_file(world: Path, handed: dict[str, Path], tmp_path: Path) -> None:
+    first, second = tmp_path / "first.json", tmp_path / "second.json"
+    true = made_of(*handed.values())
+    first.write_text(genesis_to_json(true))
+    second.write_text(genesis_to_json(make_genesis(*read_offers(list(handed.values())), network="other")))
+    assert run(genesis_group, "check", str(first), "--adopt", "--dir", str(world / "clinic")).exit_code == 0
+    assert run(genesis_group, "check", str(first), "--adopt", "--dir", str(world / "clinic")).exit_code == 0, (
+        "once more"
+    )
+    said = run(genesis_group, "check", str(second), "--adopt", "--dir", str(world / "clinic"))
+    assert "GENESIS_DIFFERS" in said.stderr
+    assert 'network: "blockrobot" here, "other" there' in said.stderr
+    assert fingerprint(true).replace(" ", "") == true.chain_id.hex()[:32]
+    assert find_differences(true, true) == []
