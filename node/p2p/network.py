@@ -1,4 +1,4 @@
-"""Links to all other nodes, by the directory: one per pair, dialled by the lower name."""
+"""Links to all other nodes, by the directory: one per pair, dialled by the lower name, or by the other if that cannot."""
 
 from __future__ import annotations
 
@@ -78,6 +78,10 @@ class Greeting:
 DIAL_BACKOFF_MIN_MS = 50
 DIAL_BACKOFF_MAX_MS = 1_000
 DIAL_TIMEOUT_MS = 5_000
+MISSED_AFTER_MS = 4_000
+"""For how long the node with the higher name waits to be dialled, before it dials itself."""
+KEEP_ALIVE_S, KEEP_ALIVE_EVERY_S, KEEP_ALIVE_COUNT = 30, 10, 3
+"""A link with nothing to say is asked for after so long, so that firewalls do not forget it, and given up if it is mute."""
 REQUEST_TIMEOUT_MS = 5_000
 CERTIFICATE_CHECK_MS = 1_000
 LINK_RENEWAL_MS = 250
@@ -92,6 +96,14 @@ log = structlog.get_logger(__name__)
 
 def wall_now_ms() -> int:
     return time.time_ns() // 1_000_000
+
+
+def _keep_alive(transport_socket: Any) -> None:
+    transport_socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    if hasattr(socket, "TCP_KEEPIDLE"):  # not on every system
+        transport_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEP_ALIVE_S)
+    transport_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEP_ALIVE_EVERY_S)
+    transport_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEP_ALIVE_COUNT)
 
 
 class PeerHandler(Protocol):
@@ -158,7 +170,7 @@ class PeerNetwork:
         return sorted(self._peers)
 
     async def start(self) -> None:
-        """Listen, and dial nodes with higher names. Raises PORT_IN_USE, PORT_NOT_PERMITTED, ADDRESS_NOT_HERE."""
+        """Listen, and dial the others. Raises PORT_IN_USE, PORT_NOT_PERMITTED, ADDRESS_NOT_HERE."""
         self._listener = bind_listener(self._config.host, self._config.p2p_port)
         self._spawn(self._accepting.run(self._listener, self._connection))
         self._directory.add_listener(self._directory_changed)
@@ -214,7 +226,8 @@ class PeerNetwork:
     # Dialling
 
     def _dial_the_right_ones(self) -> None:
-        wanted = {name: node.address for name, node in self._directory.content.active.items() if name > self._name}
+        """Others dial as well as they can: a firewall may let only one side of a pair in."""
+        wanted = {name: node.address for name, node in self._directory.content.active.items() if name != self._name}
         for name, (address, task) in list(self._dialling.items()):
             if wanted.get(name) != address:
                 task.cancel()
@@ -229,11 +242,18 @@ class PeerNetwork:
     async def _keep_dialling(self, name: str, host: str, port: int) -> None:
         backoff_ms = DIAL_BACKOFF_MIN_MS
         while True:
+            while name < self._name and not await self._is_missed(name):
+                pass
             if self._may_dial(name) and await self._dial(name, host, port):
                 backoff_ms = DIAL_BACKOFF_MIN_MS
             jitter = random.uniform(0.5, 1.0)  # noqa: S311 - no secret
             await asyncio.sleep(backoff_ms * jitter / 1000)
             backoff_ms = min(DIAL_BACKOFF_MAX_MS, backoff_ms * 2)
+
+    async def _is_missed(self, name: str) -> bool:
+        """Wait for a node that is to dial this one; return whether it did not come."""
+        await asyncio.sleep(MISSED_AFTER_MS * random.uniform(0.75, 1.0) / 1000)  # noqa: S311 - no secret
+        return name not in self._peers
 
     def _may_dial(self, name: str) -> bool:
         if self._peer_bans.is_banned(name):
@@ -355,6 +375,7 @@ class PeerNetwork:
         if transport_socket is not None:
             with contextlib.suppress(OSError):
                 transport_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                _keep_alive(transport_socket)
         connection.certificate = connection.certificate_der()
         try:
             facts = identify_peer(connection.certificate, self._directory.content, self._clock())
@@ -402,8 +423,14 @@ class PeerNetwork:
     def _require_expected(self, connection: PeerConnection, name: str) -> None:
         if connection.dialled is not None and name != connection.dialled:
             raise BlockRobotError("PEER_REFUSED", f"{name!r} answered where {connection.dialled!r} should be.")
-        if connection.dialled is None and name >= self._name:
-            raise BlockRobotError("PEER_REFUSED", f"{name!r} dialled, though this node dials it.", peer=name)
+        if name == self._name:
+            raise BlockRobotError("PEER_REFUSED", f"{name!r} is this node's own name.", peer=name)
+
+    def _is_better(self, connection: PeerConnection, other: PeerConnection) -> bool:
+        """Both sides of a pair keep the same of two links: what the lower name dialled, else the newer one."""
+        lower = min(self._name, connection.peer)
+        dialled_by = [link.peer if link.dialled is None else self._name for link in (connection, other)]
+        return dialled_by[0] == lower or dialled_by[1] != lower
 
     def connection_lost(self, connection: PeerConnection) -> None:
         self._open.discard(connection)
@@ -432,6 +459,9 @@ class PeerNetwork:
         connection.greeted = True
         self._greeting.remove(connection)
         previous = self._peers.get(connection.peer)
+        if previous is not None and not self._is_better(connection, previous):
+            connection.abort()
+            return
         self._peers[connection.peer] = connection
         if previous is not None:
             previous.abort()

@@ -10,7 +10,7 @@ import pytest
 
 from tests.cluster.network_under_test import find_base_port
 from tests.cluster.own_recording import write_own_recording
-from tests.cluster.tutorial_reader import CLONE, Placeholders, Reader
+from tests.cluster.tutorial_reader import CLONE, Reader
 from tests.unit.clients.robot.sources.recordings import storage_file
 
 PLACEHOLDERS = {

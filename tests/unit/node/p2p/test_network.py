@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from network.provisioning.certificate_authority import create_authority
+from node.p2p import network as links_module
+from node.p2p.connection import PeerConnection
 from node.p2p.wire import FrameKind
 from tests.cluster.network_under_test import find_base_port
 from tests.unit.node.p2p.linked_nodes import LinkedNodes, days, eventually
@@ -221,3 +224,37 @@ async def test_two_nodes_with_different_genesis_files_tell_each_other_in_what(ne
         assert (refused["peer"], refused["code"]) == (other, "GENESIS_DIFFERS")
         assert refused["detail"].endswith("What differs: name or beginning, purposes.")
         assert links.connected == []
+
+
+async def test_a_node_that_is_behind_a_firewall_dials_also_those_before_it(
+    network: LinkedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(links_module, "MISSED_AFTER_MS", 50)
+    names = {"a": "hospital", "b": "university"}
+    network.prepare(names)
+    network.ports["b"] = find_base_port(1)  # not where its entry says: nobody reaches it
+    await network.start(names)
+    await all_linked(network, *names)
+    (connection,) = network.nodes["b"].links._open
+    assert connection.dialled == "a"
+    alive = connection.transport.get_extra_info("socket").getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+    assert alive == 1
+
+
+async def test_of_two_links_both_sides_keep_the_one_that_the_lower_name_dialled(
+    network: LinkedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(links_module, "MISSED_AFTER_MS", 0)
+    await network.start(THREE)
+    await all_linked(network, *THREE)
+
+    def is_settled() -> bool:
+        kept = [link for node in network.nodes.values() for link in node.links._open]
+        return len(kept) == 6 and all(link.dialled is None or link.dialled > name_of(link) for link in kept)
+
+    def name_of(link: PeerConnection) -> str:
+        return next(name for name, node in network.nodes.items() if link in node.links._open)
+
+    await eventually(is_settled)
+    network.nodes["n1"].links.broadcast(FrameKind.VOTE, b"vote")
+    await eventually(lambda: network.nodes["n3"].heard.frames == [("n1", FrameKind.VOTE, b"vote")])
