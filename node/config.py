@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +34,7 @@ _SANDBOX_MODES = ("on", "require", "off")
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 SECTIONS: dict[str, frozenset[str]] = {
     "node": frozenset({"name", "genesis", "organisation"}),
-    "listen": frozenset({"host", "api_host", "api_tls", "p2p_port", "api_port", "operator_port"}),
+    "listen": frozenset({"host", "api_host", "api_tls", "trusted_proxies", "p2p_port", "api_port", "operator_port"}),
     "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
     "custody": frozenset({"store", "reserve_mib"}),
     "log": frozenset({"level"}),
@@ -67,6 +69,8 @@ class NodeConfig:
     api_host: str = "127.0.0.1"
     api_tls: bool = False
     """Whether clients are served over TLS, by the node's own certificate. Off only on loopback, where a proxy may be."""
+    trusted_proxies: tuple[str, ...] = ()
+    """Addresses or networks of proxies whose X-Forwarded-For is believed."""
     custody_reserve_mib: int = RESERVE_DEFAULT_MIB
     """Free space below which the node takes no uploads; 0: none."""
     faults_enabled: bool = False
@@ -161,6 +165,15 @@ class _Section:
             raise _invalid(f"[{self._name}] needs a number of at least {least} for {field!r}.")
         return value
 
+    def networks(self, field: str) -> tuple[str, ...]:
+        value = self._table.get(field, [])
+        try:
+            if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+                raise ValueError
+            return tuple(str(ip_network(item)) for item in value)
+        except ValueError:
+            raise _invalid(f"[{self._name}] {field} is a list of addresses, or of networks as 10.0.0.0/24.") from None
+
     def flag(self, field: str, default: bool = False) -> bool:
         value = self._table.get(field, default)
         if not isinstance(value, bool):
@@ -208,6 +221,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         host=host,
         api_host=api_host,
         api_tls=api_tls,
+        trusted_proxies=listen.networks("trusted_proxies"),
         p2p_port=ports[0],
         api_port=ports[1],
         operator_port=ports[2],
@@ -247,6 +261,7 @@ def config_to_toml(config: NodeConfig) -> str:
         f'host = "{config.host}"',
         *([f'api_host = "{config.api_host}"'] if config.api_host != config.host else []),
         *([f"api_tls = {str(config.api_tls).lower()}"] if config.api_tls == is_loopback(config.api_host) else []),
+        *([f"trusted_proxies = {json.dumps(config.trusted_proxies)}"] if config.trusted_proxies else []),
         f"p2p_port = {config.p2p_port}",
         f"api_port = {config.api_port}",
         f"operator_port = {config.operator_port}",

@@ -17,6 +17,7 @@ from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from node.api import ApiServices, create_api
+from node.api.access.trusted_proxies import TrustedProxies
 from node.api.server import serve_api
 from node.api_adapters import EngineRounds, WallClock
 from node.components import Environment, NodeComponents, begin_ledger
@@ -277,6 +278,7 @@ class Node:
             else ConsentReceipts(self._custodian_key, parts.sync.peers_with_block),
             rounds=rounds,
             public_explorer=config.public_explorer,
+            trusted_proxies=TrustedProxies(config.trusted_proxies),
             on_over_budget=parts.on_over_budget,
             peers_with_block=parts.sync.peers_with_block,
         )

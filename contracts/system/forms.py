@@ -34,6 +34,7 @@ FIELDS = {
         "custodian_key": "bytes",
     },
     "remove_node": {"name": "str"},
+    "move_node": {"name": "str", "host": "str", "p2p_port": "int", "api_url": "str"},
     "rekey_producer": {"node": "str", "producer_key": "bytes", "producer_possession": "bytes"},
     "revoke_certificate": {"organisation": "str", "serial": "bytes"},
 }
@@ -53,8 +54,11 @@ def check(kind: str, arguments: dict) -> bool:
         require(len(arguments["serial"]) == SERIAL_BYTES, "SERIAL_WRONG", "A certificate's serial number has 20 bytes here.")
     if kind == "rekey_producer":
         check_possession(arguments["node"], arguments["producer_key"], arguments["producer_possession"])
+    if kind == "add_node" or kind == "move_node":
+        check_name(arguments["name"])
+        check_place(arguments)
     if kind == "add_node":
-        check_node(arguments)
+        check_node_keys(arguments)
     return True
 
 
@@ -122,8 +126,8 @@ def check_possession(name: str, key: bytes, proof: bytes):
     require(held, "POSSESSION_WRONG", "The node does not prove that it holds this producer key.")
 
 
-def check_node(node: dict):
-    check_name(node["name"])
+def check_place(node: dict):
+    """Refuse an address at which nobody could reach a node."""
     host = node["host"]
     known = 0 < len(host) and len(host) <= HOST_MAX_CHARS and is_of_these(host, HOST_CHARS)
     require(known, "HOST_WRONG", "That is no host.")
@@ -132,6 +136,9 @@ def check_node(node: dict):
     known = url.startswith("http://") or url.startswith("https://")
     known = known and len(url) <= URL_MAX_CHARS and is_of_these(url, URL_CHARS)
     require(known, "URL_WRONG", "An API address begins with https://.")
+
+
+def check_node_keys(node: dict):
     producer_key, custodian_key = [node["producer_key"], node["custodian_key"]]
     if len(custodian_key) > 0:
         require(len(custodian_key) == KEY_BYTES, "KEY_SIZE_WRONG", "A node's key has 33 bytes.")

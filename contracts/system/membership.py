@@ -83,7 +83,7 @@ def check(kind: str, arguments: dict):
         require(not revoked, "CERTIFICATE_REVOKED", "This certificate is revoked already.")
     elif kind == "add_node":
         check_new_node(arguments)
-    elif kind == "remove_node":
+    elif kind == "remove_node" or kind == "move_node":
         require_node(arguments["name"])
     else:
         require_node(arguments["node"])
@@ -157,6 +157,10 @@ def take_effect(kind: str, arguments: dict):
             call("identity", "add_custodian", arguments["custodian_key"], name, arguments["organisation"])
     elif kind == "remove_node":
         remove_nodes([require_node(arguments["name"])], "")
+    elif kind == "move_node":
+        entry = require_node(arguments["name"])
+        entry.update(arguments)
+        state.put(b"node/" + entry["name"].encode(), entry)
     else:
         rekey(arguments)
 
@@ -317,8 +321,17 @@ def good_voices(proposal: dict) -> list:
     return [name for name in voices if numbers[name] == keys_number(name)]
 
 
+def own_affair(kind: str, arguments: dict) -> str:
+    """Return the organisation that decides alone, or an empty text."""
+    if kind == "revoke_certificate":
+        return arguments["organisation"]
+    if kind == "move_node":
+        return require_node(arguments["name"])["organisation"]
+    return ""
+
+
 def settle(proposal_id: bytes, proposal: dict) -> bool:
-    own = proposal["kind"] == "revoke_certificate" and proposal["arguments"]["organisation"] == proposal["organisation"]
+    own = own_affair(proposal["kind"], proposal["arguments"]) == proposal["organisation"]
     if len(good_voices(proposal)) < len(active_organisations()) // 2 + 1 and not own:
         return False
     close(proposal_id, proposal, "executed")
@@ -330,7 +343,7 @@ def settle(proposal_id: bytes, proposal: dict) -> bool:
 def propose(kind: str, arguments: dict):
     """Propose a change of membership; its proposer stands behind it. Who may call: an admin of an active organisation.
 
-    The organisation's own certificates need no others to be revoked.
+    An organisation revokes its own certificates, and moves its own nodes, without the others.
     """
     require_direct()
     require_admin()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime as dt
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -108,14 +109,21 @@ def issue_into(folder: Path, authority: Authority, name: str, *hosts: str, days:
     return issued.serial
 
 
-def renew(config: NodeConfig, authority: Authority, *, days: int = NODE_LIFETIME_DAYS, new_key: bool = False) -> int:
-    """Return the new serial number; the new certificate names the hosts that the old one did.
+def renew(
+    config: NodeConfig,
+    authority: Authority,
+    *,
+    days: int = NODE_LIFETIME_DAYS,
+    new_key: bool = False,
+    hosts: Sequence[str] = (),
+) -> int:
+    """Return the new serial number; `hosts`: what the certificate names, else as the old one did.
 
     A running node reloads it within a second. Raises FILE_UNUSABLE if the kept key is unreadable.
     """
     key = None if new_key else _read_key(config)
-    hosts = _own_hosts(config)
-    issued = issue_node_certificate(authority, config.name, *hosts, lifetime=dt.timedelta(days=days), key=key)
+    named = hosts or _own_hosts(config)
+    issued = issue_node_certificate(authority, config.name, *named, lifetime=dt.timedelta(days=days), key=key)
     _replace(config, issued, with_key=new_key)
     return issued.serial
 

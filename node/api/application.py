@@ -80,7 +80,8 @@ class _Gate:
         return session
 
     def _authorise(self, route: Route, request: web.Request) -> tuple[Session | None, ChargedBudgets]:
-        stranger = source_of(request.remote, None)
+        address = self._services.trusted_proxies.address_of(request)
+        stranger = source_of(address, None)
         cost_us = ROUTE_COSTS[route.operation]
         try:
             if route.access.asks_session(is_public=self._services.public_explorer):
@@ -91,7 +92,7 @@ class _Gate:
         except BlockRobotError:
             self._limiter.take(stranger, cost_us)
             raise
-        source = stranger if session is None else source_of(request.remote, session)
+        source = stranger if session is None else source_of(address, session)
         return session, self._limiter.take(source, cost_us)
 
     async def run(self, route: Route, request: web.Request) -> web.StreamResponse:
@@ -114,10 +115,10 @@ class _Gate:
                 Call(self._services, self._sessions, request, route, session, tab, hold, meter, self._readings)
             )
 
-    async def admit_stray(self, remote: str | None) -> None:
+    async def admit_stray(self, request: web.BaseRequest) -> None:
         """Raises RATE_LIMITED."""
         async with self._open():
-            source = source_of(remote, None)
+            source = source_of(self._services.trusted_proxies.address_of(request), None)
             self._limiter.take(source, STRAY_US)
             await self._turns.wait(source, STRAY_US)
 
@@ -182,7 +183,7 @@ def _bind_stray(gate: _Gate, routes: Iterable[Route]) -> _WebHandler:
     patterns = [(re.compile(re.sub(r"\\{\w+\\}", "[^/]+", re.escape(path))), found) for path, found in methods.items()]
 
     async def handle(request: web.Request) -> web.StreamResponse:
-        await gate.admit_stray(request.remote)
+        await gate.admit_stray(request)
         require_expectation(request)
         for pattern, allowed in patterns:
             if pattern.fullmatch(request.rel_url.raw_path):

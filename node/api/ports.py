@@ -11,6 +11,7 @@ from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
+from node.api.access.trusted_proxies import NO_PROXIES, TrustedProxies
 from node.api.explorer_documents import RoundDocument
 from node.custody.coordination.consent_receipts import SignedReceipt
 from node.execution.execution_machines import ViewRunner
@@ -144,5 +145,6 @@ class ApiServices:
     receipts: ReceiptIssuer | None = None
     rounds: RoundWatch | None = None
     public_explorer: bool = False
+    trusted_proxies: TrustedProxies = NO_PROXIES
     on_over_budget: Callable[[str, BlockRobotError], None] = _ignore
     peers_with_block: PeersWithBlock = lambda _: ()

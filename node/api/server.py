@@ -20,8 +20,8 @@ from pages.listening import Accept, Connection, ConnectionTable, accept_plain, s
 
 CONNECTIONS_MAX_COUNT = 2048
 CONTINUE = "100-continue"
-AdmitStray = Callable[[str | None], Awaitable[None]]
-"""Lets the address of somebody pay for an answer that is of no route. Raises RATE_LIMITED."""
+AdmitStray = Callable[[web.BaseRequest], Awaitable[None]]
+"""Lets the address of a request pay for an answer that is of no route. Raises RATE_LIMITED."""
 STRAY_KEY: web.AppKey[AdmitStray] = web.AppKey("admit_stray")
 _DESCRIPTORS_PART = 2
 _log = logging.getLogger("node.api")
@@ -47,7 +47,7 @@ class ApiConnection(Connection):
 
         async def handle(request: web.BaseRequest) -> web.StreamResponse:
             try:
-                await self._admit_stray(request.remote)
+                await self._admit_stray(request)
             except BlockRobotError as error:
                 return _last_answer(error)
             return await answer(request)

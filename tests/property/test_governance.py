@@ -36,7 +36,7 @@ FAULTS_OF_THE_MACHINE = {
 
 Action = tuple[str, str, str, int]
 VERBS = (
-    "propose approve withdraw remove ready accuse add_node remove_node rekey add_org remove_org second second "
+    "propose approve withdraw remove ready accuse add_node remove_node move_node rekey add_org remove_org second second "
     "base_timeout_ms max_producers wait"
 )
 actions = st.tuples(
@@ -76,6 +76,9 @@ class Story:
     def _change(self, verb: str, organisation: str, node: str, number: int) -> list[Any]:
         if verb == "add_node":
             return ["add_node", node_fields(node, organisation)]
+        if verb == "move_node":
+            url = f"https://{node}.example:{number + 1}"
+            return ["move_node", {"name": node, "host": f"{node}.example", "p2p_port": number + 1, "api_url": url}]
         if verb == "remove_node":
             return ["remove_node", {"name": node}]
         if verb == "add_org":

@@ -311,6 +311,7 @@ ANSWERS: AnswersByCommand = {
     "org propose replace-keys": DecisionAnswer,
     "org propose add-node": DecisionAnswer,
     "org propose remove-node": DecisionAnswer,
+    "org propose move-node": DecisionAnswer,
     "org propose rekey-producer": DecisionAnswer,
     "org approve": DecisionAnswer,
     "org withdraw": DecisionAnswer,

@@ -43,7 +43,7 @@ from network.provisioning.exchange_files import (
     read_node_entry,
     read_organisation_entry,
 )
-from network.provisioning.new_node import check_api_url
+from network.provisioning.new_node import NewNode, check_api_url, parse_place
 from network.provisioning.new_organisation import create_organisation
 
 
@@ -270,6 +270,30 @@ def remove_node(name: str, anyway: bool, admin: AdminOptions, as_json: bool) -> 
     Example: blockrobot org propose remove-node node-5 --as hospital
     """
     _propose("remove_node", {"name": name}, admin, as_json=as_json, anyway=anyway)
+
+
+@propose.command("move-node")
+@click.argument("name")
+@click.option(
+    "--advertise", required=True, metavar="HOST:PORT", help="Where peers reach it, and clients at the port after it."
+)
+@click.option("--api-url", default="", metavar="URL", help="Where clients reach it, if elsewhere.")
+@governing_options
+@command_output
+def move_node(name: str, advertise: str, api_url: str, admin: AdminOptions, as_json: bool) -> None:
+    """Say where a node is reached from now on. For a node of its own an organisation needs nobody else.
+
+    Nodes and clients follow. Its certificate has to name the new address first: certificate renew --host.
+
+    Example: blockrobot org propose move-node node-5 --advertise node-5.clinic.example:7272 --as clinic
+    """
+    host, port = parse_place(advertise)
+    if not port:
+        raise click.UsageError("--advertise takes HOST:PORT.")
+    _, _, url = NewNode(name, "", host, port, api_url=api_url).reached_at
+    check_api_url(name, url)
+    arguments = {"name": name, "host": host, "p2p_port": port, "api_url": url}
+    _propose("move_node", arguments, admin, as_json=as_json)
 
 
 @propose.command("rekey-producer")

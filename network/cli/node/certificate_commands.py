@@ -143,12 +143,21 @@ def issue(
 @certificate.command("renew")
 @click.argument("node")
 @click.option("--new-key", is_flag=True, help="Make a new key too: after a theft, or a revocation.")
+@click.option(
+    "--host", "hosts", multiple=True, help="An address that it names; may be repeated. Else those of the old one."
+)
 @days_option
 @authority_option
 @folder_option
 @command_output
 def renew_certificate(
-    node: str, new_key: bool, days: int, authority: Path | None, folder: Path | None, as_json: bool
+    node: str,
+    new_key: bool,
+    hosts: tuple[str, ...],
+    days: int,
+    authority: Path | None,
+    folder: Path | None,
+    as_json: bool,
 ) -> None:
     """Renew a node's certificate in its data directory. A running node takes it within a second.
 
@@ -156,7 +165,8 @@ def renew_certificate(
     """
     config = get_node_config(node, folder)
     organisation = _organisation(config, folder)
-    serial = renew(config, get_authority(network_folder(folder), organisation, authority), days=days, new_key=new_key)
+    ca = get_authority(network_folder(folder), organisation, authority)
+    serial = renew(config, ca, days=days, new_key=new_key, hosts=hosts)
     report = read_report(config)
     expires = "" if report.facts is None else report.facts.expires
     if as_json:

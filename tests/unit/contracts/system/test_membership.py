@@ -276,6 +276,31 @@ def test_a_rekeyed_producer_keeps_its_place_and_the_old_key_counts_no_more(conso
     consortium.refused("KEY_TAKEN", admin_of("org-01"), "membership", "propose", "rekey_producer", back)
 
 
+def test_an_organisation_moves_its_own_node_alone_but_no_others(consortium: Consortium) -> None:
+    before = consortium.value("membership", b"node/node-01")
+    owner = before["organisation"]
+    place = {"host": "node-01.clinic.example", "p2p_port": 7272, "api_url": "https://node-01.clinic.example:7273"}
+    consortium.must(admin_of(owner), "membership", "propose", "move_node", {"name": "node-01", **place})
+    assert consortium.value("membership", b"node/node-01") == {**before, **place}
+    other = {"name": "node-02", **place}
+    assert consortium.value("membership", b"node/node-02")["organisation"] != owner
+    proposed = consortium.must(admin_of(owner), "membership", "propose", "move_node", other)
+    assert consortium.value("membership", b"node/node-02")["host"] != place["host"]
+    consortium.must(admin_of("org-03"), "membership", "approve", proposed.txid)
+    assert consortium.value("membership", b"node/node-02")["host"] == place["host"]
+    for code, change in (
+        ("NODE_UNKNOWN", {"name": "node-77"}),
+        ("HOST_WRONG", {"host": ""}),
+        ("HOST_WRONG", {"host": "a b"}),
+        ("PORT_WRONG", {"p2p_port": 0}),
+        ("URL_WRONG", {"api_url": "ftp://x"}),
+        ("FIELDS_WRONG", {"p2p_port": "1"}),
+    ):
+        wrong = {"name": "node-01", **place, **change}
+        consortium.refused(code, admin_of(owner), "membership", "propose", "move_node", wrong)
+    consortium.refused("NOT_AN_ADMIN", key_of("org-01/registrar"), "membership", "propose", "move_node", other)
+
+
 def test_an_organisation_revokes_its_own_certificate_alone_but_no_others(consortium: Consortium) -> None:
     serial = (77).to_bytes(20, "big")
     own = {"organisation": "org-01", "serial": serial}
