@@ -31,13 +31,15 @@ CONTRACT_MEMORY_MIB = 1024
 the results of up to 384 blocks above the ledger, a MiB each if they are full, and the compiled forms of 64 sources."""
 CONTRACT_MEMORY_MIN_MIB = 4
 _SANDBOX_MODES = ("on", "require", "off")
+_LOG_PLACES = ("file", "stdout", "both")
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 SECTIONS: dict[str, frozenset[str]] = {
     "node": frozenset({"name", "genesis", "organisation"}),
     "listen": frozenset({"host", "api_host", "api_tls", "trusted_proxies", "p2p_port", "api_port", "operator_port"}),
     "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
+    "metrics": frozenset({"host", "port"}),
     "custody": frozenset({"store", "reserve_mib"}),
-    "log": frozenset({"level"}),
+    "log": frozenset({"level", "to"}),
     "faults": frozenset({"enabled"}),
     "storage": frozenset({"archive", "keep_blocks", "snapshot_lag_blocks"}),
     "contracts": frozenset({"sandbox", "memory_mib"}),
@@ -71,6 +73,11 @@ class NodeConfig:
     """Whether clients are served over TLS, by the node's own certificate. Off only on loopback, where a proxy may be."""
     trusted_proxies: tuple[str, ...] = ()
     """Addresses or networks of proxies whose X-Forwarded-For is believed."""
+    metrics_host: str = ""
+    """Where other machines may ask for liveness, readiness and metrics; empty: nowhere."""
+    metrics_port: int = 0
+    log_to: str = "file"
+    """Where the log goes: "file", in the data directory, "stdout", or "both"."""
     custody_reserve_mib: int = RESERVE_DEFAULT_MIB
     """Free space below which the node takes no uploads; 0: none."""
     faults_enabled: bool = False
@@ -193,12 +200,15 @@ def load_config(data_dir: Path) -> NodeConfig:
     unknown = sorted(set(document) - set(SECTIONS))
     if unknown:
         raise _invalid(f"there is an unknown table [{unknown[0]}].")
-    node, listen, keys, custody, log, faults, storage, contracts, explorer = (
+    node, listen, keys, metrics, custody, log, faults, storage, contracts, explorer = (
         _Section(document, name) for name in SECTIONS
     )
-    ports = (listen.port("p2p_port"), listen.port("api_port"), listen.port("operator_port"))
+    ports = [listen.port("p2p_port"), listen.port("api_port"), listen.port("operator_port")]
+    metrics_host = metrics.optional_text("host") or ""
+    if metrics_host:
+        ports.append(metrics.port("port"))
     if len(set(ports)) != len(ports):
-        raise _invalid("[listen] names a port twice.")
+        raise _invalid("[listen] and [metrics] name a port twice.")
     host = listen.text("host", LOOPBACK)
     api_host = listen.text("api_host", host)
     api_tls = listen.flag("api_tls", default=not is_loopback(api_host))
@@ -210,6 +220,9 @@ def load_config(data_dir: Path) -> NodeConfig:
     level = log.text("level", "info")
     if level not in _LOG_LEVELS:
         raise _invalid(f"[log] level is one of {', '.join(_LOG_LEVELS)}.")
+    log_to = log.text("to", "file")
+    if log_to not in _LOG_PLACES:
+        raise _invalid(f"[log] to is one of {', '.join(_LOG_PLACES)}.")
     sandbox = contracts.text("sandbox", "on")
     if sandbox not in _SANDBOX_MODES:
         raise _invalid(f"[contracts] sandbox is one of {', '.join(_SANDBOX_MODES)}.")
@@ -231,6 +244,9 @@ def load_config(data_dir: Path) -> NodeConfig:
         custodian_key_path=data_dir / custodian if custodian else None,
         custody_store=custody.text("store", "sqlite"),
         log_level=level,
+        log_to=log_to,
+        metrics_host=metrics_host,
+        metrics_port=ports[-1] if metrics_host else 0,
         custody_reserve_mib=custody.count("reserve_mib", 1, RESERVE_DEFAULT_MIB),
         faults_enabled=faults.flag("enabled"),
         archive=storage.flag("archive"),
@@ -268,6 +284,7 @@ def config_to_toml(config: NodeConfig) -> str:
         "",
         "[keys]",
         *(f'{name} = "{path.relative_to(config.data_dir)}"' for name, path in relative.items() if path),
+        *(_metrics_lines(config) if config.metrics_host else []),
         "",
         "[custody]",
         f'store = "{config.custody_store}"',
@@ -275,6 +292,7 @@ def config_to_toml(config: NodeConfig) -> str:
         "",
         "[log]",
         f'level = "{config.log_level}"',
+        *([f'to = "{config.log_to}"'] if config.log_to != "file" else []),
         *(["", "[faults]", "enabled = true"] if config.faults_enabled else []),
         "",
         "[storage]",
@@ -288,6 +306,10 @@ def config_to_toml(config: NodeConfig) -> str:
         *(["", "[explorer]", "public = true"] if config.public_explorer else []),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _metrics_lines(config: NodeConfig) -> list[str]:
+    return ["", "[metrics]", f'host = "{config.metrics_host}"', f"port = {config.metrics_port}"]
 
 
 def load_genesis(config: NodeConfig) -> Genesis:

@@ -27,26 +27,32 @@ LOG_FILES_KEPT_COUNT = 3
 
 
 def configure_logging(config: NodeConfig) -> None:
-    """To the node's file, one JSON object per line."""
+    """To the node's file, to standard output or to both, one JSON object per line."""
     shared: list[structlog.types.Processor] = [
         structlog.stdlib.add_log_level,
         structlog.stdlib.add_logger_name,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
         structlog.processors.format_exc_info,
     ]
-    handler = logging.handlers.RotatingFileHandler(
-        config.log_path, maxBytes=LOG_FILE_MAX_BYTES, backupCount=LOG_FILES_KEPT_COUNT, encoding="utf-8"
-    )
-    handler.setFormatter(
-        structlog.stdlib.ProcessorFormatter(
-            foreign_pre_chain=shared,
-            processors=[
-                structlog.stdlib.ProcessorFormatter.remove_processors_meta,
-                structlog.processors.JSONRenderer(),
-            ],
+    handlers: list[logging.Handler] = []
+    if config.log_to != "stdout":
+        file = logging.handlers.RotatingFileHandler(
+            config.log_path, maxBytes=LOG_FILE_MAX_BYTES, backupCount=LOG_FILES_KEPT_COUNT, encoding="utf-8"
         )
-    )
-    logging.basicConfig(handlers=[handler], level=config.log_level.upper(), force=True)
+        handlers.append(file)
+    if config.log_to != "file":
+        handlers.append(logging.StreamHandler(sys.stdout))
+    for handler in handlers:
+        handler.setFormatter(
+            structlog.stdlib.ProcessorFormatter(
+                foreign_pre_chain=shared,
+                processors=[
+                    structlog.stdlib.ProcessorFormatter.remove_processors_meta,
+                    structlog.processors.JSONRenderer(),
+                ],
+            )
+        )
+    logging.basicConfig(handlers=handlers, level=config.log_level.upper(), force=True)
     structlog.configure(
         processors=[
             structlog.stdlib.filter_by_level,

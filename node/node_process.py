@@ -36,14 +36,14 @@ from node.execution.sandboxed_contracts import open_contracts
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.limits.disk_reserve import DiskReserve
 from node.mempool.transaction_intake import ClientPool
-from node.operator_listener import create_operator_listener, serve_operator
+from node.operator_listener import create_metrics_listener, create_operator_listener, serve_metrics, serve_operator
 from node.p2p.connection_acceptor import OF_CLIENTS, ConnectionAcceptor, bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
 from node.retention.pruning import answer_requests
 from node.snapshot.joining import SnapshotJoiner
 from node.snapshot.snapshot_store import SnapshotStore
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
-from pages.listening import Accept, accept_plain
+from pages.listening import Accept, accept_plain, is_loopback
 
 HTTP_STOP_MS = 500
 JOIN_INTERVAL_S = 1.0
@@ -97,6 +97,7 @@ class Node:
         if config.faults_enabled or config.custodian_key_path is not None:
             self._token = read_or_make_token(config.data_dir)
         self._stack = AsyncExitStack()
+        self._acceptor: ConnectionAcceptor | None = None
         self.begin_anew = asyncio.Event()
         """Set once a restored ledger lies ready: the node has to be closed and opened again."""
 
@@ -247,12 +248,16 @@ class Node:
         if self._faults is not None:
             self._faults.require_space("custody")
 
-    def _accept_clients(self) -> Accept:
-        if not self.config.api_tls:
+    def _accept(self, *, tls: bool) -> Accept:
+        """All listeners for clients share the places for handshakes."""
+        if not tls:
             return accept_plain
-        acceptor = ConnectionAcceptor(self._network.client_context, self._parts.peers.on_over_budget, OF_CLIENTS)
-        self._stack.callback(acceptor.close)
-        return acceptor.accept
+        if self._acceptor is None:
+            self._acceptor = ConnectionAcceptor(
+                self._network.client_context, self._parts.peers.on_over_budget, OF_CLIENTS
+            )
+            self._stack.callback(self._acceptor.close)
+        return self._acceptor.accept
 
     async def _start(self) -> None:
         config, stack, parts = self.config, self._stack, self._parts
@@ -260,6 +265,9 @@ class Node:
         stack.callback(api_socket.close)
         operator_socket = bind_listener(OPERATOR_HOST, config.operator_port)
         stack.callback(operator_socket.close)
+        metrics_socket = bind_listener(config.metrics_host, config.metrics_port) if config.metrics_host else None
+        if metrics_socket is not None:
+            stack.callback(metrics_socket.close)
         await parts.start()
         rounds = EngineRounds(parts.engine, self._clock)
         parts.writer.add_listener(rounds.note_final)
@@ -283,9 +291,13 @@ class Node:
             peers_with_block=parts.sync.peers_with_block,
         )
         await stack.enter_async_context(
-            serve_api(create_api(services), api_socket, HTTP_STOP_MS, self._accept_clients())
+            serve_api(create_api(services), api_socket, HTTP_STOP_MS, self._accept(tls=config.api_tls))
         )
         reading = read_or_make_token(config.data_dir, READING_TOKEN_FILE_NAME)
         operator = create_operator_listener(self, self._faults, self._token, parts.custody_admin, reading_token=reading)
         await stack.enter_async_context(serve_operator(operator, operator_socket, HTTP_STOP_MS))
+        if metrics_socket is not None:
+            figures = create_metrics_listener(self, parts.custody_admin, reading_token=reading)
+            accept = self._accept(tls=not is_loopback(config.metrics_host))
+            await stack.enter_async_context(serve_metrics(figures, metrics_socket, HTTP_STOP_MS, accept))
         log.info("node_started", name=config.name, height=parts.feed.height)

@@ -1,7 +1,7 @@
-"""The operator's listener: liveness, readiness, metrics, status, custody and faults.
+"""The operator's listener: liveness, readiness, metrics, status, custody and faults; and one for other machines.
 
 Loopback HTTP, local host names only (DNS rebinding), no web pages; the reading token opens `/metrics`, `/status`, the
-operator's token all.
+operator's token all. What other machines may ask is liveness, readiness and, with the reading token, metrics.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from consensus.errors import BlockRobotError
 from node.custody.coordination.custody_admin import CustodyAdmin
 from node.custody.coordination.custody_admin_routes import add_custody_routes
 from node.faults import FaultSwitch
-from pages.listening import awaiting_body, is_loopback, serve, share_of_descriptors
+from pages.listening import Accept, awaiting_body, is_loopback, serve, share_of_descriptors
 from pages.serving import is_client_gone
 
 FAULT_REQUEST_MAX_BYTES = 64 * 1024
 CONNECTIONS_MAX_COUNT = 32
 _DESCRIPTORS_PART = 16
+METRICS_CONNECTIONS_MAX_COUNT, _METRICS_DESCRIPTORS_PART = 16, 32
 OPEN_PATHS = ("/livez", "/readyz")
 """What is answered without a token, and nothing else (see `docs/reference/authorisation.md`)."""
 READING_PATHS = ("/status", "/metrics")
@@ -59,24 +60,9 @@ def create_operator_listener(
 ) -> web.Application:
     """Return the operator's application; without switch and token it takes no faults."""
 
-    async def live(_request: web.Request) -> web.Response:
-        return web.json_response({"alive": True})
-
-    async def ready(_request: web.Request) -> web.Response:
-        if status.is_ready():
-            return web.json_response({"ready": True})
-        error = status.problem() or BlockRobotError("NODE_NOT_READY")
-        problem = {"ready": False, "code": error.code, "detail": error.detail, "next_step": error.next_step}
-        return web.json_response(problem, status=error.entry.status)
-
     async def describe(request: web.Request) -> web.Response:
         _require_token(request, token, reading_token)
         return web.json_response(dict(status.describe()))
-
-    async def metrics(request: web.Request) -> web.Response:
-        _require_token(request, token, reading_token)
-        uploads = b"" if custody_admin is None else await custody_admin.metrics()
-        return web.Response(body=status.metrics() + uploads, headers={"Content-Type": METRICS_CONTENT_TYPE})
 
     async def take_faults(request: web.Request) -> web.Response:
         try:
@@ -95,18 +81,62 @@ def create_operator_listener(
     add_custody_routes(application, custody_admin, lambda request: _require_token(request, token))
     application.router.add_get("/faults", take_faults)
     application.router.add_post("/faults", take_faults)
+    _add_probes(application, status, custody_admin, lambda request: _require_token(request, token, reading_token))
+    application.router.add_get("/status", describe)
+    return application
+
+
+def create_metrics_listener(
+    status: NodeStatus, custody_admin: CustodyAdmin | None, *, reading_token: str
+) -> web.Application:
+    """Return what other machines may ask: an orchestrator for its probes, Prometheus for the figures."""
+    application = web.Application(middlewares=[_guard_pages])
+    _add_probes(application, status, custody_admin, lambda request: _require_shown(request, reading_token))
+    return application
+
+
+def _add_probes(
+    application: web.Application,
+    status: NodeStatus,
+    custody_admin: CustodyAdmin | None,
+    require: Callable[[web.Request], None],
+) -> None:
+    """`require` raises for whoever may not read metrics."""
+
+    async def live(_request: web.Request) -> web.Response:
+        return web.json_response({"alive": True})
+
+    async def ready(_request: web.Request) -> web.Response:
+        if status.is_ready():
+            return web.json_response({"ready": True})
+        error = status.problem() or BlockRobotError("NODE_NOT_READY")
+        problem = {"ready": False, "code": error.code, "detail": error.detail, "next_step": error.next_step}
+        return web.json_response(problem, status=error.entry.status)
+
+    async def metrics(request: web.Request) -> web.Response:
+        require(request)
+        uploads = b"" if custody_admin is None else await custody_admin.metrics()
+        return web.Response(body=status.metrics() + uploads, headers={"Content-Type": METRICS_CONTENT_TYPE})
+
     application.router.add_get("/livez", live)
     application.router.add_get("/readyz", ready)
-    application.router.add_get("/status", describe)
     application.router.add_get("/metrics", metrics)
-    return application
 
 
 def serve_operator(
     application: web.Application, listener: socket.socket, stop_ms: int
 ) -> AbstractAsyncContextManager[None]:
     """Serve while the context lasts, with few connections: any local user can connect."""
-    return serve(application, listener, share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART), stop_ms)
+    places = share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART)
+    return serve(application, listener, places, stop_ms)
+
+
+def serve_metrics(
+    application: web.Application, listener: socket.socket, stop_ms: int, accept: Accept
+) -> AbstractAsyncContextManager[None]:
+    """As `serve_operator`, for whoever reaches it from elsewhere."""
+    places = share_of_descriptors(METRICS_CONNECTIONS_MAX_COUNT, _METRICS_DESCRIPTORS_PART)
+    return serve(application, listener, places, stop_ms, accept=accept)
 
 
 def _problem(error: BlockRobotError) -> web.Response:
@@ -118,10 +148,21 @@ def _problem(error: BlockRobotError) -> web.Response:
 async def _guard(
     request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
 ) -> web.StreamResponse:
-    """Reject foreign host names and web pages; ignore client disconnects."""
+    """Reject foreign host names, and as `_guard_pages`."""
+    if _PORT.sub("", request.headers.get("Host", "")).lower() not in _HOSTS:
+        return _problem(BlockRobotError("NOT_PERMITTED", "This is for a program of this machine, not for a web page."))
+    answered: web.StreamResponse = await _guard_pages(request, handler)
+    return answered
+
+
+@web.middleware
+async def _guard_pages(
+    request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+) -> web.StreamResponse:
+    """Reject web pages; ignore client disconnects."""
     try:
-        if _PORT.sub("", request.headers.get("Host", "")).lower() not in _HOSTS or "Origin" in request.headers:
-            raise BlockRobotError("NOT_PERMITTED", "This is for a program of this machine, not for a web page.")
+        if "Origin" in request.headers:
+            raise BlockRobotError("NOT_PERMITTED", "This is for programs, not for a web page.")
         return await handler(request)
     except BlockRobotError as error:
         return _problem(error)
@@ -143,6 +184,11 @@ def _require_token(request: web.Request, *tokens: str) -> None:
     """Raises NOT_PERMITTED (not local, or a web page), OPERATOR_TOKEN_INVALID."""
     if not is_loopback(request.remote or "") or "Origin" in request.headers:
         raise BlockRobotError("NOT_PERMITTED", "This is for a program of this machine, not for a web page.")
+    _require_shown(request, *tokens)
+
+
+def _require_shown(request: web.Request, *tokens: str) -> None:
+    """Raises OPERATOR_TOKEN_INVALID."""
     shown = request.headers.get("Authorization", "").encode("utf-8", "replace")
     if not any(token and hmac.compare_digest(shown, f"Bearer {token}".encode()) for token in tokens):
         raise BlockRobotError("OPERATOR_TOKEN_INVALID")

@@ -24,18 +24,21 @@ HANDSHAKE_US = 3_000
 
 @dataclass(frozen=True, slots=True)
 class HandshakeLimits:
-    """How many handshakes may be open, in all and of an address, and how much time those of an address may take."""
+    """How many handshakes may be open, in all and of an address, and how much time those of an address may take.
+
+    Of a node's descriptors they take one in `descriptors_part` at most.
+    """
 
     open_max_count: int
+    descriptors_part: int
     of_address_max_count: int
     allowance: Allowance
 
 
-OF_PEERS = HandshakeLimits(64, 32, Allowance(us_per_s=20 * HANDSHAKE_US, burst_us=60 * HANDSHAKE_US))
+OF_PEERS = HandshakeLimits(64, 16, 32, Allowance(us_per_s=20 * HANDSHAKE_US, burst_us=60 * HANDSHAKE_US))
 """Twenty handshakes a second of an address."""
-OF_CLIENTS = HandshakeLimits(256, 64, Allowance(us_per_s=40 * HANDSHAKE_US, burst_us=200 * HANDSHAKE_US))
+OF_CLIENTS = HandshakeLimits(256, 32, 64, Allowance(us_per_s=40 * HANDSHAKE_US, burst_us=200 * HANDSHAKE_US))
 """Forty: the wallets of a ward may share an address."""
-_DESCRIPTORS_PART = 16
 
 
 class ConnectionAcceptor:
@@ -53,7 +56,7 @@ class ConnectionAcceptor:
         self._limits = limits
         self._budgets: TokenBuckets[Source] = TokenBuckets(lambda _source: limits.allowance, time.monotonic)
         self._open: Counter[Source] = Counter()
-        self._open_max_count = share_of_descriptors(limits.open_max_count, _DESCRIPTORS_PART)
+        self._open_max_count = share_of_descriptors(limits.open_max_count, limits.descriptors_part)
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self, listener: socket.socket, make: Callable[[], asyncio.Protocol]) -> None:

@@ -41,7 +41,9 @@ _OPERATOR = """\
 It listens on the node's own machine only, under the names of this machine (127.0.0.1, localhost, [::1]) and for no web
 page (`NOT_PERMITTED`). It answers {paths} to whoever asks there, and {reading} to who shows the token of
 `operator-read.token` in the node's data directory (mode 0600), as Prometheus does with `authorization.credentials_file`.
-Whatever else there is takes the operator's token (`OPERATOR_TOKEN_INVALID`), and is for no web page (`NOT_PERMITTED`)."""
+Whatever else there is takes the operator's token (`OPERATOR_TOKEN_INVALID`), and is for no web page (`NOT_PERMITTED`).
+
+With `[metrics]` in `node.toml` a port of its own answers other machines {paths}, and `/metrics` to who shows that token."""
 
 
 def _listed(paths: tuple[str, ...]) -> str:

@@ -70,6 +70,13 @@ def test_clients_are_served_over_tls_wherever_others_could_listen_in(
     assert load_config(_write(tmp_path, config_to_toml(config))) == config
 
 
+def test_figures_and_the_log_go_where_the_file_says(tmp_path: Path) -> None:
+    said = '[metrics]\nhost = "10.0.0.7"\nport = 9100\n[log]\nto = "stdout"\n'
+    config = load_config(_write(tmp_path, GOOD + said))
+    assert (config.metrics_host, config.metrics_port, config.log_to) == ("10.0.0.7", 9100, "stdout")
+    assert load_config(_write(tmp_path, config_to_toml(config))) == config
+
+
 @pytest.mark.parametrize("sandbox", ["on", "require", "off"])
 def test_the_sandbox_of_contracts_is_on_unless_the_file_says_otherwise(tmp_path: Path, sandbox: str) -> None:
     assert load_config(_write(tmp_path, GOOD)).contract_sandbox == "on"
@@ -84,6 +91,9 @@ def test_the_sandbox_of_contracts_is_on_unless_the_file_says_otherwise(tmp_path:
         ('name = "node-1"', "", "name"),
         ("p2p_port = 7000", 'p2p_port = "7000"', "p2p_port"),
         ("p2p_port = 7000", "p2p_port = 70000", "p2p_port"),
+        ("[keys]", '[metrics]\nhost = "10.0.0.7"\nport = 7001\n[keys]', "port twice"),
+        ("[keys]", '[metrics]\nhost = "10.0.0.7"\n[keys]', "port"),
+        ("[keys]", '[log]\nto = "syslog"\n[keys]', "file, stdout, both"),
         ("p2p_port = 7000", 'p2p_port = 7000\ntrusted_proxies = "10.0.0.1"', "trusted_proxies"),
         ("p2p_port = 7000", "p2p_port = 7000\ntrusted_proxies = [7]", "trusted_proxies"),
         ("p2p_port = 7000", 'p2p_port = 7000\ntrusted_proxies = ["10.0.0.1/8"]', "trusted_proxies"),

@@ -20,7 +20,7 @@ from network.provisioning.certificate_authority import create_authority
 from network.provisioning.network_layout import create_network
 from network.provisioning.node_certificates import get_authority, renew
 from node import node_process
-from node.config import NodeConfig
+from node.config import NodeConfig, reading_headers
 from node.limits.token_buckets import Allowance
 from node.node_process import Node
 from node.p2p import connection_acceptor
@@ -151,3 +151,13 @@ def test_why_a_node_cannot_listen_is_told_apart(
         monkeypatch.setattr(connection_acceptor, "open_listener", refuse)
     with pytest.raises(BlockRobotError, match=f"^{code}:"):
         bind_listener(host, find_base_port(1))
+
+
+async def test_figures_are_told_to_other_machines_at_a_port_of_their_own(folder: Path) -> None:
+    port = find_base_port(1)
+    config = replace(Cluster(folder).config("node-1"), metrics_host="127.0.0.2", metrics_port=port)
+    async with Node(config), aiohttp.ClientSession() as session:
+        token = reading_headers(config)
+        for path, headers, status in (("/livez", {}, 200), ("/metrics", {}, 401), ("/metrics", token, 200)):
+            async with session.get(f"http://127.0.0.2:{port}{path}", headers=headers) as answer:
+                assert answer.status == status

@@ -13,7 +13,7 @@ from consensus.errors import BlockRobotError
 from node.api_adapters import WallClock
 from node.config import READING_TOKEN_FILE_NAME
 from node.faults import FaultSwitch, read_or_make_token
-from node.operator_listener import OPEN_PATHS, READING_PATHS, create_operator_listener
+from node.operator_listener import OPEN_PATHS, READING_PATHS, create_metrics_listener, create_operator_listener
 from tests.resetting import send_and_reset
 
 READING, OPERATOR = {"Authorization": "Bearer reading"}, {"Authorization": "Bearer operator"}
@@ -51,6 +51,23 @@ async def test_figures_are_for_who_shows_a_token() -> None:
                 assert (answer.status, (await answer.json())["code"]) == (401, "OPERATOR_TOKEN_INVALID")
         for path in OPEN_PATHS:
             assert (await client.get(path)).status == 200
+
+
+async def test_other_machines_are_told_whether_it_lives_and_with_a_token_its_figures_and_nothing_else() -> None:
+    application = create_metrics_listener(Status(), None, reading_token="reading")
+    elsewhere = {"Host": "node-1.clinic.example:9100"}
+    async with TestClient(TestServer(application)) as client:
+        for path in OPEN_PATHS:
+            assert (await client.get(path, headers=elsewhere)).status == 200
+            assert (await client.get(path, headers=elsewhere | {"Origin": "https://evil.example"})).status == 403
+        assert await (await client.get("/metrics", headers=elsewhere | READING)).text() == "figure 1\n"
+        for shown in ({}, OPERATOR, {"Authorization": "Bearer "}):
+            assert (await client.get("/metrics", headers=elsewhere | shown)).status == 401
+        for path in ("/status", "/faults", "/custody", "/nothing"):
+            assert (await client.get(path, headers=elsewhere | READING)).status == 404
+    unarmed = create_metrics_listener(Status(), None, reading_token="")
+    async with TestClient(TestServer(unarmed)) as client:
+        assert (await client.get("/metrics", headers={"Authorization": "Bearer "})).status == 401
 
 
 async def test_without_its_token_nothing_is_shown_or_moved_and_a_web_page_is_answered_nothing() -> None:

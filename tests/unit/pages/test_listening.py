@@ -14,7 +14,6 @@ from aiohttp import ClientSession, web
 
 from node import operator_listener
 from node.api import server
-from node.p2p import connection_acceptor
 from node.p2p import network as links
 from node.p2p.connection_acceptor import OF_CLIENTS, OF_PEERS
 from pages import local_page
@@ -140,7 +139,8 @@ def test_all_listeners_of_a_node_together_leave_a_quarter_of_the_descriptors_to_
             for most, part in (
                 (server.CONNECTIONS_MAX_COUNT, server._DESCRIPTORS_PART),
                 (operator_listener.CONNECTIONS_MAX_COUNT, operator_listener._DESCRIPTORS_PART),
-                *((of.open_max_count, connection_acceptor._DESCRIPTORS_PART) for of in (OF_PEERS, OF_CLIENTS)),
+                (operator_listener.METRICS_CONNECTIONS_MAX_COUNT, operator_listener._METRICS_DESCRIPTORS_PART),
+                *((of.open_max_count, of.descriptors_part) for of in (OF_PEERS, OF_CLIENTS)),
                 (links.UNGREETED_MAX_COUNT, links._DESCRIPTORS_PART),
             )
         )
