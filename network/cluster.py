@@ -262,15 +262,17 @@ class Cluster:
         ]
 
 
-async def read_metric(config: NodeConfig, name: str) -> float | None:
-    """By full Prometheus name, None without an answer."""
+async def read_metric(config: NodeConfig, name: str, label: str = "") -> float | None:
+    """The sum of a Prometheus metric over its series with this label (`name="value"`); None without any."""
     async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=2)) as session:
         try:
             async with session.get(_operator_url(config, "/metrics"), headers=reading_headers(config)) as response:
                 lines = split_lines(await response.text())
         except (aiohttp.ClientError, TimeoutError):
             return None
-    return next((float(line.split()[1]) for line in lines if line.startswith(name + " ")), None)
+    series = [line.rsplit(" ", 1) for line in lines if line.startswith((f"{name} ", f"{name}{{"))]
+    values = [float(value) for labels, value in series if label in labels]
+    return sum(values) if values else None
 
 
 def _operator_url(config: NodeConfig, path: str) -> str:

@@ -13,10 +13,10 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def run(*arguments: str) -> dict[str, Any]:
+def run(*arguments: str, codes: tuple[int, ...] = (0,)) -> dict[str, Any]:
     command = [sys.executable, "-m", "network.cli.main", "bench", *arguments, "--json"]
     child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert child.returncode == 0, child.stdout + child.stderr
+    assert child.returncode in codes, child.stdout + child.stderr
     result: dict[str, Any] = json.loads(child.stdout)
     return result
 
@@ -42,13 +42,35 @@ def test_latency_of_one_call_on_an_idle_network() -> None:
     assert 0 < figures["p50_ms"] <= figures["p95_ms"]
 
 
+def test_distance_between_hosts_is_measured_and_makes_calls_later() -> None:
+    """Whether a goal is met (exit code 0) is not judged here."""
+    result = run("wan", "--delay", "0,60", "--loss", "0", "--count", "3", codes=(0, 1))
+    near, far = result["figures"]["distances"]
+    assert [each["errors"] for each in (near, far)] == [0, 0]
+    assert far["p50_ms"] - near["p50_ms"] > 3 * 60
+    assert far["is_within_goal"] == (far["p50_ms"] <= far["goal_ms"] == 4.5 * 60 + 15)
+    for each in (near, far):
+        assert each["calls"] == 3
+        assert each["bytes_per_call"] > 1_000
+        assert 0 < each["leader_gap_s"] <= 8
+
+
 def test_the_contract_machine_alone() -> None:
     figures = check_form(run("vm", "--seconds", "0.2", "--profile"), "vm")
     assert all(value > 0 for value in figures.values())
 
 
 @pytest.mark.smoke
-@pytest.mark.parametrize("arguments", [("tx", "--clients", "0"), ("tx", "--batch", "257"), ("latency", "--count", "x")])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("tx", "--clients", "0"),
+        ("tx", "--batch", "257"),
+        ("latency", "--count", "x"),
+        ("wan", "--delay", "20,x"),
+        ("wan", "--loss", "21"),
+    ],
+)
 def test_a_wrong_option_is_a_matter_of_usage(arguments: tuple[str, ...]) -> None:
     command = [sys.executable, "-m", "network.cli.main", "bench", *arguments]
     child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

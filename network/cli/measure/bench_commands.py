@@ -61,6 +61,46 @@ def latency(count: int, nodes: int, as_json: bool) -> None:
     _finish(run_to_end(run_latency_benchmark(count=count, nodes=nodes)), as_json=as_json)
 
 
+class _Numbers(click.ParamType[tuple[float, ...]]):
+    """Numbers from 0 to a limit, with commas."""
+
+    name = "NUMBERS"
+
+    def __init__(self, most: float) -> None:
+        self._most = most
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        try:
+            numbers = tuple(float(part) for part in str(value).split(","))
+        except ValueError:
+            numbers = (-1.0,)
+        if not all(0 <= number <= self._most for number in numbers):
+            self.fail(f"{value!r} is no list of numbers from 0 to {self._most:g}, as in 20,80.", param, ctx)
+        return numbers
+
+
+@bench.command()
+@click.option("--delay", "delays_ms", type=_Numbers(1_000), default="20,80,200", show_default=True, help="One way, ms.")
+@click.option("--loss", "losses_percent", type=_Numbers(20), default="0,0.1", show_default=True, help="Of frames, %.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(4, 21), help="Node processes.")
+@click.option("--count", default=40, show_default=True, type=click.IntRange(1, 1_000), help="Calls at each.")
+@command_output
+def wan(delays_ms: tuple[float, ...], losses_percent: tuple[float, ...], nodes: int, count: int, as_json: bool) -> None:
+    """Measure what distance between the nodes' hosts costs: one call, and the loss of the leader's host.
+
+    The links of a local network are slowed down and made lossy. Exits 1 if a call fails, or takes longer (p50, without
+    loss) than 4.5 one-way delays and 15 ms.
+
+    Example: blockrobot bench wan --delay 20,80 --loss 0 --json
+    """
+    from network.bench.distance import run_wan_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
+
+    work = run_wan_benchmark(
+        delays_ms=delays_ms, losses_percent=losses_percent, nodes=nodes, count=count, tell=_tell_line
+    )
+    _finish(run_to_end(work), as_json=as_json)
+
+
 @bench.command()
 @click.option("--repeats", default=3, show_default=True, type=click.IntRange(1, 100), help="How often each fault.")
 @click.option("--nodes", default=4, show_default=True, type=click.IntRange(4, 21), help="Node processes.")
