@@ -82,6 +82,8 @@ MISSED_AFTER_MS = 4_000
 """For how long the node with the higher name waits to be dialled, before it dials itself."""
 KEEP_ALIVE_S, KEEP_ALIVE_EVERY_S, KEEP_ALIVE_COUNT = 30, 10, 3
 """A link with nothing to say is asked for after so long, so that firewalls do not forget it, and given up if it is mute."""
+UNANSWERED_MAX_MS = 20_000
+"""A link on which something was sent, and nothing came back for so long, is given up: its other side may be gone."""
 REQUEST_TIMEOUT_MS = 5_000
 CERTIFICATE_CHECK_MS = 1_000
 LINK_RENEWAL_MS = 250
@@ -102,6 +104,8 @@ def _keep_alive(transport_socket: Any) -> None:
     transport_socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     if hasattr(socket, "TCP_KEEPIDLE"):  # not on every system
         transport_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEP_ALIVE_S)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):
+        transport_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNANSWERED_MAX_MS)
     transport_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEP_ALIVE_EVERY_S)
     transport_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEP_ALIVE_COUNT)
 

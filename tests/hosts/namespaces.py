@@ -40,10 +40,11 @@ class Host:
     def prefix(self) -> list[str]:
         return ["ip", "netns", "exec", self.namespace]
 
-    def shape(self, *netem: str) -> None:
-        """Delay or lose what it sends from now on, as `tc netem` takes it; without words: as before."""
-        words = ["replace", "dev", "eth0", "root", "netem", *netem] if netem else ["delete", "dev", "eth0", "root"]
-        _run(*self.prefix, "tc", "qdisc", *words)
+    def renumber(self, address: str) -> None:
+        """Give the host another address in place of its own."""
+        _run(*self.prefix, "ip", "address", "delete", f"{self.address}/24", "dev", "eth0")
+        _run(*self.prefix, "ip", "address", "add", f"{address}/24", "dev", "eth0")
+        self.address = address
 
     def cut(self, *, off: bool) -> None:
         """Take the host's cable out, or put it back."""

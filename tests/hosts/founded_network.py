@@ -1,0 +1,96 @@
+"""A network of four organisations, each with a node on a host of its own, founded by commands typed there."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from tests.hosts.namespaces import Host, Hosts
+
+ORGANISATIONS = ("clinic", "hospital", "lab", "university")
+COMMAND_MAX_S = 90
+WAIT_MAX_S = 60
+BIN = Path(sys.executable).parent
+
+
+def node_of(organisation: str) -> str:
+    return f"{organisation}-1"
+
+
+class FoundedNetwork:
+    """Runs commands on hosts. `visitor`: a host without a node."""
+
+    def __init__(self, hosts: Hosts) -> None:
+        self.hosts = hosts.hosts
+        self.visitor = self.hosts["visitor"]
+
+    def run(self, host: Host, *arguments: str, fails: bool = False) -> str:
+        """Type `blockrobot ...` there; return what was written on standard output."""
+        environment = {
+            "HOME": str(host.home),
+            "BLOCKROBOT_HOME": str(host.home / "br"),
+            "PATH": f"{BIN}:{os.environ['PATH']}",
+            "LANG": "C.UTF-8",
+        }
+        done = subprocess.run(
+            [*host.prefix, "blockrobot", *arguments],
+            cwd=host.home,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=COMMAND_MAX_S,
+            check=False,
+        )
+        assert (done.returncode != 0) == fails, f"{arguments}: {done.stdout}{done.stderr}"
+        return done.stdout if not fails else done.stderr
+
+    def ask(self, host: Host, *arguments: str) -> dict[str, Any]:
+        answer: dict[str, Any] = json.loads(self.run(host, *arguments, "--json"))
+        return answer
+
+    def found(self) -> None:
+        """The ceremony, party by party."""
+        entries: list[Path] = []
+        for name in ORGANISATIONS:
+            host = self.hosts[name]
+            self.run(host, "org", "new", name)
+            bind = ("--bind", host.address, "--custodian")
+            self.run(host, "node", "init", node_of(name), "--founding", "--organisation", name, *bind)
+            network = host.home / "br" / "network"
+            entries += [network / "organisations" / name / "organisation-entry.json"]
+            entries += [network / "nodes" / node_of(name) / "node-entry.json"]
+        for name in ORGANISATIONS:
+            host = self.hosts[name]
+            handed = [self._hand_over(path, host, number) for number, path in enumerate(entries)]
+            self.run(host, "genesis", "make", *map(str, handed), "--out", str(host.home / "genesis.json"))
+            self.run(host, "genesis", "check", str(host.home / "genesis.json"), "--adopt")
+            self.run(host, "node", "run", node_of(name), "--detach")
+        self.wait(lambda: all(len(self.status(name)["peers"]) == len(ORGANISATIONS) - 1 for name in ORGANISATIONS))
+
+    def _hand_over(self, path: Path, host: Host, number: int) -> Path:
+        copy = host.home / f"entry-{number}.json"
+        copy.write_bytes(path.read_bytes())
+        return copy
+
+    def status(self, organisation: str) -> dict[str, Any]:
+        """What the node of an organisation says of itself."""
+        (node,) = self.ask(self.hosts[organisation], "status")["nodes"]
+        return {"peers": [], "finalized_height": -1} | node
+
+    def propose(self, organisation: str) -> int:
+        """Let an organisation make a proposal and withdraw it; return the height at which that is final."""
+        host = self.hosts[organisation]
+        said = self.ask(host, "settings", "propose", "heartbeat_ms", "20000")
+        return int(self.ask(host, "settings", "withdraw", said["proposal"]["id"])["height"])
+
+    def wait(self, holds: Any) -> None:
+        """Until it is so; at most a minute."""
+        deadline_s = time.monotonic() + WAIT_MAX_S
+        while not holds():
+            assert time.monotonic() < deadline_s, "it did not come about"
+            time.sleep(0.2)

@@ -1,0 +1,69 @@
+"""Four organisations on hosts of their own: one is cut off, one moves, a stranger listens; the others go on."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+
+import pytest
+
+from tests.hosts.founded_network import ORGANISATIONS, FoundedNetwork, node_of
+from tests.hosts.namespaces import Hosts, why_not
+
+STORY_MAX_S = 300
+pytestmark = pytest.mark.timeout(STORY_MAX_S)
+
+
+@pytest.fixture(scope="module")
+def network(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FoundedNetwork]:
+    if reason := why_not():
+        pytest.skip(reason)
+    with Hosts(tmp_path_factory.mktemp("hosts"), [*ORGANISATIONS, "visitor"]) as hosts:
+        network = FoundedNetwork(hosts)
+        network.found()
+        yield network
+
+
+def test_each_organisation_has_its_say_with_the_key_on_its_own_host(network: FoundedNetwork) -> None:
+    heights = [network.propose(name) for name in ORGANISATIONS]
+    assert heights == sorted(heights)
+    assert len(set(heights)) == len(heights)
+    keys = {name: list(network.hosts[name].home.rglob("admin.key")) for name in ORGANISATIONS}
+    assert [len(found) for found in keys.values()] == [1] * 4
+
+
+def test_a_host_that_is_cut_off_misses_nothing_once_it_is_back(network: FoundedNetwork) -> None:
+    network.hosts["lab"].cut(off=True)
+    reached = max(network.propose(name) for name in ("clinic", "hospital"))
+    network.wait(lambda: node_of("lab") not in network.status("clinic")["peers"])
+    assert network.status("lab")["finalized_height"] < reached
+    network.hosts["lab"].cut(off=False)
+    network.wait(lambda: network.status("lab")["finalized_height"] >= reached)
+    assert network.propose("lab") > reached
+
+
+def test_a_stranger_on_the_network_reads_nothing_in_plain_text(network: FoundedNetwork) -> None:
+    url = f"http://{network.hosts['hospital'].address}:7273/v1/genesis"
+    done = subprocess.run([*network.visitor.prefix, "curl", "-sS", "-m", "5", url], capture_output=True, check=False)
+    assert done.returncode != 0
+    assert done.stdout == b""
+
+
+def test_a_node_that_moves_is_found_at_its_new_address(network: FoundedNetwork) -> None:
+    host, node = network.hosts["university"], node_of("university")
+    old, new = host.address, "10.77.0.99"
+    host.renumber(new)
+    network.wait(lambda: node not in network.status("clinic")["peers"])
+    network.run(host, "certificate", "renew", node, "--host", new, "--host", old)
+    config = host.home / "br" / "network" / "nodes" / node / "node.toml"
+    config.write_text(config.read_text().replace(f'host = "{old}"', f'host = "{new}"'))
+    network.run(host, "down")
+    network.run(host, "node", "run", node, "--detach")
+    network.wait(
+        lambda: len(network.status("university")["peers"]) == 3,
+    )
+    network.run(host, "org", "propose", "move-node", node, "--advertise", f"{new}:7272")
+    listed = network.ask(network.hosts["clinic"], "org", "list", "--as", "clinic")["nodes"]
+    assert [row["host"] for row in listed if row["name"] == node] == [new]
+    network.wait(lambda: node in network.status("clinic")["peers"])
+    assert network.propose("university") > 0
