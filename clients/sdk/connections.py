@@ -52,6 +52,7 @@ def _tls_context(node: NodeAddress) -> ssl.SSLContext | bool:
         return True
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.minimum_version = ssl.TLSVersion.TLSv1_3
+    context.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN  # the authority may itself be certified by another
     try:
         context.load_verify_locations(cadata=node.ca_certificate)
     except (ssl.SSLError, ValueError):

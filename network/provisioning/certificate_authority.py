@@ -8,6 +8,7 @@ from __future__ import annotations
 import datetime as dt
 import ipaddress
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,7 +47,7 @@ class NodeCertificate:
     serial: int
 
 
-def _name(organisation: str, common_name: str) -> x509.Name:
+def subject_of(organisation: str, common_name: str) -> x509.Name:
     return x509.Name(
         [
             x509.NameAttribute(NameOID.ORGANIZATION_NAME, organisation),
@@ -85,7 +86,7 @@ def _key_usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 def create_authority(organisation: str) -> Authority:
     key = ec.generate_private_key(ec.SECP256R1())
-    name = _name(organisation, f"{organisation} node authority")
+    name = subject_of(organisation, f"{organisation} node authority")
     certificate = (
         _builder(name, name, dt.timedelta(days=AUTHORITY_LIFETIME_DAYS))
         .public_key(key.public_key())
@@ -116,6 +117,11 @@ def _address(host: str) -> x509.GeneralName:
         return x509.DNSName(host)
 
 
+def host_names(hosts: Sequence[str]) -> list[x509.GeneralName]:
+    """Addresses as a certificate names them, each once."""
+    return [_address(host) for host in dict.fromkeys(hosts)]
+
+
 def issue_node_certificate(
     authority: Authority,
     node: str,
@@ -129,24 +135,7 @@ def issue_node_certificate(
     Valid until `now` + `lifetime`; for `key`, else a new one.
     """
     key = key or ec.generate_private_key(ec.SECP256R1())
-    names = [x509.DNSName(node), *map(_address, dict.fromkeys(hosts or (LOOPBACK,)))]
-    issuer_key = authority.certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
-    certificate = (
-        _builder(_name(authority.organisation, node), authority.certificate.subject, lifetime, now)
-        .public_key(key.public_key())
-        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(_key_usage(signs_certificates=False), critical=True)
-        .add_extension(
-            x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]), critical=False
-        )
-        .add_extension(x509.SubjectAlternativeName(names), critical=False)
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
-        .add_extension(
-            x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(issuer_key),
-            critical=False,
-        )
-        .sign(authority.key, hashes.SHA256())
-    )
+    certificate = certify(authority, node, hosts or (LOOPBACK,), key.public_key(), lifetime, now)
     return NodeCertificate(
         certificate_pem=certificate.public_bytes(serialization.Encoding.PEM),
         key_pem=encode_private_key(key),
@@ -154,8 +143,37 @@ def issue_node_certificate(
     )
 
 
-def certified_hosts(certificate: x509.Certificate) -> tuple[str, ...]:
-    """Where a certificate says its node is reached, besides by its name."""
+def certify(
+    authority: Authority,
+    node: str,
+    hosts: Sequence[str],
+    key: ec.EllipticCurvePublicKey,
+    lifetime: dt.timedelta,
+    now: dt.datetime | None = None,
+) -> x509.Certificate:
+    """As `issue_node_certificate`, for a key whose other half is elsewhere."""
+    names = [x509.DNSName(node), *host_names(hosts)]
+    issuer_key = authority.certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
+    return (
+        _builder(subject_of(authority.organisation, node), authority.certificate.subject, lifetime, now)
+        .public_key(key)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_key_usage(signs_certificates=False), critical=True)
+        .add_extension(
+            x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]), critical=False
+        )
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key), critical=False)
+        .add_extension(
+            x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(issuer_key),
+            critical=False,
+        )
+        .sign(authority.key, hashes.SHA256())
+    )
+
+
+def certified_hosts(certificate: x509.Certificate | x509.CertificateSigningRequest) -> tuple[str, ...]:
+    """Where a certificate, or a request for one, says its node is reached, besides by its name."""
     names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return tuple(str(name.value) for name in names)[1:]
 

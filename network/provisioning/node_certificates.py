@@ -15,14 +15,12 @@ from pathlib import Path
 from typing import Literal
 
 from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
 from consensus.errors import BlockRobotError
 from network.provisioning.certificate_authority import (
     NODE_LIFETIME_DAYS,
     Authority,
-    NodeCertificate,
     certified_hosts,
     issue_node_certificate,
     load_authority,
@@ -30,7 +28,7 @@ from network.provisioning.certificate_authority import (
 )
 from node.config import NodeConfig
 from node.p2p.identity import CertificateFacts, read_facts
-from node.p2p.tls import EXPIRY_WARNING_MS
+from node.p2p.tls import EXPIRY_WARNING_MS, read_private_key
 
 AUTHORITY_KEY_FILE = "ca.key.pem"
 AUTHORITY_CERTIFICATE_FILE = "ca.crt.pem"
@@ -121,35 +119,29 @@ def renew(
 
     A running node reloads it within a second. Raises FILE_UNUSABLE if the kept key is unreadable.
     """
-    key = None if new_key else _read_key(config)
-    named = hosts or _own_hosts(config)
+    key = None if new_key else read_private_key(config.tls_key_path)
+    named = hosts or own_hosts(config)
     issued = issue_node_certificate(authority, config.name, *named, lifetime=dt.timedelta(days=days), key=key)
-    _replace(config, issued, with_key=new_key)
+    key_pair = [(config.tls_key_path, issued.key_pem)] if new_key else []
+    _replace([*key_pair, (config.tls_certificate_path, issued.certificate_pem)])
     return issued.serial
 
 
-def _own_hosts(config: NodeConfig) -> tuple[str, ...]:
+def own_hosts(config: NodeConfig) -> tuple[str, ...]:
+    """What the certificate on disk names; without a readable one, where the node listens."""
     try:
         return certified_hosts(x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes()))
     except (OSError, ValueError, x509.ExtensionNotFound):
         return (config.host,)
 
 
-def _read_key(config: NodeConfig) -> ec.EllipticCurvePrivateKey:
-    try:
-        key = load_pem_private_key(config.tls_key_path.read_bytes(), None)
-    except (OSError, ValueError, TypeError):
-        key = None
-    if not isinstance(key, ec.EllipticCurvePrivateKey):
-        raise BlockRobotError("FILE_UNUSABLE", f"The TLS key of {config.name} cannot be read; renew with --new-key.")
-    return key
+def install(config: NodeConfig, certificate: x509.Certificate) -> None:
+    """Put a certificate for the node's own key in place of the old one."""
+    _replace([(config.tls_certificate_path, certificate.public_bytes(Encoding.PEM))])
 
 
-def _replace(config: NodeConfig, issued: NodeCertificate, *, with_key: bool) -> None:
-    """Replace files: write both in full, then rename, the certificate last."""
-    pairs = [(config.tls_certificate_path, issued.certificate_pem)]
-    if with_key:
-        pairs.insert(0, (config.tls_key_path, issued.key_pem))
+def _replace(pairs: Sequence[tuple[Path, bytes]]) -> None:
+    """Replace files: write all in full, then rename, in this order."""
     fresh = []
     for path, data in pairs:
         temporary = path.with_name(path.name + ".new")

@@ -41,13 +41,15 @@ class CertificateFacts:
         return format_utc_time(self.not_after_ms)
 
 
-def read_facts(certificate: x509.Certificate) -> CertificateFacts:
-    """An ambiguous name counts as none."""
+def read_facts(certificate: x509.Certificate | x509.CertificateSigningRequest) -> CertificateFacts:
+    """An ambiguous name counts as none. A request has no number and no dates: 0."""
 
     def only(oid: x509.ObjectIdentifier) -> str:
         found = certificate.subject.get_attributes_for_oid(oid)
         return str(found[0].value) if len(found) == 1 else ""
 
+    if isinstance(certificate, x509.CertificateSigningRequest):
+        return CertificateFacts(only(NameOID.COMMON_NAME), only(NameOID.ORGANIZATION_NAME), 0, 0, 0)
     return CertificateFacts(
         name=only(NameOID.COMMON_NAME),
         organisation=only(NameOID.ORGANIZATION_NAME),

@@ -17,7 +17,8 @@ from typing import Any, Literal
 
 import structlog
 from cryptography import x509
-from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
 from consensus.errors import BlockRobotError
 from node.directory.node_directory import DirectoryContent
@@ -110,7 +111,9 @@ class Credentials:
             context = self._new_context(protocol)
             context.check_hostname = False
             context.verify_mode = ssl.CERT_REQUIRED
-            context.verify_flags = ssl.VerifyFlags(context.verify_flags | _NO_CHECK_TIME)
+            context.verify_flags = ssl.VerifyFlags(
+                context.verify_flags | _NO_CHECK_TIME | ssl.VERIFY_X509_PARTIAL_CHAIN
+            )
             try:
                 context.load_verify_locations(cadata="".join(authorities))
             except ssl.SSLError:
@@ -149,6 +152,17 @@ class Credentials:
         except (OSError, ValueError):
             raise BlockRobotError("CONFIGURATION_INVALID", "The node's TLS certificate cannot be read.") from None
         return OwnCertificate(facts=read_facts(certificate), stamp=stamp)
+
+
+def read_private_key(path: Path) -> ec.EllipticCurvePrivateKey:
+    """Raises FILE_UNUSABLE."""
+    try:
+        key = load_pem_private_key(path.read_bytes(), None)
+    except (OSError, ValueError, TypeError):
+        key = None
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        raise BlockRobotError("FILE_UNUSABLE", f"The TLS key {path} cannot be read; renew with --new-key.")
+    return key
 
 
 def _authorities(directory: DirectoryContent) -> tuple[str, ...]:

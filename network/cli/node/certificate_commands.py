@@ -9,9 +9,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+from cryptography.hazmat.primitives.serialization import Encoding
 
+from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import EXISTING_FILE, FOLDER, command_output, console, print_answer
+from clients.sdk.terminal.terminal import (
+    EXISTING_FILE,
+    FILE,
+    FOLDER,
+    command_output,
+    console,
+    load_genesis,
+    print_answer,
+)
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
@@ -26,23 +36,29 @@ from network.cli.node.node_answers import (
     CertificateIssueAnswer,
     CertificateListAnswer,
     CertificateRenewAnswer,
+    CertificateRequestAnswer,
+    CertificateSignAnswer,
 )
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
-from network.provisioning.certificate_authority import NODE_LIFETIME_DAYS
-from network.provisioning.exchange_files import read_certificate
+from network.provisioning.certificate_authority import NODE_LIFETIME_DAYS, certified_hosts
+from network.provisioning.certificate_requests import check_certificate, make_request, sign_request
+from network.provisioning.exchange_files import read_certificate, read_public_text
 from network.provisioning.node_certificates import (
     CertificateReport,
     get_authority,
     issue_into,
     now_ms,
+    own_hosts,
     parse_serial,
     read_report,
     renew,
     serial_bytes,
 )
+from network.provisioning.node_certificates import install as install_certificate
 from network.provisioning.node_joining import newest_directory, organisation_of
 from node.config import LOOPBACK, NodeConfig
+from node.p2p.identity import read_facts
 
 authority_option = click.option(
     "--authority", type=FOLDER, help="The folder with ca.crt.pem and ca.key.pem, if it is not in the network's folder."
@@ -138,6 +154,94 @@ def issue(
         print_answer(CertificateIssueAnswer(node=name, serial=f"{serial:x}", folder=str(out)))
     else:
         console.print(f"Issued {serial:x} for {escape(name)}: the certificate and its key are in {escape(str(out))}.")
+
+
+@certificate.command()
+@click.argument("node")
+@click.option("--out", required=True, type=FILE, help="The request: a new file.")
+@click.option(
+    "--host", "hosts", multiple=True, help="An address that it names; may be repeated. Else those it has now."
+)
+@folder_option
+@command_output
+def request(node: str, out: Path, hosts: tuple[str, ...], folder: Path | None, as_json: bool) -> None:
+    """Ask for a certificate for the key that a node has, in a file that holds no secret (PKCS #10).
+
+    The authority of its organisation signs it, on whatever machine its key is: certificate sign, or a program of a
+    hospital's own.
+
+    Example: blockrobot certificate request node-7 --out node-7.csr
+    """
+    config = get_node_config(node, folder)
+    organisation, named = _organisation(config, folder), hosts or own_hosts(config)
+    write_new_file(out, make_request(config, organisation, named), private=False)
+    if as_json:
+        answer = CertificateRequestAnswer(node=config.name, organisation=organisation, hosts=list(named), file=str(out))
+        print_answer(answer)
+        return
+    console.print(f"The request of {config.name} is in {escape(str(out))}; it names {escape(', '.join(named))}.")
+    console.print(
+        f"Next step, at the authority of {escape(organisation)}: blockrobot certificate sign {escape(str(out))} --out FILE"
+    )
+
+
+@certificate.command()
+@click.argument("request_file", metavar="REQUEST", type=EXISTING_FILE)
+@click.option("--organisation", required=True, help="Whose authority signs.")
+@click.option("--out", required=True, type=FILE, help="The certificate: a new file.")
+@days_option
+@authority_option
+@folder_option
+@command_output
+def sign(
+    request_file: Path,
+    organisation: str,
+    out: Path,
+    days: int,
+    authority: Path | None,
+    folder: Path | None,
+    as_json: bool,
+) -> None:
+    """Issue a certificate for a node's request, where the organisation's authority is.
+
+    Make sure that the request is of the node that it names: what it asks for is shown, and then certified.
+
+    Example: blockrobot certificate sign node-7.csr --organisation clinic --out node-7.crt.pem
+    """
+    ca = get_authority(network_folder(folder), organisation, authority)
+    made = sign_request(ca, read_public_text(request_file).encode(), days)
+    facts, hosts = read_facts(made), list(certified_hosts(made))
+    write_new_file(out, made.public_bytes(Encoding.PEM), private=False)
+    if as_json:
+        print_answer(CertificateSignAnswer(node=facts.name, serial=facts.serial_hex, hosts=hosts, file=str(out)))
+        return
+    console.print(f"{escape(facts.name)}, reached at {escape(', '.join(hosts))}, is certified until {facts.expires}.")
+    console.print(
+        f"Next step, where the node is: blockrobot certificate install {escape(facts.name)} {escape(str(out))}"
+    )
+
+
+@certificate.command()
+@click.argument("node")
+@click.argument("certificate_file", metavar="CERTIFICATE", type=EXISTING_FILE)
+@folder_option
+@command_output
+def install(node: str, certificate_file: Path, folder: Path | None, as_json: bool) -> None:
+    """Give a node the certificate that was issued for its request. A running node takes it within a second.
+
+    It is refused if it is not for the node's key and name, or not of the authority that the network knows.
+
+    Example: blockrobot certificate install node-7 node-7.crt.pem
+    """
+    config = get_node_config(node, folder)
+    known = newest_directory(load_genesis(config.genesis_path), [config])
+    made = check_certificate(config, read_public_text(certificate_file).encode(), known, now_ms())
+    install_certificate(config, made)
+    facts = read_facts(made)
+    if as_json:
+        print_answer(CertificateRenewAnswer(node=config.name, serial=facts.serial_hex, expires=facts.expires))
+    else:
+        console.print(f"{config.name} has certificate {facts.serial_hex} now; it counts until {facts.expires}.")
 
 
 @certificate.command("renew")

@@ -148,6 +148,24 @@ class CertificateIssueAnswer(Answer, frozen=True, kw_only=True):
     folder: Annotated[str, doc("The folder with it and its key")]
 
 
+class CertificateRequestAnswer(Answer, frozen=True, kw_only=True):
+    """A request for a certificate."""
+
+    node: Annotated[str, doc("The node")]
+    organisation: Annotated[str, doc("Whose authority is to sign it")]
+    hosts: Annotated[list[str], doc("The addresses that it names besides the node's name")]
+    file: Annotated[str, doc("The request, which holds no secret")]
+
+
+class CertificateSignAnswer(Answer, frozen=True, kw_only=True):
+    """A certificate that was issued for a request."""
+
+    node: Annotated[str, doc("The node")]
+    serial: Annotated[str, doc("Its serial number, hexadecimal digits")]
+    hosts: Annotated[list[str], doc("The addresses that it names besides the node's name")]
+    file: Annotated[str, doc("The certificate")]
+
+
 class CertificateRenewAnswer(Answer, frozen=True, kw_only=True):
     """A certificate that was renewed."""
 
@@ -168,5 +186,8 @@ ANSWERS: AnswersByCommand = {
     "node diff": NodeDiffAnswer,
     "certificate list": CertificateListAnswer,
     "certificate issue": CertificateIssueAnswer,
+    "certificate request": CertificateRequestAnswer,
+    "certificate sign": CertificateSignAnswer,
+    "certificate install": CertificateRenewAnswer,
     "certificate renew": CertificateRenewAnswer,
 }

@@ -1,0 +1,209 @@
+"""A certificate by request: no key leaves its machine, and what comes back is taken only if it fits the node."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import ssl
+import stat
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec, ed25519
+from cryptography.x509.oid import NameOID
+
+from clients.sdk import connections
+from consensus.errors import BlockRobotError
+from network.cli.node.certificate_commands import certificate
+from network.cluster import Cluster
+from network.provisioning.certificate_authority import (
+    Authority,
+    certified_hosts,
+    certify,
+    create_authority,
+    load_authority,
+)
+from network.provisioning.certificate_requests import check_certificate, make_request, sign_request
+from network.provisioning.network_layout import create_network
+from network.provisioning.node_certificates import now_ms, read_report
+from node.config import NodeConfig
+from node.directory.node_directory import DirectoryContent, content_of_genesis
+from node.p2p.tls import Credentials, read_private_key
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    create_network(tmp_path / "network", nodes=2, organisations=2, base_port=20_000)
+    return tmp_path / "network"
+
+
+@pytest.fixture
+def config(folder: Path) -> NodeConfig:
+    return Cluster(folder).config("node-1")
+
+
+@pytest.fixture
+def authority(folder: Path) -> Authority:
+    return load_authority(folder / "organisations" / "hospital")
+
+
+@pytest.fixture
+def directory(folder: Path) -> DirectoryContent:
+    return content_of_genesis(Cluster(folder).genesis)
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(certificate, list(arguments))
+
+
+def pem_of(made: x509.Certificate) -> bytes:
+    return made.public_bytes(serialization.Encoding.PEM)
+
+
+def test_a_request_goes_and_a_certificate_comes_and_both_keys_stay(folder: Path, tmp_path: Path) -> None:
+    config, away = Cluster(folder).config("node-1"), tmp_path / "authority"
+    (folder / "organisations" / "hospital").rename(away)
+    key, secrets = config.tls_key_path.read_bytes(), (away / "ca.key.pem").read_bytes()
+    asked, made = tmp_path / "node-1.csr", tmp_path / "node-1.crt.pem"
+    home = ("--dir", str(folder))
+    hosts = ("--host", "10.0.0.7", "--host", "node-1.clinic.example")
+    assert run("request", "node-1", "--out", str(asked), *hosts, *home).exit_code == 0
+    said = run(
+        *("sign", str(asked), "--organisation", "hospital", "--out", str(made), "--days", "90"),
+        *("--authority", str(away), *home, "--json"),
+    )
+    assert said.exit_code == 0, said.output
+    assert json.loads(said.stdout)["hosts"] == ["10.0.0.7", "node-1.clinic.example"]
+    assert run("install", "node-1", str(made), *home).exit_code == 0
+    report = read_report(config)
+    assert report.state(now_ms()) == "valid"
+    assert 89 <= report.days_left(now_ms()) <= 90
+    assert config.tls_key_path.read_bytes() == key
+    for path in (asked, made, config.tls_certificate_path):
+        assert b"PRIVATE" not in path.read_bytes()
+    assert secrets == (away / "ca.key.pem").read_bytes()
+    assert stat.S_IMODE(config.tls_certificate_path.stat().st_mode) == 0o600
+    assert "FILE_EXISTS" in run("request", "node-1", "--out", str(asked), *home).stderr
+
+
+def test_a_request_names_what_the_certificate_named_unless_told_otherwise(config: NodeConfig) -> None:
+    request = x509.load_pem_x509_csr(make_request(config, "hospital", ["127.0.0.1"]))
+    assert certified_hosts(request) == ("127.0.0.1",)
+
+
+def request_of(key: Any, organisation: str = "hospital", name: str = "node-1", *, hosts: bool = True) -> bytes:
+    subject = [
+        x509.NameAttribute(NameOID.ORGANIZATION_NAME, organisation),
+        x509.NameAttribute(NameOID.COMMON_NAME, name),
+    ]
+    builder = x509.CertificateSigningRequestBuilder().subject_name(x509.Name(subject))
+    if hosts:
+        builder = builder.add_extension(x509.SubjectAlternativeName([x509.DNSName(name)]), critical=False)
+    algorithm = None if isinstance(key, ed25519.Ed25519PrivateKey) else hashes.SHA256()
+    return builder.sign(key, algorithm).public_bytes(serialization.Encoding.PEM)
+
+
+def test_an_authority_signs_requests_of_its_organisation_alone_and_only_what_is_asked(authority: Authority) -> None:
+    key = ec.generate_private_key(ec.SECP256R1())
+    made = sign_request(authority, request_of(key), 10)
+    constraints = made.extensions.get_extension_for_class(x509.BasicConstraints).value
+    assert not constraints.ca
+    assert made.public_key() == key.public_key()
+    whole = request_of(key)
+    swapped = bytearray(x509.load_pem_x509_csr(whole).public_bytes(serialization.Encoding.DER))
+    swapped[-1] ^= 1
+    forged = ssl.DER_cert_to_PEM_cert(bytes(swapped)).replace("CERTIFICATE", "CERTIFICATE REQUEST").encode()
+    for wrong in (
+        request_of(key, "university"),
+        request_of(key, hosts=False),
+        request_of(ed25519.Ed25519PrivateKey.generate()),
+        forged,
+        b"",
+        b"-----BEGIN CERTIFICATE REQUEST-----\nAAAA\n-----END CERTIFICATE REQUEST-----\n",
+        authority.certificate_pem.encode(),
+    ):
+        with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE"):
+            sign_request(authority, wrong, 10)
+
+
+def test_a_node_takes_no_certificate_that_is_not_its_own(
+    config: NodeConfig, authority: Authority, directory: DirectoryContent
+) -> None:
+    own, day = read_private_key(config.tls_key_path).public_key(), dt.timedelta(days=1)
+    good = certify(authority, "node-1", ["127.0.0.1"], own, day)
+    assert check_certificate(config, pem_of(good), directory, now_ms()) == good
+    stranger = create_authority("hospital")
+    other = ec.generate_private_key(ec.SECP256R1()).public_key()
+    wrong = {
+        "FILE_UNUSABLE": certify(authority, "node-1", ["127.0.0.1"], other, day),
+        "PEER_CERTIFICATE_FOREIGN": certify(stranger, "node-1", ["127.0.0.1"], own, day),
+        "PEER_CERTIFICATE_EXPIRED": certify(authority, "node-1", ["127.0.0.1"], own, -day),
+        "PEER_REFUSED": certify(authority, "node-9", ["127.0.0.1"], own, day),
+    }
+    for code, made in wrong.items():
+        with pytest.raises(BlockRobotError, match=f"^{code}"):
+            check_certificate(config, pem_of(made), directory, now_ms())
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE"):
+        check_certificate(config, b"none", directory, now_ms())
+
+
+def test_an_intermediate_authority_is_enough_for_peers_and_clients(
+    config: NodeConfig, authority: Authority, directory: DirectoryContent
+) -> None:
+    """A hospital's root stays offline: the network knows the certificate of the one that signs for nodes."""
+    root = create_authority("hospital")
+    key = authority.key.public_key()
+    intermediate = (
+        x509.CertificateBuilder()
+        .subject_name(authority.certificate.subject)
+        .issuer_name(root.certificate.subject)
+        .public_key(key)
+        .serial_number(7)
+        .not_valid_before(dt.datetime.now(dt.UTC) - dt.timedelta(days=1))
+        .not_valid_after(dt.datetime.now(dt.UTC) + dt.timedelta(days=1))
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key), critical=False)
+        .sign(root.key, hashes.SHA256())
+    )
+    owner = replace(directory.organisations["hospital"], ca_certificate=pem_of(intermediate).decode())
+    known = replace(directory, organisations=directory.organisations | {"hospital": owner})
+    own = read_private_key(config.tls_key_path).public_key()
+    made = certify(
+        Authority("hospital", intermediate, authority.key), "node-1", ["127.0.0.1"], own, dt.timedelta(days=1)
+    )
+    assert check_certificate(config, pem_of(made), known, now_ms()) == made
+    config.tls_certificate_path.write_bytes(pem_of(made))
+    credentials = Credentials(config.tls_certificate_path, config.tls_key_path, known)
+    for server, client in (
+        (credentials.accepting, credentials.dialling),
+        (credentials.serving, _client(pem_of(intermediate))),
+    ):
+        shake_hands(server, client)
+
+
+def _client(trusted: bytes) -> ssl.SSLContext:
+    context = connections._tls_context(connections.NodeAddress("node-1", "https://127.0.0.1:1", trusted.decode()))
+    assert isinstance(context, ssl.SSLContext)
+    return context
+
+
+def shake_hands(server: ssl.SSLContext, client: ssl.SSLContext) -> None:
+    """In memory. Raises ssl.SSLError."""
+    to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
+    sides = [
+        client.wrap_bio(to_client, to_server, server_hostname="127.0.0.1"),
+        server.wrap_bio(to_server, to_client, server_side=True),
+    ]
+    for _ in range(6):
+        for side in list(sides):
+            try:
+                side.do_handshake()
+                sides.remove(side)
+            except ssl.SSLWantReadError:
+                continue
+    assert sides == []
