@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from tests.hosts.founded_network import ORGANISATIONS, FoundedNetwork, node_of
+from tests.hosts.founded_network import BIN, ORGANISATIONS, FoundedNetwork, node_of
 from tests.hosts.namespaces import Hosts, why_not
 
 STORY_MAX_S = 300
@@ -67,3 +70,29 @@ def test_a_node_that_moves_is_found_at_its_new_address(network: FoundedNetwork) 
     assert [row["host"] for row in listed if row["name"] == node] == [new]
     network.wait(lambda: node in network.status("clinic")["peers"])
     assert network.propose("university") > 0
+
+
+def test_a_host_that_is_lost_for_good_is_made_anew_from_a_backup_and_nothing_is_missing(
+    network: FoundedNetwork, tmp_path: Path
+) -> None:
+    """A drill: the backup is of a running node, two calls are final after it, and the disk is gone."""
+    host, node = network.hosts["hospital"], node_of("hospital")
+    data_dir, keys = host.home / "br" / "network" / "nodes" / node, tmp_path / "safe"
+    network.run(host, "node", "backup", node, "--out", str(tmp_path / "backup"))
+    shutil.copytree(data_dir / "keys", keys)
+    reached = max(network.propose(name) for name in ("clinic", "lab"))
+    network.run(host, "down")
+    shutil.rmtree(data_dir)
+    network.run(host, "node", "restore", str(tmp_path / "backup"), "--data-dir", str(data_dir), "--keys", str(keys))
+    with subprocess.Popen(
+        [*host.prefix, str(BIN / "blockrobot"), "node", "run", str(data_dir), "--restored"],
+        env={"HOME": str(host.home), "PATH": os.environ["PATH"]},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as restored:
+        try:
+            network.wait(lambda: network.status("hospital")["finalized_height"] >= reached)
+            network.wait(lambda: node in network.status("clinic")["peers"])
+            assert network.propose("hospital") > reached
+        finally:
+            restored.terminate()

@@ -119,6 +119,27 @@ class SnapshotShowAnswer(SnapshotManifest, frozen=True, kw_only=True):
     verified: Annotated[bool, doc("Whether all of it was verified, with `--genesis`")]
 
 
+class NodeBackupAnswer(Answer, frozen=True, kw_only=True):
+    """A node that was backed up."""
+
+    node: Annotated[str, doc("The node")]
+    folder: Annotated[str, doc("The backup")]
+    height: Annotated[Height, doc("The block up to which its ledger is in it")]
+    files: Annotated[Count, doc("How many files it has")]
+    has_keys: Annotated[bool, doc("Whether the node's keys are in it")]
+    has_custody: Annotated[bool, doc("Whether what it keeps as a custodian is in it")]
+
+
+class NodeRestoreAnswer(Answer, frozen=True, kw_only=True):
+    """A node that was made of a backup."""
+
+    node: Annotated[str, doc("The node")]
+    data_dir: Annotated[str, doc("Its data directory")]
+    height: Annotated[Height, doc("The block up to which its ledger is there")]
+    has_custody: Annotated[bool, doc("Whether what it kept as a custodian is there")]
+    next_step: Annotated[str, doc("The command that starts it")]
+
+
 class CertificateEntry(Answer, frozen=True, kw_only=True):
     """The certificate of a node."""
 
@@ -184,6 +205,8 @@ ANSWERS: AnswersByCommand = {
     "node snapshot restore": SnapshotRestoreAnswer,
     "node snapshot show": SnapshotShowAnswer,
     "node diff": NodeDiffAnswer,
+    "node backup": NodeBackupAnswer,
+    "node restore": NodeRestoreAnswer,
     "certificate list": CertificateListAnswer,
     "certificate issue": CertificateIssueAnswer,
     "certificate request": CertificateRequestAnswer,

@@ -32,6 +32,14 @@ _PLACES = {
     "snapshot": LazyCommand(
         "network.cli.node.snapshot_commands:snapshot", "Bring a node to a block's state without the blocks before it."
     ),
+    "backup": LazyCommand(
+        "network.cli.node.backup_commands:backup",
+        "Back a node up, while it runs or not: its settings, its ledger, and what it keeps as a custodian.",
+    ),
+    "restore": LazyCommand(
+        "network.cli.node.backup_commands:restore",
+        "Make a node of a backup, on a host where nothing of it is left. The ledger is proved first.",
+    ),
     "prune": LazyCommand(
         "network.cli.node.ledger_commands:prune",
         "Drop the bodies and receipts of a node's old blocks; headers, certificates, state and audit stay.",

@@ -1,0 +1,196 @@
+"""Backs a node up while it runs, and makes it anew from that on a host where nothing of it is left.
+
+A backup has the node's settings, a snapshot of its ledger and its custodian's database. It never has erase keys, which
+would bring erased pictures back, nor the journal, which must not be older than the node's last run; keys only if asked for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+
+from clients.sdk.new_files import new_file, read_given_file, write_new_file
+from consensus.bounded_text import JSON_MAX_BYTES, TextInvalidError, read_json_as
+from consensus.errors import BlockRobotError
+from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis
+from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
+from node.directory.directory_file import DIRECTORY_FILE
+from node.snapshot.making import make_snapshot_folder
+from node.snapshot.restoring import restore_ledger
+from node.snapshot.snapshot_format import SnapshotFolder
+from node.storage.lmdb_reader import LedgerFile
+
+MANIFEST_FILE = "backup.json"
+VERSION = 1
+NODE, LEDGER, CUSTODY, KEYS = "node", "ledger", "custody", "keys"
+FILES_MAX_COUNT = 100_000
+Tell = Callable[[str], None]
+
+
+class BackupManifest(msgspec.Struct, frozen=True, kw_only=True):
+    """What a backup holds; `files`: SHA-256 (hexadecimal) by path."""
+
+    version: int
+    node: str
+    chain_id: str
+    height: int
+    made_at_ms: int
+    files: dict[str, str]
+
+    def has(self, part: str) -> bool:
+        return any(name.startswith(f"{part}/") for name in self.files)
+
+
+@dataclass(frozen=True, slots=True)
+class Restored:
+    """A node made anew: up to which block, and with what."""
+
+    config: NodeConfig
+    height: int
+    has_custody: bool
+
+
+def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lambda _step: None) -> BackupManifest:
+    """Make the folder `out`, whole or not at all, of a node that runs or not.
+
+    Raises FILE_EXISTS, DATA_DIRECTORY_INVALID, STORAGE_*, and FILE_UNUSABLE for a custodian's database elsewhere.
+    """
+    if out.exists():
+        raise BlockRobotError("FILE_EXISTS", f"There is something in {out} already.")
+    genesis = load_genesis(config)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as own:
+        making = Path(own, out.name)
+        for folder in (making, making / NODE):
+            folder.mkdir(mode=0o700)
+        for name in (CONFIG_FILE, "genesis.json", DIRECTORY_FILE):
+            if (config.data_dir / name).is_file():
+                _copy(config.data_dir / name, making / NODE / name)
+        if with_keys:
+            tell("keys")
+            _copy_all(config.data_dir / KEYS, making / KEYS)
+        if config.custodian_key_path is not None and config.custody_store == "sqlite":
+            tell("custody")
+            _copy_database(config.custody_dir / DATABASE_FILE_NAME, making / CUSTODY / DATABASE_FILE_NAME)
+        tell("ledger")
+        # Last, so that the ledger is not older than what the custodian has followed.
+        with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
+            height = make_snapshot_folder(view, making / LEDGER).height
+        files = {path.relative_to(making).as_posix(): _digest(path) for path in _files_of(making)}
+        manifest = BackupManifest(
+            version=VERSION,
+            node=config.name,
+            chain_id=genesis.chain_id.hex(),
+            height=height,
+            made_at_ms=time.time_ns() // 1_000_000,
+            files=dict(sorted(files.items())),
+        )
+        write_new_file(making / MANIFEST_FILE, msgspec.json.format(msgspec.json.encode(manifest)))
+        making.rename(out)
+    return manifest
+
+
+def read_backup(place: Path) -> BackupManifest:
+    """Check that every file of a backup is there and whole. Raises FILE_UNUSABLE."""
+    try:
+        manifest = read_json_as(read_given_file(place / MANIFEST_FILE, JSON_MAX_BYTES), BackupManifest)
+    except TextInvalidError:
+        raise BlockRobotError("FILE_UNUSABLE", f"{place} is no backup of a node.") from None
+    if manifest.version != VERSION:
+        raise BlockRobotError("FILE_UNUSABLE", f"The backup has version {manifest.version}, not {VERSION}.")
+    found = {path.relative_to(place).as_posix(): path for path in _files_of(place)}
+    found.pop(MANIFEST_FILE, None)
+    for name in sorted({*manifest.files, *found}):
+        path = found.get(name)
+        if name not in manifest.files or path is None or _digest(path) != manifest.files[name]:
+            raise BlockRobotError("FILE_UNUSABLE", f"{place / name} is missing, or is not what was backed up.")
+    return manifest
+
+
+def restore(
+    place: Path,
+    data_dir: Path,
+    *,
+    keys: Path | None = None,
+    erase_keys: Path | None = None,
+    tell: Tell = lambda _step: None,
+) -> Restored:
+    """Make a node's data directory of a backup, whole or not at all. Its first start has to be with `--restored`.
+
+    `keys`: the node's keys, if the backup has none; `erase_keys`: the newest that are left of its custodian, without
+    which its database could not be read and is left out. The ledger is proved from the genesis file on.
+    Raises NODE_EXISTS, FILE_UNUSABLE, CONFIGURATION_INVALID, SNAPSHOT_*.
+    """
+    manifest = read_backup(place)
+    if data_dir.exists():
+        raise BlockRobotError("NODE_EXISTS", f"There is something in {data_dir} already.")
+    if keys is None and not manifest.has(KEYS):
+        raise BlockRobotError("FILE_UNUSABLE", "The backup holds no keys of the node: name their folder with --keys.")
+    data_dir.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{data_dir.name}.", dir=data_dir.parent) as own:
+        making = Path(own, data_dir.name)
+        making.mkdir(mode=0o700)
+        for path in _files_of(place / NODE):
+            _copy(path, making / path.name)
+        _copy_all(keys or place / KEYS, making / KEYS)
+        config = load_config(making)
+        tell("ledger")
+        head = restore_ledger(SnapshotFolder(place / LEDGER), load_genesis(config), config.ledger_dir)
+        has_custody = erase_keys is not None and manifest.has(CUSTODY)
+        if erase_keys is not None and has_custody:
+            tell("custody")
+            _copy(erase_keys / ERASE_KEYS_FILE_NAME, config.erase_keys_dir / ERASE_KEYS_FILE_NAME)
+            _copy(place / CUSTODY / DATABASE_FILE_NAME, config.custody_dir / DATABASE_FILE_NAME)
+        making.rename(data_dir)
+    return Restored(load_config(data_dir), head.header.height, has_custody)
+
+
+def _files_of(place: Path) -> Iterator[Path]:
+    """Raises FILE_UNUSABLE for links, or too many."""
+    for number, path in enumerate(sorted(place.rglob("*"))):
+        if path.is_symlink() or number >= FILES_MAX_COUNT:
+            raise BlockRobotError("FILE_UNUSABLE", f"{path} is a link, or one file too many.")
+        if path.is_file():
+            yield path
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _copy(source: Path, target: Path) -> None:
+    target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    try:
+        with source.open("rb") as file, new_file(target) as copy:
+            shutil.copyfileobj(file, copy)
+    except FileNotFoundError:
+        raise BlockRobotError("FILE_UNUSABLE", f"There is no {source}.") from None
+
+
+def _copy_all(source: Path, target: Path) -> None:
+    if not source.is_dir():
+        raise BlockRobotError("FILE_UNUSABLE", f"There is no folder {source}.")
+    for path in _files_of(source):
+        _copy(path, target / path.relative_to(source))
+
+
+def _copy_database(source: Path, target: Path) -> None:
+    """As it is now, without what lies in its free pages. Raises STORAGE_DAMAGED."""
+    target.parent.mkdir(mode=0o700)
+    try:
+        with closing(sqlite3.connect(f"{source.as_uri()}?mode=ro", uri=True, timeout=60)) as database:
+            database.execute("VACUUM INTO ?", (str(target),))
+    except sqlite3.Error as error:
+        raise BlockRobotError("STORAGE_DAMAGED", f"The custodian's database cannot be copied: {error}.") from None
+    target.chmod(0o600)

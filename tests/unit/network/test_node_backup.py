@@ -1,0 +1,130 @@
+"""A node is backed up, and made anew where nothing of it is left. The backup holds no secret, and loses nothing.
+
+Of a node that runs: `tests/hosts`.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+import stat
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+from click.testing import CliRunner
+
+from consensus.errors import BlockRobotError
+from network.cli.node.backup_commands import backup, restore
+from network.cluster import Cluster
+from network.provisioning import node_backup
+from network.provisioning.network_layout import create_network
+from network.provisioning.node_backup import MANIFEST_FILE, BackupManifest, back_up, read_backup
+from node.config import NodeConfig, load_config
+from node.custody.erase_keys import ERASE_KEYS_FILE_NAME, EraseKeys
+from node.node_process import Node
+from node.storage.lmdb_reader import LedgerFile
+from tests.cluster.network_under_test import find_base_port
+
+
+@pytest.fixture
+async def config(tmp_path: Path) -> NodeConfig:
+    """Of a node that ran, is a custodian, and has erase keys."""
+    create_network(tmp_path / "network", nodes=1, organisations=1, base_port=find_base_port(1))
+    config = Cluster(tmp_path / "network").config("node-1")
+    async with Node(config):
+        pass
+    with EraseKeys(config.erase_keys_dir) as keys:
+        keys.allocate(3)
+    return config
+
+
+def restored_from(place: Path, tmp_path: Path, **options: Path) -> node_backup.Restored:
+    return node_backup.restore(place, tmp_path / "anew", **options)
+
+
+def test_a_backup_holds_its_ledger_and_clips_and_no_secret(config: NodeConfig, tmp_path: Path) -> None:
+    out = tmp_path / "backup"
+    made = back_up(config, out, with_keys=False)
+    assert (made.node, made.height, made.has("custody"), made.has("keys")) == ("node-1", 0, True, False)
+    assert read_backup(out) == made
+    secrets = [path.read_bytes() for path in (config.data_dir / "keys").glob("*.key")]
+    secrets += [(config.erase_keys_dir / ERASE_KEYS_FILE_NAME).read_bytes()[512:700]]
+    content = b"".join(path.read_bytes() for path in out.rglob("*") if path.is_file())
+    assert len(secrets) == 3
+    assert not any(secret in content for secret in secrets)
+    assert not any("journal" in str(path) or "token" in str(path) for path in out.rglob("*"))
+    assert stat.S_IMODE(out.stat().st_mode) == 0o700
+    with pytest.raises(BlockRobotError, match=r"^FILE_EXISTS"):
+        back_up(config, out, with_keys=False)
+
+
+async def test_a_node_is_made_anew_with_its_keys_from_elsewhere_and_starts(config: NodeConfig, tmp_path: Path) -> None:
+    out, safe = tmp_path / "backup", tmp_path / "safe"
+    back_up(config, out, with_keys=False)
+    shutil.copytree(config.data_dir / "keys", safe)
+    made = restored_from(out, tmp_path, keys=safe)
+    assert (made.height, made.has_custody) == (0, False)
+    anew = load_config(tmp_path / "anew")
+    assert not anew.erase_keys_dir.exists()
+    with LedgerFile(anew.ledger_dir) as ledger, ledger.snapshot() as view:
+        assert view.position is not None
+        assert view.position.height == 0
+    port = find_base_port(1)
+    elsewhere = replace(anew, p2p_port=port, api_port=port + 1, operator_port=port + 2)
+    async with Node(elsewhere, restored=True) as node:
+        assert node.describe()["finalized_height"] == 0
+
+
+def test_what_a_custodian_kept_comes_back_only_with_the_newest_erase_keys(config: NodeConfig, tmp_path: Path) -> None:
+    out = tmp_path / "backup"
+    assert back_up(config, out, with_keys=True).has("keys")
+    made = restored_from(out, tmp_path, erase_keys=config.erase_keys_dir)
+    assert made.has_custody
+    anew = load_config(tmp_path / "anew")
+    with sqlite3.connect(anew.custody_dir / "custody.sqlite3") as database:
+        assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    with EraseKeys(anew.erase_keys_dir) as keys:
+        assert len(keys.held) == 3
+
+
+@pytest.mark.parametrize("harm", ["changed", "missing", "added", "linked", "version", "not a backup", "no keys"])
+def test_a_backup_that_is_not_whole_makes_no_node(config: NodeConfig, tmp_path: Path, harm: str) -> None:
+    out = tmp_path / "backup"
+    made = back_up(config, out, with_keys=harm != "no keys")
+    name = next(name for name in made.files if name.startswith("ledger/"))
+    if harm == "changed":
+        (out / name).write_bytes(b"x" + (out / name).read_bytes()[1:])
+    elif harm == "missing":
+        (out / name).unlink()
+    elif harm == "added":
+        (out / "node" / "more.toml").write_text("")
+    elif harm == "linked":
+        (out / "node" / "link").symlink_to(config.data_dir)
+    elif harm == "version":
+        manifest = msgspec.structs.replace(made, version=2)
+        (out / MANIFEST_FILE).write_bytes(msgspec.json.encode(manifest))
+    elif harm == "not a backup":
+        (out / MANIFEST_FILE).write_text("[" * 100_000)
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE"):
+        restored_from(out, tmp_path)
+    assert not (tmp_path / "anew").exists()
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_both_commands_say_what_they_did_and_what_is_next(config: NodeConfig, tmp_path: Path) -> None:
+    out, place = str(tmp_path / "backup"), str(tmp_path / "anew")
+    said = CliRunner().invoke(backup, [str(config.data_dir), "--out", out, "--json"])
+    answer = json.loads(said.stdout)
+    assert (answer["node"], answer["has_keys"], answer["has_custody"]) == ("node-1", False, True)
+    assert msgspec.json.decode((Path(out) / MANIFEST_FILE).read_bytes(), type=BackupManifest).node == "node-1"
+    refused = CliRunner().invoke(restore, [out, "--data-dir", place])
+    assert "--keys" in refused.stderr
+    keys = ["--keys", str(config.data_dir / "keys")]
+    said = CliRunner().invoke(restore, [out, "--data-dir", place, *keys])
+    assert said.exit_code == 0, said.output
+    assert f"blockrobot node run {place} --restored" in said.output
+    again = CliRunner().invoke(restore, [out, "--data-dir", place, *keys])
+    assert "NODE_EXISTS" in again.stderr
