@@ -1,6 +1,7 @@
 # Two commands do all the set-up on a fresh machine: `make demo` and `make test`.
 # Needed beforehand: Python 3.11 to 3.14 with venv, make, git. Everything from PyPI is a wheel with a pinned hash (requirements/). `make test` installs seven Debian packages if they are missing
 # (as root, or by sudo without a password); `make test SYSTEM_PACKAGES=none` leaves out the tests that need them.
+# Tests of several hosts need root and iproute2; `make test-long HOSTS=none` leaves those out.
 # Tests of ROS 2 need Python 3.11 and a network of their own; `make test ROS2=none` leaves those out.
 
 PYTHON ?= python3
@@ -20,6 +21,13 @@ ifeq ($(ROS2),none)
 LEFT_OUT += and not ros2
 else ifneq ($(ROS2),install)
 $(error ROS2 is `install` (what `make test` does anyway) or `none`, not `$(ROS2)`)
+endif
+
+HOSTS ?= here
+ifeq ($(HOSTS),none)
+LEFT_OUT += and not hosts
+else ifneq ($(HOSTS),here)
+$(error HOSTS is `here` (what `make test-long` does anyway) or `none`, not `$(HOSTS)`)
 endif
 
 # How many processes share the tests of `make test`, each file in one of them.

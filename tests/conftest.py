@@ -26,6 +26,10 @@ LEFT_OUT_BY = {
         "they need wheels of ROS 2, and a network of their own (ROS2=none).",
         "To run them: make test, with Python 3.11 on Linux (x86-64), as root or where users may have namespaces.",
     ),
+    "hosts": (
+        "they make network namespaces (HOSTS=none).",
+        "To run them: make test-long, as root on Linux, with iproute2.",
+    ),
 }
 """What is said of tests with a marker: what they need, and how to run them."""
 

@@ -47,6 +47,8 @@ def find_kinds(item: pytest.Item) -> Iterator[str]:
     store = item.callspec.params.get("make_store") if hasattr(item, "callspec") else None
     if folder in PROCESS_FOLDERS:
         yield "process"
+    if folder == "hosts":
+        yield "hosts"
     if folder == "ui" and "browser" in fixtures:
         yield "browser"
     if {"mongo_uri", "driver_sockets"} & set(fixtures) or store not in {None, "sqlite"}:

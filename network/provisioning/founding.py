@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import (
     GENESIS_VERSION,
     ChainSettings,
@@ -156,7 +157,7 @@ def _differences(what: str, own: NodeEntry | Organisation, found: NodeEntry | Or
 
 def find_differences(one: Genesis, other: Genesis) -> list[str]:
     """Name the parts in which two genesis files differ, with their values where these are short."""
-    first, second = (dict(_flat(json.loads(genesis_to_json(genesis)))) for genesis in (one, other))
+    first, second = (dict(_flat(read_json_text(genesis_to_json(genesis)))) for genesis in (one, other))
     names = sorted({*first, *second} - {name for name, value in first.items() if second.get(name) == value})
     return [f"{name}: {_shown(first.get(name))} here, {_shown(second.get(name))} there" for name in names]
 

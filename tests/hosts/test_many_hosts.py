@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.hosts.founded_network import BIN, ORGANISATIONS, FoundedNetwork, node_of
-from tests.hosts.namespaces import Hosts, why_not
+from tests.hosts.namespaces import Hosts
 
 STORY_MAX_S = 300
 pytestmark = pytest.mark.timeout(STORY_MAX_S)
@@ -19,8 +19,6 @@ pytestmark = pytest.mark.timeout(STORY_MAX_S)
 
 @pytest.fixture(scope="module")
 def network(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FoundedNetwork]:
-    if reason := why_not():
-        pytest.skip(reason)
     with Hosts(tmp_path_factory.mktemp("hosts"), [*ORGANISATIONS, "visitor"]) as hosts:
         network = FoundedNetwork(hosts)
         network.found()

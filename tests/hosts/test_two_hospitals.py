@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cluster.tutorial_reader import Placeholders, Reader, follow
-from tests.hosts.namespaces import Hosts, why_not
+from tests.hosts.namespaces import Hosts
 
 PLACEHOLDERS = {"BR1-...": r"^(BR1-[A-Z2-7-]+)$", "PROPOSAL": r"Its id is ([0-9a-f]{12});"}
 READING_MAX_S = 300
@@ -16,8 +16,6 @@ READING_MAX_S = 300
 
 @pytest.fixture
 def hosts(tmp_path: Path) -> Iterator[Hosts]:
-    if reason := why_not():
-        pytest.skip(reason)
     with Hosts(tmp_path / "hosts", ["hospital", "university", "patient"]) as hosts:
         yield hosts
 
