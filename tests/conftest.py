@@ -14,6 +14,7 @@ import pytest
 
 from clients.sdk.terminal import terminal
 from clients.wallet.presentation.translations import LANGUAGE_VARIABLE
+from tests.frozen_heap import freeze
 
 pytest_plugins = ("tests.spent_time", "tests.tiers")
 
@@ -50,6 +51,11 @@ def pytest_deselected(items: Sequence[pytest.Item]) -> None:
     for marker, names in _left_out.items():
         if f"not {marker}" in told:
             names.extend(item.nodeid for item in asked_for if item.get_closest_marker(marker))
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over the tests themselves."""
+    freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

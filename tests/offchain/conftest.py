@@ -15,8 +15,11 @@ from pymongo import MongoClient
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.mongo_store import MongoStore
 from node.custody.stores.sqlite_store import SqliteStore
+from tests.frozen_heap import frozen_heap
 from tests.offchain import secantus
 from tests.offchain.house import CustodianHarness
+
+__all__ = ["frozen_heap"]
 
 
 @pytest.fixture(scope="session")
