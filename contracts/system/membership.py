@@ -83,8 +83,12 @@ def check(kind: str, arguments: dict):
         require(not revoked, "CERTIFICATE_REVOKED", "This certificate is revoked already.")
     elif kind == "add_node":
         check_new_node(arguments)
-    elif kind == "remove_node" or kind == "move_node":
+    elif kind == "remove_node":
         require_node(arguments["name"])
+    elif kind == "move_node":
+        was_safe = require_node(arguments["name"])["api_url"].startswith("https://")
+        is_safe = arguments["api_url"].startswith("https://")
+        require(is_safe or not was_safe, "URL_WRONG", "A node that clients reach over TLS stays so.")
     else:
         require_node(arguments["node"])
         check_new_key(arguments["producer_key"])

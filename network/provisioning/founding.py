@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import (
@@ -27,11 +27,11 @@ from contracts.lifecycle.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding_entries import NodeOffer, OrganisationOffer, refuse
-from network.provisioning.new_node import NODE_ENTRY_FILE, PORT_MAX, check_api_url, check_name
+from network.provisioning.new_node import HOST, NODE_ENTRY_FILE, PORT_MAX, check_api_url, check_name
 
 NETWORK_NAME = "blockrobot"
+_URL = re.compile(r"https?://[!-~]{1,248}")
 _DIGITS = re.compile(r"\d+")
-T = TypeVar("T", OrganisationOffer, NodeOffer)
 
 
 def make_genesis(
@@ -45,11 +45,11 @@ def make_genesis(
 
     Raises FOUNDING_ENTRY_INVALID, naming the entry or the two that do not fit.
     """
-    for offer in organisations:
-        _check(offer.source, partial(check_name, offer.organisation.name, "an organisation"))
     for node in nodes:
-        _check_node(node, organisations)
-    _require_unique(organisations, nodes)
+        _check_signer(node, organisations)
+    _check_entries(
+        [(offer.source, offer.organisation) for offer in organisations], [(node.source, node.entry) for node in nodes]
+    )
     producers = [offer for offer in nodes if offer.entry.producer_key]
     if not 1 <= len(producers) <= PRODUCERS_MAX_COUNT:
         detail = f"The entries name {len(producers)} producers; a network is founded by 1 to {PRODUCERS_MAX_COUNT}."
@@ -81,36 +81,38 @@ def _check(source: str, check: Callable[[], None]) -> None:
         raise refuse(source, f"cannot be used: {error.detail.rstrip('.')}") from None
 
 
-def _check_node(offer: NodeOffer, organisations: Sequence[OrganisationOffer]) -> None:
-    entry, source = offer.entry, offer.source
-    _check(source, lambda: check_name(entry.name, "a node"))
-    owners = [each.organisation for each in organisations if each.organisation.name == entry.organisation]
-    if not owners:
-        raise refuse(source, f"is of the organisation {entry.organisation!r}, whose entry is missing")
-    if not any(offer.admin in owner.admins for owner in owners):
-        raise refuse(source, f"is signed by nobody of {entry.organisation!r}")
-    if not entry.host or not 0 < entry.p2p_port <= PORT_MAX or offer.made_at_ms <= 0:
-        raise refuse(source, "has no address, or no time")
-    _check(source, lambda: check_api_url(entry.name, entry.api_url))
+def _check_signer(offer: NodeOffer, organisations: Sequence[OrganisationOffer]) -> None:
+    owner = offer.entry.organisation
+    found = [each.organisation for each in organisations if each.organisation.name == owner]
+    if not found:
+        raise refuse(offer.source, f"is of the organisation {owner!r}, whose entry is missing")
+    if not any(offer.admin in each.admins for each in found):
+        raise refuse(offer.source, f"is signed by nobody of {owner!r}")
+    if offer.made_at_ms <= 0:
+        raise refuse(offer.source, "has no time")
 
 
-def _require_unique(organisations: Sequence[OrganisationOffer], nodes: Sequence[NodeOffer]) -> None:
-    _no_two(organisations, "the name", lambda offer: [offer.organisation.name])
-    _no_two(organisations, "a certificate", lambda offer: [offer.organisation.ca_certificate])
-    _no_two(nodes, "the name", lambda offer: [offer.entry.name])
-    _no_two(nodes, "an address", _addresses)
-    owners = ((offer.source, (*offer.organisation.admins, *offer.organisation.registrars)) for offer in organisations)
-    members = ((offer.source, (offer.entry.producer_key, offer.entry.custodian_key)) for offer in nodes)
-    keys = ((source, key) for source, held in (*owners, *members) for key in held if key)
-    _refuse_second(keys, "a key")
-
-
-def _addresses(offer: NodeOffer) -> list[str]:
-    return [f"{offer.entry.host}:{offer.entry.p2p_port}", offer.entry.api_url]
-
-
-def _no_two(offers: Sequence[T], what: str, values: Callable[[T], Iterable[str]]) -> None:
-    _refuse_second(((offer.source, value) for offer in offers for value in values(offer)), what)
+def _check_entries(organisations: Sequence[tuple[str, Organisation]], nodes: Sequence[tuple[str, NodeEntry]]) -> None:
+    """Each by itself, and that no two have what only one may have; with the source of each, for its refusal."""
+    for source, owner in organisations:
+        _check(source, partial(check_name, owner.name, "an organisation"))
+    names = {owner.name for _, owner in organisations}
+    for source, entry in nodes:
+        _check(source, partial(check_name, entry.name, "a node"))
+        if entry.organisation not in names:
+            raise refuse(source, f"is of the organisation {entry.organisation!r}, whose entry is missing")
+        is_place = HOST.fullmatch(entry.host) and 0 < entry.p2p_port <= PORT_MAX and _URL.fullmatch(entry.api_url)
+        if not is_place:
+            raise refuse(source, "has an address that is none")
+        _check(source, partial(check_api_url, entry.name, entry.api_url))
+    _refuse_second(((source, owner.name) for source, owner in organisations), "the name")
+    _refuse_second(((source, owner.ca_certificate) for source, owner in organisations), "a certificate")
+    _refuse_second(((source, entry.name) for source, entry in nodes), "the name")
+    places = ((source, (f"{entry.host}:{entry.p2p_port}", entry.api_url)) for source, entry in nodes)
+    _refuse_second(((source, place) for source, both in places for place in both), "an address")
+    owned = ((source, (*owner.admins, *owner.registrars)) for source, owner in organisations)
+    held = ((source, (entry.producer_key, entry.custodian_key)) for source, entry in nodes)
+    _refuse_second(((source, key) for source, keys in (*owned, *held) for key in keys if key), "a key")
 
 
 def _refuse_second(values: Iterable[tuple[str, str | bytes]], what: str) -> None:
@@ -123,8 +125,15 @@ def _refuse_second(values: Iterable[tuple[str, str | bytes]], what: str) -> None
 
 
 def check_genesis(genesis: Genesis) -> None:
-    """Whether a file that somebody made is whole: its state follows from its entries. Raises GENESIS_INVALID."""
+    """Whether a file that somebody made is whole: its state follows from its entries, and these fit each other.
+
+    Raises GENESIS_INVALID, FOUNDING_ENTRY_INVALID.
+    """
     require_possession(genesis)
+    _check_entries(
+        [(f"organisation {owner.name}", owner) for owner in genesis.organisations],
+        [(f"node {entry.name}", entry) for entry in genesis.nodes],
+    )
     if complete_genesis(genesis).state_root != genesis.state_root:
         raise BlockRobotError("GENESIS_INVALID", "The state root does not follow from the entries.")
 

@@ -28,7 +28,7 @@ NAME_MAX_CHARS = 40
 PORT_MAX = 65_535
 _NAME_CHARS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789-")
 _EVERYWHERE = frozenset({"0.0.0.0", "::"})  # noqa: S104 - refused
-_HOST = re.compile(r"[a-z0-9.:_-]{1,253}")
+HOST = re.compile(r"[a-z0-9.:_-]{1,253}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ def parse_place(text: str) -> tuple[str, int]:
         host, port = parts.hostname or "", parts.port or 0
     except ValueError:
         host, port = "", 0
-    if not _HOST.fullmatch(host) or parts.netloc != text or "@" in text or not 0 <= port <= PORT_MAX - 1:
+    if not HOST.fullmatch(host) or parts.netloc != text or "@" in text or not 0 <= port <= PORT_MAX - 1:
         raise BlockRobotError("CONFIGURATION_INVALID", f"{text!r} is no HOST or HOST:PORT.")
     return host, port
 

@@ -40,6 +40,7 @@ from consensus.protocol.events import (
     VoteReceived,
 )
 from node.p2p.wire import (
+    PROTOCOL_VERSION,
     BlockBatch,
     BranchRequest,
     ClipRequest,
@@ -266,7 +267,7 @@ class _Crowd:
             ask(RequestKind.CLIP, ClipRequest(bytes(32), 0)),
             ask(RequestKind.SNAPSHOT, SnapshotRequest(b"", -1, 0)),
             encode_frame(FrameKind.RESPONSE, encode_request(1, 0, batch)),
-            frame(FrameKind.HELLO, Hello(2, self.crowd.genesis.chain_id, LIAR, 0)),
+            frame(FrameKind.HELLO, Hello(PROTOCOL_VERSION, self.crowd.genesis.chain_id, LIAR, 0)),
             frame(FrameKind.HEIGHT, HeightNotice(2, 0)),
             frame(FrameKind.TRANSACTIONS, TransactionBatch((self.run(self._wire()),))),
             frame(FrameKind.LAST_SIGNED_REQUEST, LastSignedRequest(0, 1)),

@@ -193,6 +193,8 @@ def test_a_hostile_party_enters_nothing_of_somebody_elses(world: Path, handed: d
         },
         "name": {"name": "ward-1"},
         "plain url": {"api_url": "http://10.0.2.1:7273"},
+        "broken url": {"api_url": "https://10.0.2.1\n:7273"},
+        "host": {"host": "10.0.2.1\x1b[2J"},
     }
     sign_anew(handed["lab-1"], owner, **fields[what])
     with pytest.raises(BlockRobotError, match=r"^(FOUNDING_ENTRY_INVALID|GENESIS_INVALID): .*(lab-1|ward-1)"):
@@ -211,7 +213,9 @@ def test_a_genesis_file_that_says_otherwise_of_a_partys_own_is_refused_with_the_
 ) -> None:
     true = made_of(*handed.values())
     (ward,) = [entry for entry in true.nodes if entry.name == "ward-1"]
-    spy = msgspec.structs.replace(ward, name="ward-9", custodian_key=b"", producer_key=b"", producer_possession=b"")
+    keyless = {"custodian_key": b"", "producer_key": b"", "producer_possession": b""}
+    place = {"host": "10.0.9.8", "api_url": "https://10.0.9.8:7273"}
+    spy = msgspec.structs.replace(ward, name="ward-9", **place, **keyless)
     others = tuple(entry for entry in true.nodes if entry.name != "ward-1")
     false = {
         "node ward-1: host is another one": (*others, msgspec.structs.replace(ward, host="10.0.9.9")),

@@ -294,6 +294,7 @@ def test_an_organisation_moves_its_own_node_alone_but_no_others(consortium: Cons
         ("HOST_WRONG", {"host": "a b"}),
         ("PORT_WRONG", {"p2p_port": 0}),
         ("URL_WRONG", {"api_url": "ftp://x"}),
+        ("URL_WRONG", {"api_url": "http://127.0.0.1:80"}),
         ("FIELDS_WRONG", {"p2p_port": "1"}),
     ):
         wrong = {"name": "node-01", **place, **change}
