@@ -1,0 +1,46 @@
+"""The units for systemd, which cannot be started here: systemd itself finds nothing wrong with them, and little exposed."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+UNITS = sorted((ROOT / "docs" / "examples" / "systemd").glob("blockrobot-*"))
+EXPOSURE_MAX = 3.0
+pytestmark = pytest.mark.system_packages
+
+
+@pytest.fixture
+def units(tmp_path: Path) -> list[Path]:
+    """With a program that is there."""
+    for unit in UNITS:
+        program = unit.read_text().replace("/opt/blockrobot/.venv/bin/blockrobot", "/bin/true")
+        (tmp_path / unit.name).write_text(program)
+    return [tmp_path / unit.name for unit in UNITS]
+
+
+def analyse(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["systemd-analyze", *arguments], capture_output=True, text=True, check=False)
+
+
+def test_systemd_finds_nothing_wrong_with_them(units: list[Path]) -> None:
+    assert len(units) == 3
+    done = analyse("verify", "--man=no", *map(str, units))
+    ours = [line for line in done.stderr.splitlines() if "blockrobot" in line]
+    assert (done.returncode, ours) == (0, [])
+
+
+@pytest.mark.parametrize("unit", [unit for unit in UNITS if unit.suffix == ".service"], ids=lambda unit: unit.name)
+def test_a_service_may_do_little_more_than_it_has_to(unit: Path) -> None:
+    done = analyse("security", "--offline=true", "--no-pager", str(unit))
+    found = re.search(r"Overall exposure level for \S+: ([0-9.]+)", done.stdout)
+    assert found, done.stdout + done.stderr
+    assert float(found[1]) <= EXPOSURE_MAX
+
+
+def test_what_was_not_started_says_so_in_its_first_line() -> None:
+    assert all("not started where it was written" in unit.read_text().splitlines()[0] for unit in UNITS)
