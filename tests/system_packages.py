@@ -37,8 +37,8 @@ class Package:
 
 PACKAGES = (
     Package("chromium", "opens our pages", programs=("chromium", "chromium-browser")),
-    Package("systemd", "checks our units", programs=("systemd-analyze",)),
     Package("graphviz", "draws the process map", programs=("dot",)),
+    Package("systemd", "checks our units", programs=("systemd-analyze",)),
     Package("opencv-doc", "has a film of real pedestrians", file=PEDESTRIANS),
     Package(
         "fonts-liberation2",
