@@ -7,7 +7,7 @@ key, or a node, of somebody else.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ def node_entry_to_json(entry: NodeEntry, made_at_ms: int = 0, admin: PrivateKey 
     return json.dumps(shown, indent=2) + "\n"
 
 
-def _fields(entry: NodeEntry) -> dict[str, Any]:
+def _fields(entry: NodeEntry) -> Mapping[str, Any]:
     return {name: getattr(entry, name) for name in NodeEntry.__struct_fields__}
 
 
@@ -99,7 +99,7 @@ def read_offers(paths: Sequence[Path]) -> tuple[list[OrganisationOffer], list[No
     return list(organisations.values()), list(nodes.values())
 
 
-def _organisation_offer(path: Path, document: dict[str, Any]) -> OrganisationOffer:
+def _organisation_offer(path: Path, document: Mapping[str, Any]) -> OrganisationOffer:
     fields = read_organisation_entry(path)
     organisation = Organisation(
         name=fields["name"],
@@ -120,7 +120,7 @@ def _organisation_offer(path: Path, document: dict[str, Any]) -> OrganisationOff
     return OrganisationOffer(str(path), organisation)
 
 
-def _node_offer(path: Path, document: dict[str, Any]) -> NodeOffer:
+def _node_offer(path: Path, document: Mapping[str, Any]) -> NodeOffer:
     fields = read_node_entry(path)
     try:
         entry = msgspec.convert(list(fields.values()), NodeEntry, builtin_types=(bytes,))
