@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import time
 from collections.abc import Callable, Mapping, Sequence
 
 from msgspec import Struct
 
 from network.bench.conditions import Result, latency_figures, measure_conditions
-from network.bench.finality_probe import FinalityProbe, longest_gap_s
+from network.bench.fault_recovery import watch_kill
+from network.bench.finality_probe import FinalityProbe
 from network.bench.fresh_network import FreshNetwork, LoadRobot
 from network.bench.latency import time_calls
 from network.cluster import read_metric
@@ -116,10 +116,6 @@ async def _lose_leader(network: FreshNetwork, robots: Mapping[str, LoadRobot]) -
     victim = await find_leader(network.cluster)
     witness = next(node for node in network.genesis.nodes if node.name != victim)
     async with FinalityProbe(network.genesis, witness, robots[witness.name]) as probe:
-        await asyncio.sleep(WARM_UP_S)
-        killed_s = time.perf_counter()
-        await asyncio.to_thread(network.cluster.kill, victim)
-        await asyncio.sleep(WATCH_S)
-        gap_s = longest_gap_s(probe.finals_s, killed_s, killed_s + WATCH_S)
+        gap_s = await watch_kill(network, victim, probe, WARM_UP_S, WATCH_S)
         await probe.settle()
     return gap_s

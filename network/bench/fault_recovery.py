@@ -70,15 +70,22 @@ async def _restart(network: FreshNetwork, name: str) -> float | None:
     return time.perf_counter() - started_s
 
 
+async def watch_kill(
+    network: FreshNetwork, victim: str, probe: FinalityProbe, warm_up_s: float, watch_s: float
+) -> float:
+    """Kill a node; return the longest time without finality in the seconds after it."""
+    await asyncio.sleep(warm_up_s)
+    killed_s = time.perf_counter()
+    await asyncio.to_thread(network.cluster.kill, victim)
+    await asyncio.sleep(watch_s)
+    return longest_gap_s(probe.finals_s, killed_s, killed_s + watch_s)
+
+
 async def _kill_leader(network: FreshNetwork, robots: dict[str, LoadRobot], seen: _Seen) -> None:
     victim = await find_leader(network.cluster)
     witness = next(node for node in network.genesis.nodes if node.name != victim)
     async with FinalityProbe(network.genesis, witness, robots[witness.name]) as probe:
-        await asyncio.sleep(WARM_UP_S)
-        killed_s = time.perf_counter()
-        await asyncio.to_thread(network.cluster.kill, victim)
-        await asyncio.sleep(WATCH_S)
-        gap_s = longest_gap_s(probe.finals_s, killed_s, killed_s + WATCH_S)
+        gap_s = await watch_kill(network, victim, probe, WARM_UP_S, WATCH_S)
         seen.note(seen.kill_gaps_s, gap_s if gap_s < WATCH_S else None)
         seen.note(seen.restarts_s, await _restart(network, victim))
         seen.add(probe, await probe.settle())
