@@ -306,7 +306,7 @@ class NodeComponents:
         return -1 if followed is None else followed
 
     async def start(self) -> None:
-        """Connect and take part. Raises PORT_IN_USE, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        """Connect and take part. Raises PORT_*, ADDRESS_NOT_HERE, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         stack = self._stack
         self.writer.add_listener(self._follow_directory)
         self.writer.add_listener(self._note_stored)

@@ -147,7 +147,7 @@ def _show(shown: Genesis, file: Path, adopted: list[str], *, as_json: bool) -> N
         return
     owners = ", ".join(entry.name for entry in shown.organisations)
     table = plain_table(
-        f"The network {shown.network} of {owners}", ["node", "organisation", "peers", "clients", "does"]
+        f"The network {escape(shown.network)} of {escape(owners)}", ["node", "organisation", "peers", "clients", "does"]
     )
     for node in nodes:
         does = [word for word, is_so in (("produces", node.produces), ("keeps clips", node.is_custodian)) if is_so]
