@@ -273,17 +273,13 @@ class Story:
         return said
 
     async def until_still(self, *names: str) -> dict[str, int]:
-        """Wait until nothing that was on its way becomes final at these nodes any more; return their heights.
-
-        If these are all, nor is a client told any more: where some go on, clients go on being told.
-        """
-        deadline_s = time.monotonic() + WORK_TIMEOUT_S
-        is_all, before = set(names) == set(self.names), None
-        while (now := (await self._heights(names), self.told_count if is_all else 0)) != before:
-            assert time.monotonic() < deadline_s, f"blocks go on becoming final: {now[0]}"
+        """Wait until nothing that was on its way becomes final at these nodes any more; return their heights."""
+        deadline_s, before = time.monotonic() + WORK_TIMEOUT_S, None
+        while (now := await self._heights(names)) != before:
+            assert time.monotonic() < deadline_s, f"blocks go on becoming final: {now}"
             before = now
             await asyncio.sleep(_IN_FLIGHT_S)
-        return now[0]
+        return now
 
     async def _heights(self, names: Sequence[str]) -> dict[str, int]:
         return {name: (await self.status(name))["finalized_height"] for name in names}

@@ -59,10 +59,9 @@ async def test_two_and_two_decide_nothing_and_go_on_together_when_healed(story: 
     await story.until_told()
     await story.do(story.control.reader.partition("node-1,node-2 | node-3,node-4"))
     heights = await story.until_still(*story.names)
-    await asyncio.sleep(CUT_S / 4)  # what was final before the cut may be told only now
-    before = story.told_count
-    await asyncio.sleep(CUT_S / 2)
-    assert story.told_count == before
+    await asyncio.sleep(CUT_S)
+    # What was final before the cut may be told long after it: a client whose own node lags asks the others in turn.
+    assert max(write.height for write in story.history.writes) <= max(heights.values())
     assert {name: (await story.status(name))["finalized_height"] for name in story.names} == heights
     healed_s = await story.do(Heal())
     await story.until_told(1)

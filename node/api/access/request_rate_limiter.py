@@ -18,7 +18,7 @@ from node.limits.work_costs import ROUTE_DEFAULT_US
 
 ADDRESS_ALLOWANCE = Allowance(us_per_s=40 * ROUTE_DEFAULT_US, burst_us=200 * ROUTE_DEFAULT_US)
 """A page of a public explorer takes about 2 ms a second, and 30 ms when it is opened."""
-LOOPBACK_ALLOWANCE = Allowance(us_per_s=400 * ROUTE_DEFAULT_US, burst_us=4_000 * ROUTE_DEFAULT_US)
+LOOPBACK_ALLOWANCE = Allowance(us_per_s=160 * ROUTE_DEFAULT_US, burst_us=1_600 * ROUTE_DEFAULT_US)
 SESSION_ALLOWANCE = Allowance(us_per_s=120 * ROUTE_DEFAULT_US, burst_us=400 * ROUTE_DEFAULT_US)
 VISIT_KEYS_ALLOWANCE = Allowance(us_per_s=1_600 * ROUTE_DEFAULT_US, burst_us=16_000 * ROUTE_DEFAULT_US)
 """Of the keys of all visits at one address together."""
