@@ -76,7 +76,6 @@ _RETRANSMITTED_EVENTS = (
     LastSignedRequested,
     LastSignedReceived,
     PeerConnected,
-    WorkChanged,
 )
 """What a node that stands still need not keep: its peers say it again, or it is asked for again."""
 
@@ -159,6 +158,7 @@ class Engine:
         self._waiting: asyncio.Future[Event | None] | None = None
         self._stopped = False
         self._pending = False
+        self._is_work_noted = False
         self._branch: dict[bytes, frozenset[bytes]] = {}
         self._branch_txids: frozenset[bytes] = frozenset()
         self._unstored: dict[bytes, frozenset[bytes]] = {}
@@ -467,11 +467,18 @@ class Engine:
             self._drain()
 
     def note_work(self) -> None:
+        """Once what the core has ordered is done: between a certificate and its commit a final call would count as work."""
+        if not self._is_work_noted:
+            self._is_work_noted = True
+            self.call_between_events(self._tell_work)
+
+    def _tell_work(self) -> None:
+        self._is_work_noted = False
         patience = _PATIENCE_TURNS * len(self._executor.schedule.producers)
         pending = self._mempool.has_work(self._branch_txids | self._executor.quarantine.held(), patience)
-        if pending != self._pending and not self._outages:
+        if pending != self._pending:
             self._pending = pending
-            self.submit(WorkChanged(pending=pending, now_ms=self._clock()))
+            self._take(WorkChanged(pending=pending, now_ms=self._clock()))
 
     # Timers
 

@@ -47,6 +47,7 @@ class Stage:
         self.schedule = SimpleNamespace(producers=())
         self.quarantine = Quarantine(lambda: 0.0)
         self.gate: threading.Event | None = None
+        self.has_calls = False
 
     def append(self, record: bytes, kind: int = 0) -> int:
         self.told.append(f"append {record.decode()}")
@@ -66,7 +67,7 @@ class Stage:
         self.told.append(f"recover {[record.decode() for _, record in keep]}")
 
     def has_work(self, *_: Any) -> bool:
-        return False
+        return self.has_calls
 
     def broadcast(self, message: Any) -> None:
         self.told.append("broadcast")
@@ -178,6 +179,23 @@ async def test_on_a_slow_disk_the_loop_goes_on_and_the_order_is_kept() -> None:
     stage.gate.set()
     await engine.stop_waiting()
     assert stage.told == ["append a", "sync", "broadcast", "broadcast"]
+    assert [type(event) for event in core.events] == [Started, WorkChanged]
+
+
+async def test_work_is_told_only_once_what_was_ordered_is_done() -> None:
+    """Between a certificate and the commit that follows, a call that is final would be work: for a block without calls."""
+    stage, done = Stage(), iter([True, False])
+    engine = _engine(core := ScriptedCore([Broadcast(NOTICE), Broadcast(NOTICE)]), stage)
+
+    def change(_: Any) -> None:
+        stage.has_calls = next(done)
+        engine.note_work()
+
+    stage.broadcast = change  # type: ignore[method-assign]
+    engine.start(stage)  # type: ignore[arg-type]
+    assert [type(event) for event in core.events] == [Started]
+    stage.has_calls = True
+    engine.note_work()
     assert [type(event) for event in core.events] == [Started, WorkChanged]
 
 
