@@ -10,7 +10,7 @@ import pytest
 
 from tests.cluster.network_under_test import find_base_port
 from tests.cluster.own_recording import write_own_recording
-from tests.cluster.tutorial_reader import CLONE, Reader
+from tests.cluster.tutorial_reader import CLONE, Placeholders, Reader
 from tests.unit.clients.robot.sources.recordings import storage_file
 
 PLACEHOLDERS = {
@@ -24,7 +24,7 @@ README_HEADING = "## Bring your own robot or recording"
 
 @pytest.fixture
 def reader(tmp_path: Path) -> Iterator[Reader]:
-    reader = Reader(tmp_path, PLACEHOLDERS, base_port=find_base_port(4))
+    reader = Reader(tmp_path, Placeholders(PLACEHOLDERS), base_port=find_base_port(4))
     yield reader
     reader.close()
 
