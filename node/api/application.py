@@ -36,7 +36,7 @@ from node.api.routes import ROUTES
 from node.api.routes.genesis import GENESIS_KEY
 from node.api.routes.openapi import DOCUMENT_KEY
 from node.api.routing import Call, Route
-from node.api.server import STRAY_KEY, meet_expectation, name_server, require_expectation
+from node.api.server import GATE_KEY, meet_expectation, name_server, require_expectation
 from node.limits.work_costs import ROUTE_COSTS, STRAY_US, bytes_cost_us
 
 OPEN_REQUESTS_MAX_COUNT = 4096
@@ -122,6 +122,11 @@ class _Gate:
             self._limiter.take(source, STRAY_US)
             await self._turns.wait(source, STRAY_US)
 
+    def pay_reading(self, host: str, cost_us: int) -> None:
+        """A proxy pays nothing: it would for all behind it. Raises RATE_LIMITED."""
+        if not self._services.trusted_proxies.trusts(host):
+            self._limiter.take(source_of(host, None), cost_us)
+
     @asynccontextmanager
     async def _open(self) -> AsyncIterator[None]:
         if self._open_count >= OPEN_REQUESTS_MAX_COUNT:
@@ -205,6 +210,6 @@ def create_api(services: ApiServices, routes: tuple[Route, ...] = ROUTES) -> web
         application.router.add_route(route.method, route.path, _bind(gate, route), expect_handler=meet_expectation)
     stray = _bind_stray(gate, routes)
     application.router.add_route("*", "/{path:.*}", stray, expect_handler=meet_expectation)
-    application[STRAY_KEY] = gate.admit_stray
+    application[GATE_KEY] = gate
     application.on_cleanup.append(gate.stop)
     return application

@@ -10,44 +10,73 @@ import logging
 import socket
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
-from typing import Any
+from typing import Any, Protocol
 
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.problems import problem_response
+from node.p2p.tls import TlsOverhead
 from pages.listening import Accept, Connection, ConnectionTable, accept_plain, serve, share_of_descriptors
 
 CONNECTIONS_MAX_COUNT = 2048
 CONTINUE = "100-continue"
-AdmitStray = Callable[[web.BaseRequest], Awaitable[None]]
-"""Lets the address of a request pay for an answer that is of no route. Raises RATE_LIMITED."""
-STRAY_KEY: web.AppKey[AdmitStray] = web.AppKey("admit_stray")
+
+
+class Gate(Protocol):
+    """What lets addresses pay for what is of no route. Both raise RATE_LIMITED."""
+
+    async def admit_stray(self, request: web.BaseRequest) -> None:
+        """An answer."""
+
+    def pay_reading(self, host: str, cost_us: int) -> None:
+        """Records of TLS beyond what they carry."""
+
+
+GATE_KEY: web.AppKey[Gate] = web.AppKey("gate")
 _DESCRIPTORS_PART = 2
 _log = logging.getLogger("node.api")
 
 
 class ApiConnection(Connection):
-    """One client's connection."""
+    """One client's connection. It ends when records of TLS with next to nothing in them use up its address's budget."""
 
-    __slots__ = ("_admit_stray",)
+    __slots__ = ("_gate", "_host", "_reading")
 
     def __init__(
         self,
         manager: web.Server,
         table: ConnectionTable,
         loop: asyncio.AbstractEventLoop,
-        admit_stray: AdmitStray,
+        gate: Gate,
     ) -> None:
         super().__init__(manager, table, loop)
-        self._admit_stray = admit_stray
+        self._gate = gate
+        self._host = ""
+        self._reading = TlsOverhead(None)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        if transport.get_extra_info("ssl_object") is not None:
+            self._host = transport.get_extra_info("peername")[0]
+            self._reading = TlsOverhead(transport.get_extra_info("socket"))
+
+    def data_received(self, data: bytes) -> None:
+        cost_us = self._reading.cost_us(len(data))
+        if cost_us > 0:
+            try:
+                self._gate.pay_reading(self._host, cost_us)
+            except BlockRobotError:
+                self.abort()
+                return
+        super().data_received(data)
 
     def _make_error_handler(self, err_info: Any) -> Callable[[web.BaseRequest], Awaitable[web.StreamResponse]]:
         answer = super()._make_error_handler(err_info)
 
         async def handle(request: web.BaseRequest) -> web.StreamResponse:
             try:
-                await self._admit_stray(request)
+                await self._gate.admit_stray(request)
             except BlockRobotError as error:
                 return _last_answer(error)
             return await answer(request)
@@ -94,13 +123,13 @@ def name_server(response: web.StreamResponse) -> None:
 def serve_api(
     application: web.Application, listener: socket.socket, stop_ms: int, accept: Accept = accept_plain
 ) -> AbstractAsyncContextManager[None]:
-    admit_stray = application[STRAY_KEY]
+    gate = application[GATE_KEY]
     return serve(
         application,
         listener,
         share_of_descriptors(CONNECTIONS_MAX_COUNT, _DESCRIPTORS_PART),
         stop_ms,
-        lambda manager, table, loop: ApiConnection(manager, table, loop, admit_stray),
+        lambda manager, table, loop: ApiConnection(manager, table, loop, gate),
         accept,
     )
 

@@ -29,7 +29,7 @@ class TrustedProxies:
 
     def find(self, remote: str | None, headers: Sequence[str]) -> str | None:
         """As `address_of`, by the other side's address and the values of its headers."""
-        if remote is None or not self._is_trusted(remote):
+        if remote is None or not self.trusts(remote):
             return remote
         known = remote
         for told in reversed([part.strip() for value in headers for part in value.split(",")][-HOPS_MAX_COUNT:]):
@@ -38,11 +38,11 @@ class TrustedProxies:
             except ValueError:
                 return known
             known = address
-            if not self._is_trusted(address):
+            if not self.trusts(address):
                 return known
         return known
 
-    def _is_trusted(self, host: str) -> bool:
+    def trusts(self, host: str) -> bool:
         try:
             address = plain_address(host)
         except ValueError:

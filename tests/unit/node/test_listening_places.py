@@ -20,6 +20,7 @@ from network.provisioning.certificate_authority import create_authority
 from network.provisioning.network_layout import create_network
 from network.provisioning.node_certificates import get_authority, renew
 from node import node_process
+from node.api.access import request_rate_limiter
 from node.config import NodeConfig, reading_headers
 from node.limits.token_buckets import Allowance
 from node.node_process import Node
@@ -104,6 +105,24 @@ async def test_handshakes_that_nobody_ends_keep_other_addresses_in(
         for _, writer in silent:
             writer.close()
         await eventually(lambda: all(reader.at_eof() for reader, _ in silent))
+
+
+@pytest.mark.parametrize(("piece", "answered"), [(10_000, True), (1, False)])
+async def test_records_of_tls_with_next_to_nothing_in_them_are_paid_by_their_address(
+    node: Node, piece: int, answered: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(request_rate_limiter, "LOOPBACK_ALLOWANCE", Allowance(us_per_s=1, burst_us=20_000))
+    context = ssl.create_default_context(cadata=node.genesis.organisations[0].ca_certificate)
+    reader, writer = await asyncio.open_connection("127.0.0.1", node.config.api_port, ssl=context)
+    writer.write(b"POST /v1/transactions HTTP/1.1\r\nHost: node-1\r\nContent-Length: 60000\r\n\r\n")
+    for _ in range(0, 60_000, piece):
+        writer.write(b"x" * piece)
+    try:
+        heard = await asyncio.wait_for(reader.read(8), 10)
+    except ConnectionError:
+        heard = b""
+    assert (heard == b"HTTP/1.1") == answered
+    writer.close()
 
 
 async def test_peers_and_clients_may_have_addresses_of_their_own(folder: Path) -> None:

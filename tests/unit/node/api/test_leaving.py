@@ -8,7 +8,7 @@ import socket
 import pytest
 from aiohttp import ClientSession, web
 
-from node.api.server import STRAY_KEY, serve_api
+from node.api.server import GATE_KEY, serve_api
 from tests.resetting import send_and_reset
 
 
@@ -16,13 +16,19 @@ async def read(request: web.Request) -> web.Response:
     return web.Response(body=await request.read())
 
 
-async def admit(_remote: str | None) -> None:
+class Open:
     """Anybody may."""
+
+    async def admit_stray(self, request: web.BaseRequest) -> None:
+        pass
+
+    def pay_reading(self, host: str, cost_us: int) -> None:
+        pass
 
 
 async def test_a_client_that_resets_its_connection_writes_no_line(caplog: pytest.LogCaptureFixture) -> None:
     application = web.Application()
-    application[STRAY_KEY] = admit
+    application[GATE_KEY] = Open()
     application.router.add_post("/read", read)
     listener = socket.create_server(("127.0.0.1", 0))
     port = listener.getsockname()[1]
