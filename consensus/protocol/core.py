@@ -320,6 +320,9 @@ class Core:
     def _use_qc(self, qc: QuorumCertificate) -> None:
         if self._tree.certify(qc):
             self._pacemaker.note_qc(qc)
+            own = self._tree.get(qc.block_id) if qc.block_id == self._voter.proposed_id else None
+            if own is not None:
+                self._pacemaker.note_round_trip(self._now_ms - own.arrived_ms)
             self._effects += self._blocks.certified(qc.block_id)
         self._note_evidence(self._message_log.log_qc(qc))
         if qc.round > self.high_qc.round:

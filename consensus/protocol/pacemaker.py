@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
+from statistics import median_low
+
 from consensus.chain.block import QuorumCertificate, TimeoutCertificate
 from consensus.chain.epoch_settings import ChainSettings, parse_production
 from consensus.chain.schedule import Schedule
@@ -20,13 +23,20 @@ from consensus.protocol.effects import (
 )
 
 SILENT_LEADER_DIVISOR = 4
+ROUND_TRIPS_COUNT = 5
 _EXPONENT_MAX = 20
 
 
-def compute_timeout_ms(settings: ChainSettings, round_number: int, finalized_round: int, certified_above: int) -> int:
-    """Return base * 2^k, capped (R9); k = uncertified rounds since finality."""
+def compute_timeout_ms(
+    settings: ChainSettings, round_number: int, finalized_round: int, certified_above: int, round_trip_ms: int = 0
+) -> int:
+    """Return base * 2^k, capped (R9); k = uncertified rounds since finality.
+
+    A round takes three delays (a call passed on, a block, votes): the base is at least that, and a quarter more than asked.
+    """
     lost = (round_number - 1 - finalized_round) - certified_above
-    return min(settings.timeout_cap_ms, settings.base_timeout_ms << max(0, min(lost, _EXPONENT_MAX)))
+    base_ms = max(settings.base_timeout_ms, 3 * round_trip_ms // 2 + settings.base_timeout_ms // 4)
+    return min(settings.timeout_cap_ms, base_ms << max(0, min(lost, _EXPONENT_MAX)))
 
 
 class Pacemaker:
@@ -38,6 +48,7 @@ class Pacemaker:
         self.interval_ms = parse_production(settings.production)
         self.heartbeat_due = False
         self._silent: set[int] = set()
+        self._round_trips_ms: deque[int] = deque([0], maxlen=ROUND_TRIPS_COUNT)
         self._running: tuple[str, int] | None = None
         self._proposing: int | None = None
         self._failures_count = 0
@@ -59,9 +70,14 @@ class Pacemaker:
     def note_qc(self, qc: QuorumCertificate) -> None:
         self._silent.discard(self._schedule.leader(qc.round))
 
+    def note_round_trip(self, elapsed_ms: int) -> None:
+        """An own proposal had its quorum after so long."""
+        self._round_trips_ms.append(elapsed_ms)
+
     def round_delay_ms(self, round_number: int, finalized_round: int, certified_above: int) -> int:
         """Return the round's wait; short after a silent leader's lost turn (R11)."""
-        delay = compute_timeout_ms(self._settings, round_number, finalized_round, certified_above)
+        round_trip_ms = median_low(self._round_trips_ms)
+        delay = compute_timeout_ms(self._settings, round_number, finalized_round, certified_above, round_trip_ms)
         if self._schedule.leader(round_number) in self._silent:
             delay = max(1, delay // SILENT_LEADER_DIVISOR)
         return delay + (self.interval_ms or 0)

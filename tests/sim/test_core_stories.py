@@ -61,6 +61,19 @@ def test_constant_delays_above_the_base_timeout_do_not_stop_finality(delay_ms):
     assert cluster.run(120_000, lambda: cluster.all_final([txid]))
 
 
+@pytest.mark.parametrize("delay_ms", [260, 400])
+def test_over_long_links_rounds_are_given_up_only_until_the_distance_is_known(delay_ms):
+    """A call is passed on, proposed and voted for later than the base timeout."""
+    cluster, messages = even(Cluster(4), delay_ms), []
+    for _ in range(16):
+        before, txid = cluster.messages, cluster.submit([0])
+        assert cluster.run_until_final(60_000, txid)
+        cluster.run(2_000)
+        messages.append(cluster.messages - before)
+    assert messages[0] > 2 * messages[-1]
+    assert set(messages[8:]) == {messages[-1]}
+
+
 def test_a_dead_leader_costs_half_a_second_once_and_then_a_quarter_of_it():
     cluster = even(Cluster(4))
     cluster.nodes[2].crash()

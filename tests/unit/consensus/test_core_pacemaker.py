@@ -15,18 +15,22 @@ def round_timers(effects):
 
 
 @pytest.mark.parametrize(
-    ("round_number", "finalized", "certified", "delay"),
+    ("round_number", "finalized", "certified", "round_trip", "delay"),
     [
-        (1, 0, 0, 500),
-        (4, 1, 2, 500),  # rounds 2 and 3 are certified: nothing was lost
-        (4, 1, 1, 1_000),  # one was
-        (6, 1, 1, 4_000),
-        (9, 1, 1, 8_000),  # the cap
-        (5_000, 0, 0, 8_000),
+        (1, 0, 0, 0, 500),
+        (4, 1, 2, 0, 500),  # rounds 2 and 3 are certified: nothing was lost
+        (4, 1, 1, 0, 1_000),  # one was
+        (6, 1, 1, 0, 4_000),
+        (9, 1, 1, 0, 8_000),  # the cap
+        (5_000, 0, 0, 0, 8_000),
+        (1, 0, 0, 250, 500),  # hosts near each other
+        (1, 0, 0, 600, 1_025),
+        (4, 1, 1, 600, 2_050),
+        (1, 0, 0, 60_000, 8_000),
     ],
 )
-def test_the_timer_doubles_with_every_round_lost_since_finality(round_number, finalized, certified, delay):
-    assert compute_timeout_ms(ChainSettings(), round_number, finalized, certified) == delay
+def test_the_timer_doubles_with_every_round_lost_since_finality(round_number, finalized, certified, round_trip, delay):
+    assert compute_timeout_ms(ChainSettings(), round_number, finalized, certified, round_trip) == delay
 
 
 def test_work_a_proposal_or_a_peers_timeout_starts_the_timer_and_an_idle_node_runs_none():
