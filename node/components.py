@@ -216,13 +216,13 @@ class NodeComponents:
         )
         self.finalized = FinalizedLedger(around.ledger, self.feed)
         self.stall_detector = StallDetector(around.stopwatch, lambda: self.engine.epoch.epoch.settings)
-        self._metrics = NodeMetrics(_gauges_of(self), now_ms)
         self.custody = self._make_custody()
         self.custody_admin = self._make_custody_admin()
         self.pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)
         self.pruner.add_listener(self.peers.forget_blocks)
         self._readiness_reporter = self._make_readiness_reporter()
         self.evidence_submitter = self._make_evidence_submitter()
+        self._metrics = NodeMetrics(_gauges_of(self), now_ms)
 
     def _make_readiness_reporter(self) -> ReadinessReporter | None:
         around = self.surroundings
@@ -436,7 +436,7 @@ class NodeComponents:
             "lockout": None if core.lockout is None else core.lockout._asdict(),
             "finality": self.stall_detector.describe(),
             "suspended_height": self._suspended_height(),
-            "accused": describe_accused(self.evidence_submitter, self.directory, self.executor.reader),
+            "accused": self.describe_accused(),
             "version": _VERSION,
             "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
         }
@@ -453,6 +453,13 @@ class NodeComponents:
         key = self.surroundings.key
         return None if key is None else suspended_height(self.executor.reader, key.public_key)
 
+    def describe_accused(self) -> list[dict[str, Any]]:
+        return describe_accused(self.evidence_submitter, self.directory, self.executor.reader)
+
+    def count_producers_in_touch(self) -> int:
+        in_touch = {self.surroundings.name, *self.network.connected}
+        return sum(self._name_of_producer(key) in in_touch for key in self.engine.epoch.schedule.producers)
+
     def _leader_name(self) -> str | None:
         return self._name_of_producer(self.engine.epoch.schedule.producers[self.core.leader])
 
@@ -468,10 +475,23 @@ async def _cancel(task: asyncio.Task[None]) -> None:
 def _gauges_of(parts: NodeComponents) -> dict[str, tuple[str, Callable[[], float]]]:
     return {
         "blockrobot_finalized_height": ("Height of the newest stored block.", lambda: parts.feed.height),
+        "blockrobot_lag_blocks": ("Blocks behind the highest height that peers claim.", lambda: parts.sync.lag_blocks),
+        **parts.stall_detector.gauges(),
         "blockrobot_round": ("The round that the node is in.", lambda: parts.core.round),
+        "blockrobot_producers": ("Producers of this epoch.", lambda: len(parts.engine.epoch.schedule.producers)),
+        "blockrobot_quorum": ("Producers whose votes make a block final.", lambda: parts.engine.epoch.schedule.quorum),
+        "blockrobot_producers_in_touch": (
+            "Producers of this epoch that are connected, with this node if it is one.",
+            parts.count_producers_in_touch,
+        ),
+        "blockrobot_producers_accused": (
+            "Producers that signed twice in one round, by evidence here or by a suspension on the chain.",
+            lambda: len(parts.describe_accused()),
+        ),
         "blockrobot_peers_connected": ("Connected peers.", lambda: len(parts.network.connected)),
         "blockrobot_mempool_transactions": ("Waiting transactions.", partial(len, parts.mempool)),
         "blockrobot_mempool_size_bytes": ("Bytes of waiting transactions.", lambda: parts.mempool.size_bytes),
+        "blockrobot_mempool_max_bytes": ("Bytes that may wait.", lambda: parts.mempool.max_bytes),
         "blockrobot_mempool_evicted_total": (
             "Transactions that made room in a full pool for others of whom less waited.",
             lambda: parts.mempool.evicted_count,
@@ -493,4 +513,17 @@ def _gauges_of(parts: NodeComponents) -> dict[str, tuple[str, Callable[[], float
             "1 while the node takes part.",
             lambda: float(parts.engine.is_signing and parts.core.lockout is None),
         ),
+        "blockrobot_time_seconds": (
+            "The node's clock, in Unix time.",
+            lambda: parts.surroundings.clock.now_ms() / 1000,
+        ),
+        **({} if parts.custody is None else {"blockrobot_custody_behind_blocks": _lag_of(parts, parts.custody)}),
     }
+
+
+def _lag_of(parts: NodeComponents, custody: CustodyCoordinator) -> tuple[str, Callable[[], float]]:
+    def read() -> float:
+        followed = -1 if custody.checkpoint_height is None else custody.checkpoint_height
+        return max(0, parts.feed.height - followed)
+
+    return "Final blocks that the custodian has not followed yet.", read

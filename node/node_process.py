@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import shutil
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from functools import partial
@@ -36,6 +37,7 @@ from node.execution.sandboxed_contracts import open_contracts
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.limits.disk_reserve import DiskReserve
 from node.mempool.transaction_intake import ClientPool
+from node.metrics import Figures, ProcessMetrics
 from node.operator_listener import create_metrics_listener, create_operator_listener, serve_metrics, serve_operator
 from node.p2p.connection_acceptor import OF_CLIENTS, ConnectionAcceptor, bind_listener
 from node.p2p.network import PeerHandler, PeerNetwork
@@ -96,6 +98,7 @@ class Node:
             self._faults = FaultSwitch(config.name, config.data_dir, self._clock)
         if config.faults_enabled or config.custodian_key_path is not None:
             self._token = read_or_make_token(config.data_dir)
+        self._process_metrics = ProcessMetrics(self._process_figures())
         self._stack = AsyncExitStack()
         self._acceptor: ConnectionAcceptor | None = None
         self.begin_anew = asyncio.Event()
@@ -204,7 +207,23 @@ class Node:
         return {**self._parts.describe(), **links, **own, **kept, **self._seats(), "rounds": self._spoken.describe()}
 
     def metrics(self) -> bytes:
-        return self._parts.metrics() + self._network.traffic.render()
+        return self._parts.metrics() + self._process_metrics.render() + self._network.traffic.render()
+
+    def _process_figures(self) -> Figures:
+        return {
+            "blockrobot_certificate_ends_timestamp_seconds": (
+                "When the node's certificate ends, in Unix time.",
+                lambda: self._network.certificate_not_after_ms / 1000,
+            ),
+            "blockrobot_disk_free_bytes": (
+                "Free space of the data directory's disk.",
+                lambda: shutil.disk_usage(self.config.data_dir).free,
+            ),
+            "blockrobot_disk_size_bytes": (
+                "Size of that disk.",
+                lambda: shutil.disk_usage(self.config.data_dir).total,
+            ),
+        }
 
     def _around_outbox(self, outbox: Outbox) -> Outbox:
         noting = LoggingOutbox(outbox, self._spoken)

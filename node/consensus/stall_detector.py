@@ -38,6 +38,18 @@ class StallDetector:
         waiting_s = 0.0 if self._waiting_since_s is None else now_s - self._waiting_since_s
         return {"age_s": round(age_s, 1), "waiting_s": round(waiting_s, 1), "late": self._is_late(age_s, waiting_s)}
 
+    def gauges(self) -> dict[str, tuple[str, Callable[[], float]]]:
+        return {
+            "blockrobot_finality_age_seconds": (
+                "Time since a block became final here, or since the start.",
+                lambda: self._stopwatch() - self._final_s,
+            ),
+            "blockrobot_finality_late": (
+                "1 while a final block is overdue, by the chain's settings.",
+                lambda: float(self.describe()["late"]),
+            ),
+        }
+
     def _is_late(self, age_s: float, waiting_s: float) -> bool:
         settings = self._settings()
         limit_s = max(LATE_MIN_S, LATE_TIMEOUTS_COUNT * settings.base_timeout_ms / 1000)

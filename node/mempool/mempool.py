@@ -97,7 +97,7 @@ class Mempool:
         self._check_admission = check_admission
         self._is_spent = is_spent
         self.account_of = account_of
-        self._max_bytes = max_bytes
+        self.max_bytes = max_bytes
         self._ordinary_max_bytes = max_bytes - max_bytes // RESERVED_DIVISOR
         self._sender_max_count = sender_max_count
         self._sender_max_bytes = sender_max_bytes
@@ -229,7 +229,7 @@ class Mempool:
         """Raises MEMPOOL_FULL."""
         size = len(transaction.wire)
         over_ordinary = 0 if reserved else self.ordinary_bytes + size - self._ordinary_max_bytes
-        over_all = self.size_bytes + size - self._max_bytes
+        over_all = self.size_bytes + size - self.max_bytes
         if over_ordinary > 0:
             lanes = [self._ordinary]
         elif over_all > 0:

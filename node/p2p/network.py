@@ -359,6 +359,10 @@ class PeerNetwork:
             return BlockRobotError("CERTIFICATE_REVOKED", f"The certificate {own.facts.serial_hex} was revoked.")
         return None
 
+    @property
+    def certificate_not_after_ms(self) -> int:
+        return self._credentials.own.facts.not_after_ms
+
     def describe(self) -> dict[str, Any]:
         problem, now_ms = self.own_problem(), self._clock()
         return {

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
+from prometheus_client.parser import text_string_to_metric_families
 
 from network.custody.custody_text import scrub_sentences
-from node.custody.coordination.custody_admin import CustodyAdmin, describe_scrub
+from node.custody.coordination.custody_admin import ERASURES_READ_AGAIN_MS, CustodyAdmin, describe_scrub
 from node.custody.coordination.custody_answers import FrameName, PartName, UploadReport
 from node.custody.repair.scrub import ScrubReport
 from node.custody.stores.custody_store import Checkpoint
@@ -64,6 +65,29 @@ async def test_who_owes_which_receipt_and_which_of_them_are_overdue(opened: Cust
     state.erasure(record_clip(), receipts=[CUSTODIAN], time=NOW_MS - 119_000)
     status = await make_custody_admin(opened, state).status()
     assert msgspec.to_builtins(status.waiting_for) == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": []}}
+
+
+async def test_metrics_count_what_each_custodian_owes_and_read_all_erasures_once_a_minute(
+    opened: CustodianHarness,
+) -> None:
+    state, now = State(), [NOW_MS]
+    state.erasure(record_clip(), receipts=[CUSTODIAN], time=NOW_MS - 121_000)
+    admin = make_custody_admin(opened, state)
+    admin._clock = lambda: now[0]
+
+    async def read() -> dict[tuple[str, str], float]:
+        families = text_string_to_metric_families((await admin.metrics()).decode())
+        samples = [sample for family in families for sample in family.samples if "custodian" in sample.labels]
+        return {(s.name.removeprefix("blockrobot_erasures_"), s.labels["custodian"]): s.value for s in samples}
+
+    own, other = CUSTODIAN.hex(), OTHER_CUSTODIAN.hex()
+    owed = {("unconfirmed", own): 0, ("overdue", own): 0, ("unconfirmed", other): 1, ("overdue", other): 1}
+    assert await read() == owed
+    state.erasure(record_clip(), receipts=[CUSTODIAN, OTHER_CUSTODIAN])
+    now[0] += ERASURES_READ_AGAIN_MS - 1
+    assert await read() == owed
+    now[0] += 1
+    assert await read() == {("unconfirmed", own): 0, ("overdue", own): 0}
 
 
 async def test_what_everybody_confirmed_costs_no_search_in_the_audit_and_nothing_waits_meanwhile(

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import msgspec
 import structlog
+from prometheus_client import CollectorRegistry, Gauge, generate_latest
 
 from consensus.api_documents import describe
 from consensus.errors import BlockRobotError
@@ -35,6 +36,8 @@ from node.custody.stores.custody_store import Checkpoint, CustodyStore
 from node.storage.ledger_store import LedgerStore
 
 FETCH_PAUSE_S = 1.0
+ERASURES_READ_AGAIN_MS = 60_000
+"""How old the metrics' count of unconfirmed erasures may be: each count reads all erasures that ever were."""
 _LISTED_MAX_COUNT = 1_000
 R = TypeVar("R", ScrubReport, RebuildReport)
 
@@ -70,6 +73,8 @@ class CustodyAdmin:
         self._find_peers = find_peers
         self._is_serving = is_serving
         self._one_at_a_time = asyncio.Lock()
+        self._erasures_read_ms = 0
+        self._erasures_waiting: dict[str, MissingReceipts] = {}
 
     @contextmanager
     def open_facts(self) -> Iterator[ChainFacts]:
@@ -113,10 +118,14 @@ class CustodyAdmin:
         try:
             point = await self._custodian.checkpoint()
             at_ms = 0 if point is None else point.timestamp_ms
-            return render_uploads(await self._describe_uploads(at_ms, counts_held=False))
+            uploads = render_uploads(await self._describe_uploads(at_ms, counts_held=False))
         except BlockRobotError as error:
             log.warning("upload_metrics_left_out", code=error.code)
-            return b""
+            uploads = b""
+        if abs(self._clock() - self._erasures_read_ms) >= ERASURES_READ_AGAIN_MS:
+            self._erasures_read_ms = self._clock()
+            _, self._erasures_waiting = await asyncio.to_thread(self._look_at_erasures)
+        return uploads + _render_erasures(self._erasures_waiting, self._member.hex())
 
     def _look_at_erasures(self) -> tuple[int, dict[str, MissingReceipts]]:
         with self.open_facts() as facts:
@@ -164,6 +173,22 @@ class CustodyAdmin:
 
 def _frames(frames: Sequence[tuple[bytes, int]]) -> list[FrameName]:
     return [FrameName(record=record_id.hex(), frame=index) for record_id, index in frames]
+
+
+def _render_erasures(waiting: dict[str, MissingReceipts], own: str) -> bytes:
+    """`own`: this custodian's key, which has its lines in any case."""
+    registry = CollectorRegistry()
+    texts = {
+        "unconfirmed": "Erasures that a custodian (its key) has yet to confirm; up to a minute old.",
+        "overdue": f"Those of them that are older than {ERASURE_OVERDUE_AFTER_MS // 1000} seconds.",
+    }
+    unconfirmed, overdue = (
+        Gauge(f"blockrobot_erasures_{name}", text, ("custodian",), registry=registry) for name, text in texts.items()
+    )
+    for custodian, missing in ({own: MissingReceipts(0, [])} | waiting).items():
+        unconfirmed.labels(custodian).set(missing.receipts)
+        overdue.labels(custodian).set(len(missing.overdue))
+    return generate_latest(registry)
 
 
 def describe_scrub(report: ScrubReport) -> ScrubAnswer:
