@@ -1,4 +1,4 @@
-"""Installs the Debian packages that tests need, where they are missing: a browser, Graphviz, a film, fonts, ROS 1.
+"""Installs the Debian packages that tests need, where they are missing: a browser, a film, fonts, ROS 1, Prometheus and so on.
 
 Run by `make test` before the tests, with any Python and nothing installed. Must never install anything else, never ask for
 a password, and never end well with something missing.
@@ -16,17 +16,20 @@ from pathlib import Path
 OPENCV_DOC = "/usr/share/doc/opencv-doc/*"
 DEBIAN_PYTHON = Path("/usr/lib/python3/dist-packages")
 PEDESTRIANS = Path("/usr/share/doc/opencv-doc/examples/data/vtest.avi")
+SYSTEMD_RUNS = Path("/run/systemd/system")
 WAY_OUT = "make test SYSTEM_PACKAGES=none"
 
 
 @dataclass(frozen=True)
 class Package:
-    """A Debian package, what tests need it for, and what tells that it is there: any of some programs, or a file."""
+    """A Debian package, what tests need it for, what tells that it is there (any of some programs, or a file), and what
+    its installation starts that nobody asked for."""
 
     name: str
     purpose: str
     programs: tuple[str, ...] = ()
     file: Path | None = None
+    service: str = ""
 
     def is_there(self) -> bool:
         """Tell whether what is needed is here, wherever it came from."""
@@ -45,6 +48,7 @@ PACKAGES = (
         "lets pages look alike everywhere",
         file=Path("/usr/share/fonts/truetype/liberation2/LiberationSans-Regular.ttf"),
     ),
+    Package("prometheus", "reads our metrics by our rules", programs=("promtool",), service="prometheus.service"),
     Package("python3-rosmaster", "runs a ROS 1 graph", file=Path("/usr/bin/rosmaster")),
     Package("python3-rospy", "is how a robot of ROS 1 is heard", file=DEBIAN_PYTHON / "rospy" / "__init__.py"),
     Package("python3-sensor-msgs", "knows the messages of cameras", file=DEBIAN_PYTHON / "sensor_msgs" / "__init__.py"),
@@ -86,6 +90,9 @@ def install(missing: list[Package]) -> None:
         if done.returncode != 0:
             told = (done.stderr or done.stdout).strip().splitlines() or ["it said nothing"]
             raise CannotInstallError(f"`apt-get {step[0]}` failed: {told[-1]}")
+    services = [package.service for package in missing if package.service]
+    if services and SYSTEMD_RUNS.is_dir():
+        subprocess.run([*rights, "systemctl", "--quiet", "disable", "--now", *services], check=False)
     if still := [package.name for package in find_missing()]:
         raise CannotInstallError(f"`apt-get install` ended well, and {', '.join(still)} is not here all the same")
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests import system_packages
+from tests.system_packages import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "tests" / "system_packages.py"
@@ -55,6 +56,21 @@ def test_what_is_missing_is_installed_and_said_in_one_line(
     assert system_packages.main() == 0
     assert capsys.readouterr().out == "", "nothing is missing any more: no word, and no apt-get"
     assert len(log.read_text(encoding="utf-8").splitlines()) == 2
+
+
+@pytest.mark.parametrize("is_running", [True, False])
+def test_what_an_installation_starts_is_switched_off_again(
+    programs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_running: bool
+) -> None:
+    (prometheus,) = [package for package in PACKAGES if package.service]
+    monkeypatch.setattr(system_packages, "PACKAGES", (prometheus,))
+    monkeypatch.setattr(system_packages, "SYSTEMD_RUNS", tmp_path if is_running else tmp_path / "nowhere")
+    put(programs, "apt-get", f'#!/bin/sh\ncase "$*" in *install*) cp "$0" "{programs}/promtool";; esac\n')
+    put(programs, "systemctl", f'#!/bin/sh\necho "$@" > "{tmp_path}/log"\n')
+    assert system_packages.main() == 0
+    told = (tmp_path / "log").read_text() if is_running else ""
+    assert told == ("--quiet disable --now prometheus.service\n" if is_running else "")
+    assert (tmp_path / "log").exists() == is_running
 
 
 def test_who_is_not_root_goes_by_sudo_that_asks_for_no_password(
