@@ -60,7 +60,7 @@ class NodeMetrics:
         self._gas = Counter("blockrobot_gas_used", "Gas used by finalized blocks.", registry=self._registry)
         self._delay = Histogram(
             "blockrobot_block_to_stored_seconds",
-            "Time from a block's timestamp until it was stored here.",
+            "Time from a block's timestamp until it was stored here, of blocks with transactions.",
             buckets=_LATENCY_BUCKETS_S,
             registry=self._registry,
         )
@@ -73,7 +73,8 @@ class NodeMetrics:
             self._transactions.inc(len(block.receipts))
             self._failed.inc(sum(not receipt.ok for receipt in block.receipts))
             self._gas.inc(block.header.gas_used)
-            self._delay.observe(max(0, now_ms - block.header.timestamp_ms) / 1000)
+            if block.receipts:  # an empty one waits for the next heartbeat, and nobody for it
+                self._delay.observe(max(0, now_ms - block.header.timestamp_ms) / 1000)
 
     def render(self) -> bytes:
         return generate_latest(self._registry)

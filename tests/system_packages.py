@@ -1,4 +1,4 @@
-"""Installs the Debian packages that tests need, where they are missing: a browser, a film, fonts, ROS 1, Prometheus and so on.
+"""Installs the Debian packages that tests need, where they are missing: a browser, a film, fonts, ROS 1, Prometheus.
 
 Run by `make test` before the tests, with any Python and nothing installed. Must never install anything else, never ask for
 a password, and never end well with something missing.

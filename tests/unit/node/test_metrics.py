@@ -93,6 +93,11 @@ async def test_margin_and_finality_are_those_of_the_network() -> None:
     well = read()
     assert (well["blockrobot_producers"], well["blockrobot_quorum"], well["blockrobot_producers_in_touch"]) == (4, 3, 4)
     assert (well["blockrobot_finality_late"], well["blockrobot_producers_accused"]) == (0, 0)
+    await asyncio.sleep(2 * QUIET_S)
+    idle = read()
+    assert idle["blockrobot_blocks_finalized_total"] > well["blockrobot_blocks_finalized_total"]
+    assert idle["blockrobot_block_to_stored_seconds_count"] == well["blockrobot_block_to_stored_seconds_count"] == 1
+    assert (idle["blockrobot_finality_late"], idle["blockrobot_rounds_timed_out_total"]) == (0, 0)
     await crowd.stop("c", "d")
     await asyncio.sleep(QUIET_S)
     ill = read()
