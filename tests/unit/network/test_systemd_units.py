@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-UNITS = sorted((ROOT / "docs" / "examples" / "systemd").glob("blockrobot-*"))
+UNITS = sorted((ROOT / "deploy" / "systemd").glob("blockrobot-*"))
 EXPOSURE_MAX = 3.0
 pytestmark = pytest.mark.system_packages
 
