@@ -138,6 +138,7 @@ wheelhouse: $(TOOLS)/.tools
 	{ cat requirements/runtime.txt; cd build/wheelhouse; sha256sum blockrobot-*.whl | sed 's|\(.*\)  \(.*\)|./\2 --hash=sha256:\1|'; } \
 		> build/wheels.txt
 	mv build/wheels.txt build/wheelhouse/wheels.txt
+	tar -C build/wheelhouse -cf build/wheelhouse.tar .
 
 image: wheelhouse
 	deploy/image/build.sh

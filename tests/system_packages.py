@@ -1,6 +1,6 @@
 """Installs the Debian packages that tests need, where they are missing: a browser, Graphviz, a film, fonts, ROS 1.
 
-Run by `make test` before the tests, with any Python and nothing installed; by `make test-long` with what the long tier alone
+Run by `make test` before the tests, with any Python and nothing installed; by `make test-long` with what that tier alone
 needs. Must never install anything else, never ask for a password, and never end well with something missing.
 """
 

@@ -99,3 +99,20 @@ def test_what_is_left_out_is_said_before_the_first_test_too(tmp_path: Path) -> N
     (line,) = told.splitlines()
     assert all(package.name in line for package in system_packages.PACKAGES)
     assert "left out" in line
+
+
+def test_what_the_long_tier_alone_needs_comes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    rare = system_packages.Package("umoci", "makes an image", programs=("not-here",), is_for_long_tests=True)
+    monkeypatch.setattr(system_packages, "PACKAGES", (rare,))
+    assert system_packages.find_missing() == []
+    assert system_packages.find_missing("long") == [rare]
+    make = shutil.which("make")
+    assert make
+    told = {
+        tier: subprocess.run([make, "--dry-run", tier], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        for tier in ("test", "test-long")
+    }
+    assert {tier: "system_packages.py install long" in text for tier, text in told.items()} == {
+        "test": False,
+        "test-long": True,
+    }
