@@ -37,7 +37,7 @@ EXTRAS := attack keyring kit llrp zenoh
 INSTALLED_EXTRAS := $(EXTRAS:%=install-%)
 HASHED := install --require-hashes --requirement
 
-.PHONY: all help demo system-packages ros2 test test-fast test-long lint types docs mongo-server lock wheelhouse image sbom clean install-fuzz $(INSTALLED_EXTRAS)
+.PHONY: all help demo system-packages ros2 test test-fast test-long lint types docs mongo-server lock wheelhouse collected-wheels image sbom clean install-fuzz $(INSTALLED_EXTRAS)
 
 all: $(VENV)/.runtime
 
@@ -128,6 +128,10 @@ build/deploy-tools/.tools: requirements/deploy.txt
 
 # All that a host installs, for the Python of $(PYTHON) on this platform: what is committed, and what it needs.
 wheelhouse: $(TOOLS)/.tools
+	@wanted="$$(git rev-parse HEAD) $$($(PYTHON) --version)"; test "$$(cat build/wheelhouse.made 2>&1)" = "$$wanted" || \
+		{ $(MAKE) --no-print-directory collected-wheels && echo "$$wanted" > build/wheelhouse.made; }
+
+collected-wheels:
 	rm -rf build/wheelhouse build/committed
 	mkdir -p build/committed
 	git archive HEAD | tar -x -C build/committed
