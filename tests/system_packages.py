@@ -55,6 +55,7 @@ PACKAGES = (
     Package("python3-venv", "installs programs on hosts", file=ENSUREPIP, is_for_long_tests=True),
     Package("mmdebstrap", "makes the image's system", programs=("mmdebstrap",), is_for_long_tests=True),
     Package("umoci", "makes an image", programs=("umoci",), is_for_long_tests=True),
+    Package("systemd-container", "boots a system with our units", programs=("systemd-nspawn",), is_for_long_tests=True),
     Package("crun", "starts an image", programs=("crun",), is_for_long_tests=True),
 )
 
