@@ -26,6 +26,10 @@ ready() {
     done
     false
 }
+hidden() {
+    found=$(nsenter --mount --target "$(systemctl show --property=MainPID --value blockrobot-node@ward-1)" \\
+        ls -A /var/lib/blockrobot/network/organisations) && test -z "$found"
+}
 tell() { "${@:2}" > /told 2>&1; echo "$1=$?"; cat /told; }
 cd /var/lib/blockrobot
 blockrobot org new hospital
@@ -34,6 +38,7 @@ blockrobot genesis make network/*/*/*-entry.json --out genesis.json
 blockrobot genesis check genesis.json --adopt
 tell enabled systemctl enable --now blockrobot-node@ward-1 blockrobot-backup@ward-1.timer
 tell ready ready
+tell hidden hidden
 tell timer systemctl is-active blockrobot-backup@ward-1.timer
 tell backup systemctl start blockrobot-backup@ward-1
 tell reload systemctl reload blockrobot-node@ward-1
@@ -102,7 +107,7 @@ def test_a_node_is_run_started_again_backed_up_and_stopped_by_its_units(system: 
     told = dict(
         line.split("=", 1) for line in story.splitlines() if line.partition("=")[0].isidentifier() and "=" in line
     )
-    steps = dict.fromkeys(("enabled", "ready", "timer", "backup", "reload", "ready_again", "stopped"), "0")
+    steps = dict.fromkeys(("enabled", "ready", "hidden", "timer", "backup", "reload", "ready_again", "stopped"), "0")
     assert told.items() >= steps.items(), story + (system / "journal").read_text()
     assert told["Result"] == "success"
     (backup,) = (system / "var" / "backups" / "blockrobot").glob("ward-1-*/backup.json")
