@@ -1,5 +1,5 @@
 # Two commands do all the set-up on a fresh machine: `make demo` and `make test`.
-# Needed beforehand: Python 3.11 to 3.14 with venv, make, git. Everything from PyPI is a wheel with a pinned hash (requirements/). `make test` installs nine Debian packages if they are missing
+# Needed beforehand: Python 3.11 to 3.14 with venv, make, git. Everything from PyPI is a wheel with a pinned hash (requirements/). `make test` installs eight Debian packages if they are missing, `make test-long` six more
 # (as root, or by sudo without a password); `make test SYSTEM_PACKAGES=none` leaves out the tests that need them.
 # Tests of several hosts need root and iproute2; `make test-long HOSTS=none` leaves those out.
 # Tests of ROS 2 need Python 3.11 and a network of their own; `make test ROS2=none` leaves those out.
@@ -37,7 +37,7 @@ EXTRAS := attack keyring kit llrp zenoh
 INSTALLED_EXTRAS := $(EXTRAS:%=install-%)
 HASHED := install --require-hashes --requirement
 
-.PHONY: all help demo system-packages ros2 test test-fast test-long lint types docs mongo-server lock sbom clean install-fuzz $(INSTALLED_EXTRAS)
+.PHONY: all help demo system-packages ros2 test test-fast test-long lint types docs mongo-server lock wheelhouse collected-wheels image sbom clean install-fuzz $(INSTALLED_EXTRAS)
 
 all: $(VENV)/.runtime
 
@@ -63,6 +63,7 @@ help:
 	@echo 'make test-long     all tests (an hour and three quarters); TEST_EFFORT=10 searches ten times as long'
 	@echo 'make lint types    ruff; mypy'
 	@echo 'make docs          write what is made from code and catalogues'
+	@echo 'make wheelhouse    what deploy/ansible installs on hosts; make image: an OCI image (deploy/image)'
 	@echo 'make lock          pin all requirements anew'
 	@echo 'make clean         remove .venv and what was built'
 	@echo 'make install-NAME  an extra: $(EXTRAS) fuzz'
@@ -82,7 +83,7 @@ types: $(VENV)/.develop
 	$(BIN)/mypy
 
 system-packages:
-	@$(PYTHON) tests/system_packages.py $(SYSTEM_PACKAGES)
+	@$(PYTHON) tests/system_packages.py $(SYSTEM_PACKAGES) $(TIER)
 
 ros2: $(VENV)/.develop
 ifneq ($(ROS2),none)
@@ -97,6 +98,7 @@ test: system-packages ros2 lint types
 test-fast: $(VENV)/.develop
 	$(PYTEST) tests/unit tests/property tests/architecture
 
+test-long: TIER := long
 test-long: system-packages ros2 lint types
 	HYPOTHESIS_PROFILE=long $(PYTEST) -m '(long or not long) $(LEFT_OUT)'
 
@@ -118,11 +120,40 @@ $(TOOLS)/.tools: requirements/tools.txt
 	$(TOOLS)/bin/python -m pip --disable-pip-version-check --quiet $(HASHED) requirements/tools.txt
 	touch $@
 
+# What the long tests judge deploy/ with.
+build/deploy-tools/.tools: requirements/deploy.txt
+	$(PYTHON) -m venv --clear $(@D)
+	$(@D)/bin/python -m pip --disable-pip-version-check --quiet $(HASHED) $<
+	touch $@
+
+# All that a host installs, for the Python of $(PYTHON) on this platform: what is committed, and what it needs.
+wheelhouse: $(TOOLS)/.tools
+	@wanted="$$(git rev-parse HEAD) $$($(PYTHON) --version)"; test "$$(cat build/wheelhouse.made 2>&1)" = "$$wanted" || \
+		{ $(MAKE) --no-print-directory collected-wheels && echo "$$wanted" > build/wheelhouse.made; }
+
+collected-wheels:
+	rm -rf build/wheelhouse build/committed
+	mkdir -p build/committed
+	git archive HEAD | tar -x -C build/committed
+	$(TOOLS)/bin/python -m pip --python "$$(command -v $(PYTHON))" --disable-pip-version-check --quiet download \
+		--require-hashes --no-deps --requirement requirements/runtime.txt --dest build/wheelhouse
+	$(TOOLS)/bin/uv build --quiet --wheel --require-hashes --build-constraint requirements/build.txt \
+		--out-dir build/wheelhouse build/committed
+	{ cat requirements/runtime.txt; cd build/wheelhouse; sha256sum blockrobot-*.whl | sed 's|\(.*\)  \(.*\)|./\2 --hash=sha256:\1|'; } \
+		> build/wheels.txt
+	mv build/wheels.txt build/wheelhouse/wheels.txt
+	tar -C build/wheelhouse -cf build/wheelhouse.tar .
+
+image: wheelhouse
+	deploy/image/build.sh
+	@echo build/image
+
 # Keeps every pin that still fits; `make lock UPGRADE=--upgrade` renews them all, `UPGRADE='--upgrade-package NAME'` one.
 lock: $(TOOLS)/.tools
 	$(LISTED) build | $(COMPILE) - --output-file requirements/build.txt
 	$(COMPILE) requirements/tools.in --output-file requirements/tools.txt
 	$(COMPILE) requirements/fuzz.in --output-file requirements/fuzz.txt
+	$(COMPILE) requirements/deploy.in --output-file requirements/deploy.txt
 	$(COMPILE) pyproject.toml --extra dev --output-file requirements/dev.txt
 	$(COMPILE) pyproject.toml --constraint requirements/dev.txt --output-file requirements/runtime.txt
 	for extra in $(EXTRAS); do \

@@ -20,7 +20,7 @@ pytest_plugins = ("tests.spent_time", "tests.tiers")
 
 LEFT_OUT_BY = {
     "system_packages": (
-        "they need Debian's chromium, graphviz, opencv-doc, prometheus or rospy (SYSTEM_PACKAGES=none).",
+        "they need Debian's chromium, graphviz, opencv-doc, prometheus, rospy or umoci (SYSTEM_PACKAGES=none).",
         "To run them: make test, as root or with sudo without a password; or install the packages first.",
     ),
     "ros2": (

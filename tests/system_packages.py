@@ -1,7 +1,7 @@
 """Installs the Debian packages that tests need, where they are missing: a browser, a film, fonts, ROS 1, Prometheus.
 
-Run by `make test` before the tests, with any Python and nothing installed. Must never install anything else, never ask for
-a password, and never end well with something missing.
+Run by `make test` before the tests, with any Python and nothing installed; by `make test-long` with what that tier alone
+needs. Must never install anything else, never ask for a password, and never end well with something missing.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from pathlib import Path
 
 OPENCV_DOC = "/usr/share/doc/opencv-doc/*"
 DEBIAN_PYTHON = Path("/usr/lib/python3/dist-packages")
+ENSUREPIP = next(
+    iter(sorted(Path("/usr/lib").glob("python3.*/ensurepip/__init__.py"))), Path("/usr/lib/python3/ensurepip")
+)
 PEDESTRIANS = Path("/usr/share/doc/opencv-doc/examples/data/vtest.avi")
 SYSTEMD_RUNS = Path("/run/systemd/system")
 WAY_OUT = "make test SYSTEM_PACKAGES=none"
@@ -30,6 +33,7 @@ class Package:
     programs: tuple[str, ...] = ()
     file: Path | None = None
     service: str = ""
+    is_for_long_tests: bool = False
 
     def is_there(self) -> bool:
         """Tell whether what is needed is here, wherever it came from."""
@@ -48,10 +52,21 @@ PACKAGES = (
         "lets pages look alike everywhere",
         file=Path("/usr/share/fonts/truetype/liberation2/LiberationSans-Regular.ttf"),
     ),
-    Package("prometheus", "reads our metrics by our rules", programs=("promtool",), service="prometheus.service"),
     Package("python3-rosmaster", "runs a ROS 1 graph", file=Path("/usr/bin/rosmaster")),
     Package("python3-rospy", "is how a robot of ROS 1 is heard", file=DEBIAN_PYTHON / "rospy" / "__init__.py"),
     Package("python3-sensor-msgs", "knows the messages of cameras", file=DEBIAN_PYTHON / "sensor_msgs" / "__init__.py"),
+    Package(
+        "prometheus",
+        "reads our metrics by our rules",
+        programs=("promtool",),
+        service="prometheus.service",
+        is_for_long_tests=True,
+    ),
+    Package("python3-venv", "installs programs on hosts", file=ENSUREPIP, is_for_long_tests=True),
+    Package("mmdebstrap", "makes the image's system", programs=("mmdebstrap",), is_for_long_tests=True),
+    Package("umoci", "makes an image", programs=("umoci",), is_for_long_tests=True),
+    Package("systemd-container", "boots a system with our units", programs=("systemd-nspawn",), is_for_long_tests=True),
+    Package("crun", "starts an image", programs=("crun",), is_for_long_tests=True),
 )
 
 
@@ -59,9 +74,10 @@ class CannotInstallError(Exception):
     """Packages are missing and cannot be installed here; the text says why."""
 
 
-def find_missing() -> list[Package]:
-    """Return what is not here."""
-    return [package for package in PACKAGES if not package.is_there()]
+def find_missing(tier: str = "") -> list[Package]:
+    """Return what is not here, and what the long tier alone needs only if it is `long`."""
+    wanted = [package for package in PACKAGES if tier == "long" or not package.is_for_long_tests]
+    return [package for package in wanted if not package.is_there()]
 
 
 def find_rights() -> list[str]:
@@ -93,7 +109,7 @@ def install(missing: list[Package]) -> None:
     services = [package.service for package in missing if package.service]
     if services and SYSTEMD_RUNS.is_dir():
         subprocess.run([*rights, "systemctl", "--quiet", "disable", "--now", *services], check=False)
-    if still := [package.name for package in find_missing()]:
+    if still := [package.name for package in missing if not package.is_there()]:
         raise CannotInstallError(f"`apt-get install` ended well, and {', '.join(still)} is not here all the same")
 
 
@@ -117,12 +133,12 @@ def say_left_out() -> str:
     return f"SYSTEM_PACKAGES=none: tests that need {named} are left out, and counted at the end."
 
 
-def main(wish: str = "install") -> int:
+def main(wish: str = "install", tier: str = "") -> int:
     """Install what is missing; return 0 if then everything is here. `wish` "none": only say what is left out."""
     if wish == "none":
         sys.stdout.write(say_left_out() + "\n")
         return 0
-    missing = find_missing()
+    missing = find_missing(tier)
     if not missing:
         return 0
     what = ", ".join(f"{package.name} ({package.purpose})" for package in missing)
@@ -137,4 +153,4 @@ def main(wish: str = "install") -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:2]))
+    sys.exit(main(*sys.argv[1:3]))

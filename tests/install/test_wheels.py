@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.deploy.tools import make
 from tests.other_pythons import SUPPORTED_MINORS, find_pythons
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,14 +25,7 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture(scope="module")
 def uv() -> Path:
-    done = subprocess.run(
-        ["make", "build/tools/.tools", f"PYTHON={sys.executable}"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
+    make("build/tools/.tools")
     return UV
 
 

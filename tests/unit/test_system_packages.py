@@ -67,7 +67,7 @@ def test_what_an_installation_starts_is_switched_off_again(
     monkeypatch.setattr(system_packages, "SYSTEMD_RUNS", tmp_path if is_running else tmp_path / "nowhere")
     put(programs, "apt-get", f'#!/bin/sh\ncase "$*" in *install*) cp "$0" "{programs}/promtool";; esac\n')
     put(programs, "systemctl", f'#!/bin/sh\necho "$@" > "{tmp_path}/log"\n')
-    assert system_packages.main() == 0
+    assert system_packages.main(tier="long") == 0
     told = (tmp_path / "log").read_text() if is_running else ""
     assert told == ("--quiet disable --now prometheus.service\n" if is_running else "")
     assert (tmp_path / "log").exists() == is_running
@@ -115,3 +115,20 @@ def test_what_is_left_out_is_said_before_the_first_test_too(tmp_path: Path) -> N
     (line,) = told.splitlines()
     assert all(package.name in line for package in system_packages.PACKAGES)
     assert "left out" in line
+
+
+def test_what_the_long_tier_alone_needs_comes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    rare = system_packages.Package("umoci", "makes an image", programs=("not-here",), is_for_long_tests=True)
+    monkeypatch.setattr(system_packages, "PACKAGES", (rare,))
+    assert system_packages.find_missing() == []
+    assert system_packages.find_missing("long") == [rare]
+    make = shutil.which("make")
+    assert make
+    told = {
+        tier: subprocess.run([make, "--dry-run", tier], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        for tier in ("test", "test-long")
+    }
+    assert {tier: "system_packages.py install long" in text for tier, text in told.items()} == {
+        "test": False,
+        "test-long": True,
+    }
