@@ -1,4 +1,4 @@
-"""Installs the Debian packages that tests need, where they are missing: a browser, Graphviz, a film, fonts, ROS 1.
+"""Installs the Debian packages that tests need, where they are missing: a browser, Graphviz, nginx, a film, fonts, ROS 1.
 
 Run by `make test` before the tests, with any Python and nothing installed. Must never install anything else, never ask for
 a password, and never end well with something missing.
@@ -39,6 +39,7 @@ PACKAGES = (
     Package("chromium", "opens our pages", programs=("chromium", "chromium-browser")),
     Package("graphviz", "draws the process map", programs=("dot",)),
     Package("systemd", "checks our units", programs=("systemd-analyze",)),
+    Package("nginx-light", "stands before nodes", programs=("nginx", "/usr/sbin/nginx")),
     Package("opencv-doc", "has a film of real pedestrians", file=PEDESTRIANS),
     Package(
         "fonts-liberation2",
