@@ -1,5 +1,5 @@
 # Two commands do all the set-up on a fresh machine: `make demo` and `make test`.
-# Needed beforehand: Python 3.11 to 3.14 with venv, make, git. Everything from PyPI is a wheel with a pinned hash (requirements/). `make test` installs eight Debian packages if they are missing, `make test-long` six more
+# Needed beforehand: Python 3.11 to 3.14 with venv, make, git. Everything from PyPI is a wheel with a pinned hash (requirements/). `make test` installs eight Debian packages if they are missing, `make test-long` seven more
 # (as root, or by sudo without a password); `make test SYSTEM_PACKAGES=none` leaves out the tests that need them.
 # Tests of several hosts need root and iproute2; `make test-long HOSTS=none` leaves those out.
 # Tests of ROS 2 need Python 3.11 and a network of their own; `make test ROS2=none` leaves those out.

@@ -62,6 +62,13 @@ PACKAGES = (
         service="prometheus.service",
         is_for_long_tests=True,
     ),
+    Package(
+        "nginx-light",
+        "stands before nodes",
+        programs=("nginx", "/usr/sbin/nginx"),
+        service="nginx.service",
+        is_for_long_tests=True,
+    ),
     Package("python3-venv", "installs programs on hosts", file=ENSUREPIP, is_for_long_tests=True),
     Package("mmdebstrap", "makes the image's system", programs=("mmdebstrap",), is_for_long_tests=True),
     Package("umoci", "makes an image", programs=("umoci",), is_for_long_tests=True),

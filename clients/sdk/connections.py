@@ -46,7 +46,7 @@ def check_address(node: NodeAddress) -> NodeAddress:
     return node
 
 
-def _tls_context(node: NodeAddress) -> ssl.SSLContext | bool:
+def tls_context(node: NodeAddress) -> ssl.SSLContext | bool:
     """Trust only the organisation's CA."""
     if urlsplit(node.url).scheme != "https":
         return True
@@ -84,7 +84,7 @@ class Connections:
         if node not in self._tls:
             while len(self._tls) >= TLS_CONTEXTS_MAX_COUNT:
                 del self._tls[next(iter(self._tls))]
-            self._tls[node] = _tls_context(node)
+            self._tls[node] = tls_context(node)
         return self._tls[node]
 
     async def request(

@@ -22,9 +22,13 @@ from consensus.members.vouchers import Card, decode_card_code
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.records.owner_keys import open_visit_keys
+from network.bench.nginx import trust_proxy
 from network.cluster import Cluster
 from network.demo.tampering import drop_databases
+from network.provisioning.certificate_authority import Authority
 from network.provisioning.network_layout import PORTS_PER_NODE, create_network
+from network.provisioning.node_certificates import get_authority
+from node.config import CONFIG_FILE
 
 HOST = "127.0.0.1"
 PURPOSE = "demo"
@@ -52,7 +56,7 @@ def find_base_port(nodes: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class LoadRobot:
-    """A registered robot with an open visit and a one-node client."""
+    """A registered robot with an open visit, and its client."""
 
     key: PrivateKey
     handle: bytes
@@ -60,9 +64,9 @@ class LoadRobot:
     bucket_ms: int
     client: NetworkClient
 
-    def sign_record(self) -> Transaction:
+    def sign_record(self, record_id: bytes | None = None) -> Transaction:
         arguments = [
-            secrets.token_bytes(RECORD_ID_BYTES),
+            record_id or secrets.token_bytes(RECORD_ID_BYTES),
             self.owner,
             secrets.token_bytes(32),
             secrets.token_bytes(32),
@@ -77,13 +81,21 @@ class FreshNetwork:
     """A network for one measurement; use as `async with`."""
 
     def __init__(
-        self, nodes: int, *, custodians: int = 2, faults: bool = False, store: str = "sqlite", stolen: int = 0
+        self,
+        nodes: int,
+        *,
+        custodians: int = 2,
+        faults: bool = False,
+        store: str = "sqlite",
+        stolen: int = 0,
+        proxy: str = "",
     ) -> None:
         """`faults` allows deliberate faults; `store` is the custodians' store.
 
         Each custodian has its own organisation. `stolen` further nodes are in genesis but never started: an attacker
-        has their certificates.
+        has their certificates. `proxy` is the address of a proxy that all nodes trust.
         """
+        self._proxy = proxy
         self._stolen_count = stolen
         self._nodes_count = nodes
         self._custodians_count = min(custodians, nodes)
@@ -98,6 +110,9 @@ class FreshNetwork:
     def genesis(self) -> Genesis:
         assert self._genesis is not None
         return self._genesis
+
+    def authority(self, organisation: str) -> Authority:
+        return get_authority(self._folder / "network", organisation)
 
     def stolen_folder(self, name: str) -> Path:
         return self._folder / f"stolen-{name}"
@@ -122,6 +137,9 @@ class FreshNetwork:
             )
             for entry in self._genesis.nodes[self._nodes_count :]:
                 (place / "nodes" / entry.name).rename(self.stolen_folder(entry.name))
+            if self._proxy:
+                for entry in self._genesis.nodes[: self._nodes_count]:
+                    trust_proxy(place / "nodes" / entry.name / CONFIG_FILE, self._proxy)
             self._cluster = Cluster(place)
             self._cluster.start_all()
             await self._cluster.wait_ready()
@@ -168,19 +186,23 @@ class FreshNetwork:
             await asyncio.gather(*enrolling, return_exceptions=True)
 
     async def _enrol(self, number: int, card: Card) -> LoadRobot:
-        key, spend, view = (PrivateKey(secrets.token_bytes(32)) for _ in range(3))
-        client = self.client_of(number)
-        member = NewMember(identity=key, spend=spend.public_key, view=view.public_key, sealing=secrets.token_bytes(32))
-        await register_member(client, card, member, [])
-        visit = open_visit_keys(
-            secrets.token_bytes(32),
-            view.public_key,
-            spend.public_key,
-            chain_id=self.genesis.chain_id,
-            robot=key.public_key,
-        )
-        now_ms = time.time_ns() // 1_000_000
-        bucket_ms = now_ms - now_ms % TIME_BUCKET_MS
-        arguments = [visit.owner, visit.ephemeral, visit.view_tag, bucket_ms, PURPOSE]
-        await client.call(key, "records", "open_visit", arguments)
-        return LoadRobot(key=key, handle=card.handle, owner=visit.owner, bucket_ms=bucket_ms, client=client)
+        return await enrol_robot(self.client_of(number), card)
+
+
+async def enrol_robot(client: NetworkClient, card: Card) -> LoadRobot:
+    """Register with a card and open a visit. Raises CALL_REFUSED and others."""
+    key, spend, view = (PrivateKey(secrets.token_bytes(32)) for _ in range(3))
+    member = NewMember(identity=key, spend=spend.public_key, view=view.public_key, sealing=secrets.token_bytes(32))
+    await register_member(client, card, member, [])
+    visit = open_visit_keys(
+        secrets.token_bytes(32),
+        view.public_key,
+        spend.public_key,
+        chain_id=client.genesis.chain_id,
+        robot=key.public_key,
+    )
+    now_ms = time.time_ns() // 1_000_000
+    bucket_ms = now_ms - now_ms % TIME_BUCKET_MS
+    arguments = [visit.owner, visit.ephemeral, visit.view_tag, bucket_ms, PURPOSE]
+    await client.call(key, "records", "open_visit", arguments)
+    return LoadRobot(key=key, handle=card.handle, owner=visit.owner, bucket_ms=bucket_ms, client=client)

@@ -53,16 +53,25 @@ def run_to_end(work: Coroutine[Any, Any, T]) -> T:
 def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     """Fresh interpreters with one thread each, killed on early exit; SIGTERM exits with 143."""
     pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=_one_thread)
+    with leave_by_exit():
+        try:
+            yield pool
+        except BaseException:
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def leave_by_exit() -> Iterator[None]:
+    """SIGTERM unwinds the stack, so that what was begun is ended."""
     in_main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGTERM, _leave) if in_main else None
     try:
-        yield pool
-    except BaseException:
-        for child in multiprocessing.active_children():
-            child.terminate()
-        raise
+        yield
     finally:
-        pool.shutdown(wait=True, cancel_futures=True)
         if in_main:
             signal.signal(signal.SIGTERM, before)
 

@@ -49,6 +49,7 @@ NOT_LISTED: Mapping[str, str] = {
     "demo": "[commands](cli.md#demo)",
     "experiment": "[commands](../how-to/run-the-experiments.md)",
     "bench": "[commands](cli.md#measuring): `name`, `figures` and `conditions`, which differ from one to the other",
+    "lab hosts": "[several hosts](../how-to/several-hosts.md)",
     "privacy attack": "[commands](cli.md#privacy-attack): likewise",
     "sim run": "[commands](cli.md#sim-run): likewise",
     "sim calibrate": "[commands](cli.md#sim-calibrate): likewise",

@@ -90,6 +90,10 @@ _COMMANDS = {
         "network.cli.measure.sim_commands:sim",
         "Play networks of production nodes on a virtual clock, network and disk.",
     ),
+    "lab": LazyCommand(
+        "network.cli.measure.lab_commands:lab",
+        "Play stories of a network whose nodes are on hosts of their own. Needs Linux, root and iproute2.",
+    ),
     "card": LazyCommand("clients.registrar.cli:card", "Issue enrolment cards (registrars)."),
     "roster": LazyCommand("clients.registrar.cli:roster", "Make robots' rosters (registrars)."),
     "wallet": LazyCommand(
@@ -120,7 +124,7 @@ SECTIONS = {
     "Data protection officers": ("officer",),
     "Administrators of an organisation": ("genesis", "org", "producer", "settings", "notice", "frames"),
     "Operators of nodes": ("up", "down", "status", "logs", "node", "certificate", "custody", "doctor"),
-    "To watch and to break a network": ("console", "explore", "fault", "demo"),
+    "To watch and to break a network": ("console", "explore", "fault", "demo", "lab"),
     "Contract developers": ("contract",),
     "Researchers": ("experiment", "bench", "privacy", "sim"),
     "Everybody": ("completion",),

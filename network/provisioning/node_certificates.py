@@ -111,7 +111,7 @@ def renew(
     config: NodeConfig,
     authority: Authority,
     *,
-    days: int = NODE_LIFETIME_DAYS,
+    days: float = NODE_LIFETIME_DAYS,
     new_key: bool = False,
     hosts: Sequence[str] = (),
 ) -> int:

@@ -108,6 +108,10 @@ WRITES_BESIDE = {
     "network/provisioning/new_organisation.py": "an organisation's public files, in a folder that is new",
     "network/provisioning/network_removal.py": "the mark of a removal, O_EXCL",
     "network/lab/privacy/hospital/household.py": "a hospital that is played",
+    "network/bench/nginx.py": "a proxy that a measurement or a story starts, and a node of theirs",
+    "network/lab/hosts/founded_network.py": "hosts that are made for a story",
+    "network/lab/hosts/node_stories.py": "hosts that are made for a story",
+    "network/lab/hosts/patient_story.py": "hosts that are made for a story",
     # files of the user's, made with O_EXCL and mode 0600
     "clients/wallet/presentation/guardian_sheets.py": "all sheets of a set or none",
     "clients/wallet/cli/mnemonic_handover.py": "words, where a file that holds the same ones will do",

@@ -55,6 +55,15 @@ def test_distance_between_hosts_is_measured_and_makes_calls_later() -> None:
         assert 0 < each["leader_gap_s"] <= 8
 
 
+@pytest.mark.system_packages
+@pytest.mark.parametrize("apart", ["address", "session"])
+def test_members_behind_one_proxy_are_not_refused_because_of_each_other(apart: str) -> None:
+    figures = check_form(run("proxy", "--members", "4", "--count", "40", "--seconds", "2", "--apart", apart), "proxy")
+    assert (figures["submitted"], figures["accepted"], figures["final"]) == (40, 40, 40)
+    assert (figures["refused_others"], figures["refused_own"], figures["failed"]) == (0, 0, 0)
+    assert 0 < figures["p50_ms"] <= figures["p95_ms"]
+
+
 def test_the_contract_machine_alone() -> None:
     figures = check_form(run("vm", "--seconds", "0.2", "--profile"), "vm")
     assert all(value > 0 for value in figures.values())

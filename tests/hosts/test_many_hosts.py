@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -10,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.hosts.founded_network import BIN, ORGANISATIONS, FoundedNetwork, node_of
-from tests.hosts.namespaces import Hosts
+from network.lab.hosts.founded_network import ORGANISATIONS, FoundedNetwork, node_of
+from network.lab.hosts.namespaces import Hosts
 
 STORY_MAX_S = 300
 pytestmark = pytest.mark.timeout(STORY_MAX_S)
@@ -36,10 +35,10 @@ def test_each_organisation_has_its_say_with_the_key_on_its_own_host(network: Fou
 def test_a_host_that_is_cut_off_misses_nothing_once_it_is_back(network: FoundedNetwork) -> None:
     network.hosts["lab"].cut(off=True)
     reached = max(network.propose(name) for name in ("clinic", "hospital"))
-    network.wait(lambda: node_of("lab") not in network.status("clinic")["peers"])
+    network.wait(lambda: node_of("lab") not in network.status("clinic")["peers"], "the laboratory is missed")
     assert network.status("lab")["finalized_height"] < reached
     network.hosts["lab"].cut(off=False)
-    network.wait(lambda: network.status("lab")["finalized_height"] >= reached)
+    network.wait(lambda: network.status("lab")["finalized_height"] >= reached, "the laboratory has caught up")
     assert network.propose("lab") > reached
 
 
@@ -54,19 +53,17 @@ def test_a_node_that_moves_is_found_at_its_new_address(network: FoundedNetwork) 
     host, node = network.hosts["university"], node_of("university")
     old, new = host.address, "10.77.0.99"
     host.renumber(new)
-    network.wait(lambda: node not in network.status("clinic")["peers"])
+    network.wait(lambda: node not in network.status("clinic")["peers"], "the old link is given up")
     network.run(host, "certificate", "renew", node, "--host", new, "--host", old)
     config = host.home / "br" / "network" / "nodes" / node / "node.toml"
     config.write_text(config.read_text().replace(f'host = "{old}"', f'host = "{new}"'))
     network.run(host, "down")
     network.run(host, "node", "run", node, "--detach")
-    network.wait(
-        lambda: len(network.status("university")["peers"]) == 3,
-    )
+    network.wait(lambda: len(network.status("university")["peers"]) == 3, "the moved node finds its peers")
     network.run(host, "org", "propose", "move-node", node, "--advertise", f"{new}:7272")
     listed = network.ask(network.hosts["clinic"], "org", "list", "--as", "clinic")["nodes"]
     assert [row["host"] for row in listed if row["name"] == node] == [new]
-    network.wait(lambda: node in network.status("clinic")["peers"])
+    network.wait(lambda: node in network.status("clinic")["peers"], "it is found where it is")
     assert network.propose("university") > 0
 
 
@@ -82,15 +79,10 @@ def test_a_host_that_is_lost_for_good_is_made_anew_from_a_backup_and_nothing_is_
     network.run(host, "down")
     shutil.rmtree(data_dir)
     network.run(host, "node", "restore", str(tmp_path / "backup"), "--data-dir", str(data_dir), "--keys", str(keys))
-    with subprocess.Popen(
-        [*host.prefix, str(BIN / "blockrobot"), "node", "run", str(data_dir), "--restored"],
-        env={"HOME": str(host.home), "PATH": os.environ["PATH"]},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    ) as restored:
+    with network.spawn(host, "network.cli.main", "node", "run", str(data_dir), "--restored") as restored:
         try:
-            network.wait(lambda: network.status("hospital")["finalized_height"] >= reached)
-            network.wait(lambda: node in network.status("clinic")["peers"])
+            network.wait(lambda: network.status("hospital")["finalized_height"] >= reached, "it has all that is final")
+            network.wait(lambda: node in network.status("clinic")["peers"], "it is back among its peers")
             assert network.propose("hospital") > reached
         finally:
             restored.terminate()

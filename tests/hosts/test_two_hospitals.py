@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from network.lab.hosts.namespaces import Hosts
 from tests.cluster.tutorial_reader import Placeholders, Reader, follow
-from tests.hosts.namespaces import Hosts
 
 PLACEHOLDERS = {"BR1-...": r"^(BR1-[A-Z2-7-]+)$", "PROPOSAL": r"Its id is ([0-9a-f]{12});"}
 READING_MAX_S = 300

@@ -62,7 +62,7 @@ def test_what_is_missing_is_installed_and_said_in_one_line(
 def test_what_an_installation_starts_is_switched_off_again(
     programs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_running: bool
 ) -> None:
-    (prometheus,) = [package for package in PACKAGES if package.service]
+    (prometheus,) = [package for package in PACKAGES if package.name == "prometheus"]
     monkeypatch.setattr(system_packages, "PACKAGES", (prometheus,))
     monkeypatch.setattr(system_packages, "SYSTEMD_RUNS", tmp_path if is_running else tmp_path / "nowhere")
     put(programs, "apt-get", f'#!/bin/sh\ncase "$*" in *install*) cp "$0" "{programs}/promtool";; esac\n')

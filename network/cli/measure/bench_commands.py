@@ -240,6 +240,34 @@ def flood_command(kind: str, identity: Any, seconds: float, lists: bool, as_json
     _finish(run_to_end(run_flood_benchmark(FloodOptions(kind, identity, seconds), _tell_line)), as_json=as_json)
 
 
+@bench.command("proxy")
+@click.option("--members", default=50, show_default=True, type=click.IntRange(1, 250), help="Who submit at once.")
+@click.option(
+    "--count", default=2_000, show_default=True, type=click.IntRange(1, 40_000), help="Calls of all together."
+)
+@click.option("--seconds", default=10.0, show_default=True, type=click.FloatRange(1.0, 240.0), help="In how long.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="Node processes.")
+@click.option(
+    "--apart",
+    default="address",
+    show_default=True,
+    type=click.Choice(["address", "session"]),
+    help="What tells members apart: an address each, or, behind one address, a session each.",
+)
+@command_output
+def proxy_command(members: int, count: int, seconds: float, nodes: int, apart: Any, as_json: bool) -> None:
+    """Measure whether members behind one proxy are refused because of each other. Uses nginx, on one node of four.
+
+    Exits 1 if anybody was refused by a budget that is not their own, or not answered.
+
+    Example: blockrobot bench proxy --members 50 --count 2000 --json
+    """
+    from network.bench.proxy_load import ProxyOptions, run_proxy_benchmark  # noqa: PLC0415 - only when it is needed
+
+    options = ProxyOptions(members=members, count=count, seconds=seconds, nodes=nodes, apart=apart)
+    _finish(run_to_end(run_proxy_benchmark(options)), as_json=as_json)
+
+
 @bench.command("hiding")
 @click.option("--scenes", default=200, show_default=True, type=click.IntRange(1, 10_000), help="Scenes to judge.")
 @click.option("--seeds", default=5, show_default=True, type=click.IntRange(1, 100), help="Over how many seeds.")

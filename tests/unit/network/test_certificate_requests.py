@@ -187,7 +187,7 @@ def test_an_intermediate_authority_is_enough_for_peers_and_clients(
 
 
 def _client(trusted: bytes) -> ssl.SSLContext:
-    context = connections._tls_context(connections.NodeAddress("node-1", "https://127.0.0.1:1", trusted.decode()))
+    context = connections.tls_context(connections.NodeAddress("node-1", "https://127.0.0.1:1", trusted.decode()))
     assert isinstance(context, ssl.SSLContext)
     return context
 

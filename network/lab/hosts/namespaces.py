@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import secrets
+import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from consensus.errors import BlockRobotError
+
 SUBNET = "10.77.0"
 COMMAND_MAX_S = 30
-WAY_OUT = "network namespaces cannot be made here: be root, with iproute2, or leave these tests out (HOSTS=none)"
 
 
 class Host:
@@ -32,6 +35,10 @@ class Host:
         _run(*self.prefix, "ip", "address", "add", f"{address}/24", "dev", "eth0")
         self.address = address
 
+    def add_address(self, address: str) -> None:
+        """Give the host one more address, as a hospital's network has many."""
+        _run(*self.prefix, "ip", "address", "add", f"{address}/24", "dev", "eth0")
+
     def cut(self, *, off: bool) -> None:
         """Take the host's cable out, or put it back."""
         _run(*self.prefix, "ip", "link", "set", "eth0", "down" if off else "up")
@@ -40,7 +47,7 @@ class Host:
 class Hosts:
     """A context manager: hosts by name, on one bridge. All that runs on them ends with it."""
 
-    def __init__(self, place: Path, names: list[str]) -> None:
+    def __init__(self, place: Path, names: Sequence[str]) -> None:
         token = secrets.token_hex(3)
         self._lan = f"brn-{token}-lan"
         self.hosts = {
@@ -49,6 +56,9 @@ class Hosts:
         }
 
     def __enter__(self) -> Self:
+        """Raises HOSTS_UNAVAILABLE."""
+        if shutil.which("ip") is None:
+            raise BlockRobotError("HOSTS_UNAVAILABLE", "The program `ip` of iproute2 is not here.")
         try:
             _run("ip", "netns", "add", self._lan)
             _run("ip", "-n", self._lan, "link", "add", "lan", "type", "bridge")
@@ -87,5 +97,4 @@ class Hosts:
 def _run(*command: str) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=COMMAND_MAX_S, check=False)
     if done.returncode != 0:
-        why = WAY_OUT if command[:3] == ("ip", "netns", "add") else ""
-        raise RuntimeError(f"{' '.join(command)}: {done.stderr.strip()} {why}")
+        raise BlockRobotError("HOSTS_UNAVAILABLE", f"`{' '.join(command)}` failed: {done.stderr.strip()}")
