@@ -96,6 +96,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("NOT_FOUND", 404, "There is no such thing here.", "Check the name, number or path that you gave."),
     ErrorEntry("EVENTS_TOO_MANY", 409, "The nodes keep more events than are read in one go.", "Let your organisation prune old blocks, or read the events from a later block on with `blockrobot contract events --from`."),
     ErrorEntry("NODE_NOT_READY", 503, "The node is starting or has lost its peers.", "Wait until /readyz answers 200.", retryable=True),
+    ErrorEntry("NODE_ADDRESS_UNUSABLE", 400, "The address of a node that was given cannot be used.", "Give https://HOST:PORT, or NAME=https://HOST:PORT; http is for this machine alone."),
+    ErrorEntry("NODE_ADDRESS_WRONG", 503, "At the address that was given is not that node of this network.", "Ask the node's organisation for its address; until then the nodes that are known are asked.", retryable=True),
     ErrorEntry("NODE_UNREACHABLE", 503, "No node of the network answered.", "Check `blockrobot status`; start the network with `blockrobot up`.", retryable=True),
     ErrorEntry("INTERNAL", 500, "The node met a fault of its own; it is logged there.", "Try another node and report the fault.", retryable=True),
     # Nodes and storage
