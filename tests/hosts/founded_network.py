@@ -13,6 +13,8 @@ from typing import Any
 from tests.hosts.namespaces import Host, Hosts
 
 ORGANISATIONS = ("clinic", "hospital", "lab", "university")
+WITH_ITS_OWN_AUTHORITY = "lab"
+"""Its authority's key is on the visitor's host, and OpenSSL signs there."""
 COMMAND_MAX_S = 90
 WAIT_MAX_S = 60
 BIN = Path(sys.executable).parent
@@ -58,10 +60,12 @@ class FoundedNetwork:
         entries: list[Path] = []
         for name in ORGANISATIONS:
             host = self.hosts[name]
-            self.run(host, "org", "new", name)
+            self.run(host, "org", "new", name, *self._authority_of(name))
             bind = ("--bind", host.address, "--custodian")
             self.run(host, "node", "init", node_of(name), "--founding", "--organisation", name, *bind)
             network = host.home / "br" / "network"
+            if name == WITH_ITS_OWN_AUTHORITY:
+                self._certify(host, network / "nodes" / node_of(name))
             entries += [network / "organisations" / name / "organisation-entry.json"]
             entries += [network / "nodes" / node_of(name) / "node-entry.json"]
         for name in ORGANISATIONS:
@@ -72,6 +76,29 @@ class FoundedNetwork:
             self.run(host, "node", "run", node_of(name), "--detach")
         self.wait(lambda: all(len(self.status(name)["peers"]) == len(ORGANISATIONS) - 1 for name in ORGANISATIONS))
 
+    def _authority_of(self, name: str) -> tuple[str, ...]:
+        if name != WITH_ITS_OWN_AUTHORITY:
+            return ()
+        made = ("-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "9")
+        usage = ("-addext", "keyUsage=critical,keyCertSign,cRLSign")
+        self._openssl("req", *made, *usage, "-subj", "/CN=Lab Servers CA", "-keyout", "ca.key", "-out", "ca.pem")
+        return ("--certificate", str(self.visitor.home / "ca.pem"))
+
+    def _certify(self, host: Host, data_dir: Path) -> None:
+        (self.visitor.home / "node.csr").write_bytes((data_dir / "node.csr").read_bytes())
+        by = ("-CA", "ca.pem", "-CAkey", "ca.key", "-copy_extensions", "copy", "-days", "9")
+        self._openssl("x509", "-req", "-in", "node.csr", *by, "-out", "node.pem")
+        self.run(host, "certificate", "install", data_dir.name, str(self.visitor.home / "node.pem"))
+
+    def _openssl(self, *arguments: str) -> None:
+        subprocess.run(
+            [*self.visitor.prefix, "openssl", *arguments],
+            cwd=self.visitor.home,
+            capture_output=True,
+            timeout=COMMAND_MAX_S,
+            check=True,
+        )
+
     def _hand_over(self, path: Path, host: Host, number: int) -> Path:
         copy = host.home / f"entry-{number}.json"
         copy.write_bytes(path.read_bytes())
@@ -81,6 +108,10 @@ class FoundedNetwork:
         """What the node of an organisation says of itself."""
         (node,) = self.ask(self.hosts[organisation], "status")["nodes"]
         return {"peers": [], "finalized_height": -1} | node
+
+    def elsewhere(self, organisation: str, *options: str) -> dict[str, dict[str, Any]]:
+        """What `status` there says of the nodes on other hosts."""
+        return {row["name"]: row for row in self.ask(self.hosts[organisation], *options, "status")["elsewhere"]}
 
     def propose(self, organisation: str) -> int:
         """Let an organisation make a proposal and withdraw it; return the height at which that is final."""

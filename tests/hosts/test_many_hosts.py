@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.hosts.founded_network import BIN, ORGANISATIONS, FoundedNetwork, node_of
+from tests.hosts.founded_network import BIN, ORGANISATIONS, WITH_ITS_OWN_AUTHORITY, FoundedNetwork, node_of
 from tests.hosts.namespaces import Hosts
 
 STORY_MAX_S = 300
@@ -33,11 +34,73 @@ def test_each_organisation_has_its_say_with_the_key_on_its_own_host(network: Fou
     assert [len(found) for found in keys.values()] == [1] * 4
 
 
+def test_no_key_of_an_authority_that_is_elsewhere_came_to_its_nodes_host(network: FoundedNetwork) -> None:
+    keys = {name: list(network.hosts[name].home.rglob("ca.key.pem")) for name in ORGANISATIONS}
+    assert [len(keys[name]) for name in ORGANISATIONS] == [name != WITH_ITS_OWN_AUTHORITY for name in ORGANISATIONS]
+
+
+def test_each_host_sees_what_the_nodes_of_the_others_prove(network: FoundedNetwork) -> None:
+    reached = network.propose("lab")
+    for name in ("clinic", "lab"):
+        found = network.elsewhere(name)
+        assert found.keys() == {node_of(other) for other in ORGANISATIONS if other != name}
+        assert [row["problem"] for row in found.values()] == [None] * len(found)
+        heights = sorted(row["finalized_height"] for row in found.values())
+        assert heights[0] > 0
+        assert heights[-1] >= reached
+    doctor = network.ask(network.hosts["clinic"], "doctor")
+    assert {row["name"] for row in doctor["elsewhere"]} == {node_of(name) for name in ORGANISATIONS if name != "clinic"}
+    assert not [row for row in doctor["findings"] if row["code"].startswith("REMOTE_")]
+    custody = network.ask(network.hosts["clinic"], "custody", "status")
+    assert len(custody["elsewhere"]) == len(ORGANISATIONS) - 1
+
+
+PASSING_ON = """
+import asyncio, sys
+
+async def pass_on(reader, writer):
+    while data := await reader.read(65536):
+        writer.write(data)
+    writer.close()
+
+async def serve(reader, writer):
+    there, back = await asyncio.open_connection(sys.argv[2], 7273)
+    await asyncio.gather(pass_on(reader, back), pass_on(there, writer), return_exceptions=True)
+
+async def main():
+    server = await asyncio.start_server(serve, sys.argv[1], 9443)
+    print("ready", flush=True)
+    await server.serve_forever()
+
+asyncio.run(main())
+"""
+
+
+def test_a_node_is_reached_through_a_proxy_that_no_certificate_names(network: FoundedNetwork) -> None:
+    proxy, lab, other = f"https://{network.visitor.address}:9443", node_of("lab"), node_of("university")
+    command = [*network.visitor.prefix, sys.executable, "-c", PASSING_ON, network.visitor.address]
+    with subprocess.Popen([*command, network.hosts["lab"].address], stdout=subprocess.PIPE) as passing_on:
+        try:
+            assert passing_on.stdout is not None
+            assert passing_on.stdout.readline() == b"ready\n"
+            found = network.elsewhere("clinic", "--node", proxy)
+            assert (found[lab]["api_url"], found[lab]["problem"]) == (proxy, None)
+            found = network.elsewhere("clinic", "--node", f"{other}={proxy}")
+            assert found[other]["api_url"] != proxy, "who answers there is another node"
+            assert found[other]["problem"] is None
+            listed = network.ask(network.hosts["clinic"], "--node", proxy, "org", "list")
+            assert len(listed["nodes"]) == len(ORGANISATIONS)
+        finally:
+            passing_on.terminate()
+
+
 def test_a_host_that_is_cut_off_misses_nothing_once_it_is_back(network: FoundedNetwork) -> None:
     network.hosts["lab"].cut(off=True)
     reached = max(network.propose(name) for name in ("clinic", "hospital"))
     network.wait(lambda: node_of("lab") not in network.status("clinic")["peers"])
     assert network.status("lab")["finalized_height"] < reached
+    gone = network.elsewhere("clinic")[node_of("lab")]
+    assert (gone["finalized_height"], gone["problem"]["code"]) == (None, "NODE_UNREACHABLE")
     network.hosts["lab"].cut(off=False)
     network.wait(lambda: network.status("lab")["finalized_height"] >= reached)
     assert network.propose("lab") > reached
