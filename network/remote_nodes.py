@@ -10,12 +10,12 @@ from typing import Annotated
 import msgspec
 
 from clients.sdk.connections import CONNECT_TIMEOUT_MS, NodeAddress, check_address
+from clients.sdk.given_nodes import use_given_nodes
 from clients.sdk.known_nodes import NODES_MAX_COUNT, KnownNode, KnownNodes
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.node_answers import read_answer
 from clients.sdk.proof_checks import ProofVerifier, ProvedState
 from clients.sdk.terminal.json_answers import Answer, Height, Problem, TimeMs, doc
-from clients.sdk.terminal.node_option import use_given_nodes
 from clients.sdk.terminal.terminal import problem_json
 from clients.sdk.trust_pin import write_pin
 from consensus.api_documents import EpochsAnswer, ProofsAnswer, ProofsRequest
@@ -59,7 +59,7 @@ async def ask_remote_nodes(genesis: Genesis, directory: DirectoryContent, here: 
     ]
     pin = write_pin(LightClient(genesis), KnownNodes(directory.height, tuple(known)))
     async with NetworkClient(genesis, pinned=pin) as client:
-        await use_given_nodes(client)
+        await use_given_nodes(client, genesis.chain_id)
         addresses = {node.name: node for node in client.nodes}
         asked = [_ask(client, node, addresses.get(node.name)) for node in others]
         return list(await asyncio.gather(*asked))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import re
 import ssl
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 from urllib.parse import urlsplit
 
 import msgspec
@@ -15,11 +17,12 @@ from cryptography.x509.oid import NameOID
 
 from clients.sdk.connections import CONNECT_TIMEOUT_MS, NodeAddress, check_address
 from clients.sdk.new_files import read_given_text
+from clients.sdk.terminal.terminal import say_error
+from clients.sdk.terminal.told_nodes import say_once, told_nodes
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from consensus.visible_text import one_entry
 
-NODES_FILE = "nodes.json"
 NODES_FILE_MAX_BYTES = 64 * 1024
 GIVEN_NODES_MAX_COUNT = 64
 GIVEN_URL_MAX_CHARS = 512
@@ -136,3 +139,23 @@ async def read_claim(given: GivenNode) -> Claim:
     except (ValueError, IndexError):
         raise BlockRobotError("NODE_ADDRESS_WRONG", f"{given.place} shows no node's certificate.") from None
     return Claim(name, organisation)
+
+
+class GivenTo(Protocol):
+    """The part of a `NetworkClient` that takes given nodes."""
+
+    async def use_given(self, given: Sequence[GivenNode]) -> list[BlockRobotError]:
+        """Return why some are not used."""
+
+
+async def use_given_nodes(client: GivenTo, chain_id: bytes) -> None:
+    """Tell a client what this command was told; say on standard error what is not used, and why."""
+    typed, file = told_nodes(chain_id)
+    given, refusals = [read_given(text) for text in typed], list[BlockRobotError]()
+    if file is not None:
+        listed, refusals = read_nodes_file(file)
+        given += listed
+    if given:
+        refusals += await client.use_given(given)
+    for refusal in refusals:
+        say_once(say_error(refusal))

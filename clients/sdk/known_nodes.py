@@ -162,7 +162,7 @@ class NodeDirectory:
 
     def learn(self, found: KnownNodes) -> bool:
         """Return whether newer nodes changed anything."""
-        if found is not self.known:
+        if found.height > 0:
             self.unlisted = ()
         if found.height <= self.known.height:
             return False

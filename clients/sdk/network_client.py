@@ -23,7 +23,7 @@ from clients.sdk.connections import (
     Connections,
     NodeAddress,
 )
-from clients.sdk.given_nodes import GIVEN_TIMEOUT_MS, Claim, GivenNode, read_claim
+from clients.sdk.given_nodes import GIVEN_TIMEOUT_MS, Claim, GivenNode, read_claim, use_given_nodes
 from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeDirectory, read_known_nodes
 from clients.sdk.new_files import replace_file
 from clients.sdk.node_answers import (
@@ -37,7 +37,6 @@ from clients.sdk.node_answers import (
 )
 from clients.sdk.proof_checks import ProofVerifier, ProvedState
 from clients.sdk.sessions import Sessions
-from clients.sdk.terminal.node_option import use_given_nodes
 from clients.sdk.trust_pin import open_pin, read_pin, write_pin
 from consensus.api_documents import (
     ANNOUNCEMENTS_PAGE_MAX_COUNT,
@@ -540,7 +539,7 @@ async def open_pinned_client(genesis: Genesis, path: Path) -> AsyncIterator[Netw
         sentence = f"{path} is damaged, or of another network ({error.code}); without it the client begins anew."
         raise BlockRobotError("FILE_UNUSABLE", sentence) from None
     async with client:
-        await use_given_nodes(client)
+        await use_given_nodes(client, genesis.chain_id)
         try:
             yield client
         finally:

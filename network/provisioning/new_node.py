@@ -191,8 +191,10 @@ def create_node(
         producer_possession=prove_possession(producer, new.name) if new.is_producer else b"",
         custodian_key=b"" if custodian is None else custodian.public_key,
     )
-    is_signed = founder is not None and authority is not None
-    written = node_entry_to_json(entry, founder.made_at_ms, founder.admin) if is_signed else node_entry_to_json(entry)
+    if founder is None or authority is None:
+        written = node_entry_to_json(entry)
+    else:
+        written = node_entry_to_json(entry, founder.made_at_ms, founder.admin)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as own:
         making = Path(own, folder.name)

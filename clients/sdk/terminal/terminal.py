@@ -21,8 +21,8 @@ from rich.text import Text
 
 from clients.sdk.new_files import read_given_text
 from clients.sdk.terminal.ascii_output import is_utf8
-from clients.sdk.terminal.node_option import note_genesis_place
 from clients.sdk.terminal.safe_output import SafeConsole, keep_own_tags, overwrite_line, write_trusted
+from clients.sdk.terminal.told_nodes import note_genesis_place
 from consensus import exit_codes
 from consensus.errors import BlockRobotError
 from consensus.visible_text import escape_controls, one_entry

@@ -14,16 +14,17 @@ from aiohttp.test_utils import TestServer
 from click.testing import CliRunner
 
 from clients.sdk.given_nodes import (
-    NODES_FILE,
     NODES_FILE_MAX_BYTES,
     GivenNode,
     check_given,
     read_given,
     read_nodes_file,
+    use_given_nodes,
 )
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.terminal.node_option import NODE_VARIABLE, use_given_nodes
+from clients.sdk.terminal.node_option import NODE_VARIABLE
 from clients.sdk.terminal.terminal import load_genesis
+from clients.sdk.terminal.told_nodes import NODES_FILE
 from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow, OrganisationRow
@@ -212,8 +213,8 @@ async def test_a_command_whose_file_lists_liars_alone_goes_on_with_the_nodes_it_
         genesis = load_genesis(town.folder / "genesis.json")
         async with NetworkClient(genesis, {"n0": true.replace("127.0.0.1", "localhost")}) as client:
             before = client.nodes
-            await use_given_nodes(client)
-            await use_given_nodes(client)
+            await use_given_nodes(client, genesis.chain_id)
+            await use_given_nodes(client, genesis.chain_id)
             assert client.nodes == before
     said = capsys.readouterr().err
     assert said.count("NODE_ADDRESS_WRONG. Next step:") == 1, "once for each command"
@@ -228,7 +229,7 @@ async def test_what_is_typed_goes_before_the_file(town: CertifiedNodes) -> None:
     with main.make_context("blockrobot", ["--node", typed, "status"]):
         genesis = load_genesis(town.folder / "genesis.json")
         async with NetworkClient(genesis) as client:
-            await use_given_nodes(client)
+            await use_given_nodes(client, genesis.chain_id)
             assert next(node.url for node in client.nodes if node.name == "n0") == typed
 
 
