@@ -105,9 +105,14 @@ class FoundedNetwork:
         return copy
 
     def status(self, organisation: str) -> dict[str, Any]:
-        """What the node of an organisation says of itself."""
-        (node,) = self.ask(self.hosts[organisation], "status")["nodes"]
-        return {"peers": [], "finalized_height": -1} | node
+        """What the node of an organisation says of itself, on its host; asked often enough to see what lasts a second."""
+        host = self.hosts[organisation]
+        token = host.home / "br" / "network" / "nodes" / node_of(organisation) / "operator-read.token"
+        header = f"Authorization: Bearer {token.read_text() if token.exists() else ''}"
+        command = [*host.prefix, "curl", "-sf", "-m", "5", "-H", header, "http://127.0.0.1:7274/status"]
+        done = subprocess.run(command, capture_output=True, timeout=COMMAND_MAX_S, check=False)
+        said: dict[str, Any] = json.loads(done.stdout) if done.returncode == 0 else {}
+        return {"peers": [], "finalized_height": -1} | said
 
     def elsewhere(self, organisation: str, *options: str) -> dict[str, dict[str, Any]]:
         """What `status` there says of the nodes on other hosts."""
