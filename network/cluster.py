@@ -20,8 +20,9 @@ from typing import Any
 import aiohttp
 import msgspec
 
+from clients.sdk.terminal.terminal import load_genesis
 from consensus.bounded_text import TextInvalidError, read_json_as
-from consensus.chain.genesis import Genesis, genesis_from_json
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from consensus.visible_text import split_lines
 from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config, reading_headers
@@ -60,7 +61,7 @@ class Cluster:
         path = self.folder / "genesis.json"
         if not path.exists():
             raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")
-        self.genesis: Genesis = genesis_from_json(path.read_text(encoding="utf-8"))
+        self.genesis: Genesis = load_genesis(path)
         self.configs: dict[str, NodeConfig] = {
             name: load_config(self.folder / "nodes" / name) for name in self._find_names()
         }

@@ -25,11 +25,16 @@ ANONYMOUS_LANE = b""
 
 @dataclass(frozen=True, slots=True)
 class NodeAddress:
-    """A node's name, URL, and organisation's CA certificate (PEM) for HTTPS."""
+    """A node's name, URL, and organisation's CA certificate (PEM) for HTTPS.
+
+    `is_given`: by the user, who may know a way (a proxy, a new address) that the certificate does not name; it has to
+    name the node.
+    """
 
     name: str
     url: str
     ca_certificate: str = ""
+    is_given: bool = False
 
 
 def check_address(node: NodeAddress) -> NodeAddress:
@@ -100,7 +105,7 @@ class Connections:
         token: str | None = None,
         timeout_ms: int = REQUEST_TIMEOUT_MS,
     ) -> bytes:
-        """Return the body. Raises NODE_UNREACHABLE, the problem's code, or INTERNAL."""
+        """Return the body. Raises NODE_UNREACHABLE, the problem's code, or INTERNAL; NODE_ADDRESS_WRONG if given."""
         headers = {} if body is None else {"Content-Type": media_type}
         if token is not None:
             headers["Authorization"] = f"Bearer {token}"
@@ -118,12 +123,16 @@ class Connections:
                 timeout=timeout,
                 allow_redirects=False,
                 ssl=self._tls_of(node),
+                server_hostname=node.name if node.is_given and node.url.startswith("https:") else None,
             ) as response:
                 content = await _read_bounded(response)
                 if response.status >= 300:
                     raise read_problem(content, response.status)
                 return content
         except (aiohttp.ClientError, TimeoutError, OSError) as error:
+            if node.is_given and isinstance(error, aiohttp.ClientSSLError):
+                sentence = f"{urlsplit(node.url).netloc} shows no certificate of {node.name!r} by its organisation."
+                raise BlockRobotError("NODE_ADDRESS_WRONG", sentence) from None
             raise BlockRobotError(
                 "NODE_UNREACHABLE", f"Node {node.name} did not answer ({type(error).__name__})."
             ) from None

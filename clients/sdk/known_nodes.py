@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from clients.sdk.connections import NodeAddress, check_address
@@ -117,6 +118,28 @@ class NodeDirectory:
         if not self.addresses:
             raise BlockRobotError("CONFIGURATION_INVALID", "There is no node to ask.")
         self._custodians = {node.name for node in [*first.nodes, *self.known.nodes] if node.is_custodian}
+        self._given: dict[str, NodeAddress] = {}
+        self.unlisted: tuple[NodeAddress, ...] = ()
+
+    def give(self, node: NodeAddress) -> None:
+        """Reach a node there, whatever the lists say. One on no list yet is asked before the others until one is read."""
+        if node.name in self._given:
+            return
+        self._given[node.name] = node
+        if all(node.name != other.name for other in self.addresses):
+            self.unlisted += (node,)
+        self.addresses = self._as_given(self.addresses)
+
+    def _as_given(self, addresses: Sequence[NodeAddress]) -> tuple[NodeAddress, ...]:
+        return tuple(
+            replace(self._given[node.name], ca_certificate=node.ca_certificate) if node.name in self._given else node
+            for node in addresses
+        )
+
+    def authority_of(self, name: str) -> str | None:
+        """The CA certificate (PEM) of a known node's organisation."""
+        known = [*self.addresses, *(address_of(node) for node in self.known.nodes)]
+        return next((node.ca_certificate for node in known if node.name == name), None)
 
     @property
     def custodians(self) -> tuple[NodeAddress, ...]:
@@ -139,9 +162,11 @@ class NodeDirectory:
 
     def learn(self, found: KnownNodes) -> bool:
         """Return whether newer nodes changed anything."""
+        if found.height > 0:
+            self.unlisted = ()
         if found.height <= self.known.height:
             return False
         before, self.known = self.addresses, found
-        self.addresses = tuple(address_of(node) for node in found.nodes)
+        self.addresses = self._as_given([address_of(node) for node in found.nodes])
         self._custodians = {node.name for node in found.nodes if node.is_custodian}
         return self.addresses != before

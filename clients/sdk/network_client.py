@@ -23,6 +23,7 @@ from clients.sdk.connections import (
     Connections,
     NodeAddress,
 )
+from clients.sdk.given_nodes import GIVEN_TIMEOUT_MS, Claim, GivenNode, read_claim, use_given_nodes
 from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeDirectory, read_known_nodes
 from clients.sdk.new_files import replace_file
 from clients.sdk.node_answers import (
@@ -50,7 +51,7 @@ from consensus.api_documents import (
     TransactionState,
 )
 from consensus.chain.block import Header
-from consensus.chain.genesis import Genesis
+from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.chain.schedule import Schedule
 from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
@@ -132,6 +133,47 @@ class NetworkClient:
 
     # Who is there
 
+    async def use_given(self, given: Sequence[GivenNode]) -> list[BlockRobotError]:
+        """Ask these nodes there, the first of them first; return why some are not used. What of them is checked: the
+        certificate, by the node's name and its organisation's authority, and the genesis file.
+        """
+        found = await asyncio.gather(*(self._meet(node) for node in given), return_exceptions=True)
+        refusals = []
+        for answer in found:
+            if isinstance(answer, NodeAddress):
+                self._book.give(answer)
+                self._first = self._first or answer.name
+            elif isinstance(answer, BlockRobotError):
+                refusals.append(answer)
+            else:
+                raise answer
+        return refusals
+
+    async def _meet(self, given: GivenNode) -> NodeAddress:
+        """Raises NODE_ADDRESS_UNUSABLE, NODE_ADDRESS_WRONG, NODE_UNREACHABLE."""
+        authority = self._book.authority_of(given.name)
+        claim = Claim(given.name, "") if authority is not None else await read_claim(given)
+        if given.name and claim.name != given.name:
+            sentence = f"{given.place} says that it is {claim.name!r}, not {given.name!r}."
+            raise BlockRobotError("NODE_ADDRESS_WRONG", sentence)
+        authority = self._book.authority_of(claim.name) or next(
+            (other.ca_certificate for other in self.genesis.organisations if other.name == claim.organisation), None
+        )
+        if authority is None:
+            sentence = f"{given.place} is {claim.name!r} of {claim.organisation!r}, unknown in this network."
+            raise BlockRobotError("NODE_ADDRESS_WRONG", sentence)
+        node = NodeAddress(claim.name, given.url, authority, is_given=True)
+        try:
+            content = await self.ask_node(node, "GET", "/v1/genesis", timeout_ms=GIVEN_TIMEOUT_MS)
+            is_ours = genesis_from_json(content.decode()).chain_id == self.genesis.chain_id
+        except (BlockRobotError, UnicodeDecodeError) as error:
+            if isinstance(error, BlockRobotError) and error.entry.retryable and error.code != "INTERNAL":
+                raise
+            is_ours = False
+        if not is_ours:
+            raise BlockRobotError("NODE_ADDRESS_WRONG", f"Who answers at {given.place} is no node of this chain.")
+        return node
+
     async def find_nodes(self, key: PrivateKey) -> None:
         """Refresh nodes when due; failure keeps known ones. Reads do so themselves, submit-only clients call this."""
         if self._is_finding or not self._book.is_due(self._trust.epoch, self.clock.now_ms()):
@@ -209,6 +251,11 @@ class NetworkClient:
     async def _try_nodes(self, work: Callable[[NodeAddress], Awaitable[T]], *, is_doubted: bool) -> T:
         failures: list[BlockRobotError] = []
         believed_count = 1 + (Schedule.of(self.light_client.epoch).faults_tolerated if is_doubted else 0)
+        for node in self._book.unlisted:
+            try:
+                return await self._through_epochs(node, work)
+            except BlockRobotError as error:
+                self._note_trouble(node, error)  # its word alone counts for nothing: it is not proved to be a node
         for node in self._in_turn():
             try:
                 result = await self._through_epochs(node, work)
@@ -226,7 +273,7 @@ class NetworkClient:
 
     def _note_trouble(self, node: NodeAddress, error: BlockRobotError) -> None:
         self.troubles[node.name] = error
-        if error.code in {"NODE_UNREACHABLE", *NOT_TAKING_PART}:
+        if error.code in {"NODE_UNREACHABLE", "NODE_ADDRESS_WRONG", *NOT_TAKING_PART}:
             self._book.note_failure()
 
     def _in_turn(self) -> tuple[NodeAddress, ...]:
@@ -368,6 +415,7 @@ class NetworkClient:
                 if error.code != "TRANSACTION_NOT_FINAL_IN_TIME":
                     raise
             # The node that took it may be cut off from the others: begin with the next one.
+            self._book.unlisted = ()
             self._first = self._in_turn()[1 % len(self.nodes)].name
 
     async def _final_after_rejection(self, transaction: Transaction, error: BlockRobotError) -> FinalReceipt:
@@ -491,6 +539,7 @@ async def open_pinned_client(genesis: Genesis, path: Path) -> AsyncIterator[Netw
         sentence = f"{path} is damaged, or of another network ({error.code}); without it the client begins anew."
         raise BlockRobotError("FILE_UNUSABLE", sentence) from None
     async with client:
+        await use_given_nodes(client, genesis.chain_id)
         try:
             yield client
         finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from clients.sdk.terminal.lazy_group import LazyCommand
+from clients.sdk.terminal.node_option import node_option
 from network.cli.root_group import RootGroup
 
 _COMMANDS = {
@@ -136,6 +137,7 @@ SECTIONS = {
     cls=RootGroup, places=_COMMANDS, sections=SECTIONS, context_settings={"help_option_names": ["-h", "--help"]}
 )
 @click.version_option(package_name="blockrobot")
+@node_option
 def main() -> None:
     """BlockRobot: a permissioned ledger that gives patients control of what a social robot records of them."""
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from contracts.worker.sandbox import REQUIRED_PARTS
 from network.doctor.findings import Finding
+from network.remote_nodes import RemoteNode
 from node.directory.node_directory import DirectoryContent
 
 BEHIND_BLOCKS_COUNT = 32
@@ -139,14 +140,22 @@ def check_clocks(answers: Sequence[Answer], max_drift_ms: int) -> list[Finding]:
     return found
 
 
-def check_heights(answers: Sequence[Answer]) -> list[Finding]:
-    heights = {answer.name: answer.status["finalized_height"] for answer in answers if answer.status is not None}
-    highest = max(heights.values(), default=0)
-    return [
-        Finding("NODE_BEHIND", name, f"It is at height {height}; another node is at {highest}.")
+def check_heights(answers: Sequence[Answer], elsewhere: Sequence[RemoteNode] = ()) -> list[Finding]:
+    """Who is behind, here and elsewhere, and who elsewhere does not answer."""
+    here = {answer.name: answer.status["finalized_height"] for answer in answers if answer.status is not None}
+    there = {node.name: node.finalized_height for node in elsewhere if node.finalized_height is not None}
+    highest = max([*here.values(), *there.values()], default=0)
+    found = [
+        Finding(code, name, f"It is at height {height}; another node is at {highest}.")
+        for code, heights in (("NODE_BEHIND", here), ("REMOTE_NODE_BEHIND", there))
         for name, height in sorted(heights.items())
         if highest - height > BEHIND_BLOCKS_COUNT
     ]
+    for node in elsewhere:
+        if node.problem is not None:
+            detail = f"Asked at {node.api_url} ({node.organisation}): {node.problem.detail} ({node.problem.code})"
+            found.append(Finding("REMOTE_NODE_SILENT", node.name, detail))
+    return found
 
 
 def check_versions(answers: Sequence[Answer], own_version: str) -> list[Finding]:

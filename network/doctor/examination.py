@@ -6,13 +6,14 @@ import asyncio
 import socket
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
 import aiohttp
 
-from consensus.chain.genesis import Genesis, genesis_from_json
+from clients.sdk.terminal.terminal import load_genesis as load_network_genesis
+from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster, fetch_status
 from network.cluster_monitor import kept_lines
@@ -26,6 +27,7 @@ from network.doctor.ledger_probe import LedgerFacts, probe_ledgers
 from network.faults.control import FaultControl
 from network.provisioning.node_certificates import now_ms
 from network.provisioning.node_joining import newest_directory
+from network.remote_nodes import RemoteNode, ask_remote_nodes
 from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config, load_genesis
 from node.storage.directory_lock import LOCK_FILE_NAME, DirectoryLock
 
@@ -48,11 +50,12 @@ DRIFT_DEFAULT_MS = 5_000
 
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """Findings (problems first), nodes examined, and how far back blocks are kept."""
+    """Findings (problems first), nodes examined here and elsewhere, and how far back blocks are kept."""
 
     nodes: tuple[str, ...]
     findings: tuple[Finding, ...]
     blocks_kept: tuple[str, ...] = ()
+    elsewhere: tuple[RemoteNode, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -69,10 +72,11 @@ def get_data_directories(network: Path) -> list[Path]:
 def examine_network(network: Path) -> Examination:
     """Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
     directories = get_data_directories(network)
-    genesis = genesis_from_json((network / "genesis.json").read_text(encoding="utf-8"))
+    genesis = load_network_genesis(network / "genesis.json")
     found = examine(directories, genesis, whole=True)
     faults = [] if any(item.code == "CONFIGURATION_WRONG" for item in found.findings) else _faults_on_purpose(network)
-    return Examination(found.nodes, tuple(in_order([*found.findings, *faults])), found.blocks_kept)
+    findings = tuple(in_order([*found.findings, *faults]))
+    return replace(found, findings=findings)
 
 
 def _faults_on_purpose(network: Path) -> list[Finding]:
@@ -112,11 +116,15 @@ def examine(directories: Sequence[Path], genesis: Genesis | None, *, whole: bool
     membership = words.check_membership([config.name for config in configs], directory)
     removed = frozenset(finding.node for finding in membership if finding.code == "NODE_REMOVED")
     findings += asyncio.run(check_uploads(configs, answers))
+    here = {path.name for path in directories}
+    elsewhere = asyncio.run(ask_remote_nodes(genesis, directory, here)) if whole else []
     findings += [*membership, *words.check_presence(answers, removed), *_check_answers(answers, ledgers)]
+    findings += words.check_heights(answers, elsewhere)
     if whole:
         findings += words.check_links(answers, directory)
     kept = kept_lines({answer.name: answer.status for answer in answers})
-    return Examination(tuple(path.name for path in directories), tuple(in_order(findings)), tuple(kept))
+    names = tuple(path.name for path in directories)
+    return Examination(names, tuple(in_order(findings)), tuple(kept), tuple(elsewhere))
 
 
 def _load(path: Path, genesis: Genesis | None, findings: list[Finding]) -> NodeConfig | None:
@@ -186,7 +194,6 @@ def _check_answers(answers: Sequence[Answer], ledgers: dict[str, LedgerFacts]) -
         *words.check_clocks(
             answers, DRIFT_DEFAULT_MS if facts is None else facts.max_clock_drift_ms or DRIFT_DEFAULT_MS
         ),
-        *words.check_heights(answers),
         *words.check_versions(answers, version("blockrobot")),
         *words.check_roots(roots),
     ]

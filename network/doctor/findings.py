@@ -109,6 +109,19 @@ KINDS: dict[str, FindingKind] = _table(
         "Wait while it catches up; if it does not, look at its links and its log.",
     ),
     FindingKind(
+        "REMOTE_NODE_SILENT",
+        "warning",
+        "A node that is not in this folder does not answer here as that node.",
+        "Ask its organisation whether it runs; if it is only reached in another way from here: blockrobot --node URL "
+        "doctor.",
+    ),
+    FindingKind(
+        "REMOTE_NODE_BEHIND",
+        "warning",
+        "A node that is not in this folder proves a chain far behind the others'.",
+        "Ask its organisation; on its machine blockrobot doctor says more.",
+    ),
+    FindingKind(
         "PRODUCER_LOCKED_OUT",
         "warning",
         "The producer signs nothing for now: its data directory or journal came from a backup.",

@@ -9,6 +9,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from consensus.errors import BlockRobotError
 from network.provisioning.certificate_authority import Authority, certified_hosts, certify, host_names, subject_of
@@ -68,3 +69,21 @@ def check_certificate(config: NodeConfig, pem: bytes, directory: DirectoryConten
     if facts.name != config.name:
         raise BlockRobotError("FILE_UNUSABLE", f"The certificate names {facts.name!r}, not {config.name!r}.")
     return certificate
+
+
+def check_fit(certificate: x509.Certificate, names: Sequence[str]) -> None:
+    """Whether peers and clients would take it for a node of these names. Raises CERTIFICATE_UNFIT."""
+    try:
+        named = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        missing = [name for name in host_names(names) if name not in named]
+    except x509.ExtensionNotFound:
+        missing = host_names(names)
+    if missing:
+        shown = ", ".join(str(name.value) for name in missing)
+        raise BlockRobotError("CERTIFICATE_UNFIT", f"The certificate does not name {shown}.")
+    try:
+        purposes = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+    except x509.ExtensionNotFound:
+        return
+    if not {ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH} <= set(purposes):
+        raise BlockRobotError("CERTIFICATE_UNFIT", "The certificate is not for servers and clients both.")

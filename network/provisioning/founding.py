@@ -27,7 +27,15 @@ from contracts.lifecycle.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding_entries import NodeOffer, OrganisationOffer, refuse
-from network.provisioning.new_node import HOST, NODE_ENTRY_FILE, PORT_MAX, check_api_url, check_name
+from network.provisioning.new_node import (
+    DRAFT_FILE,
+    HOST,
+    NODE_ENTRY_FILE,
+    PORT_MAX,
+    check_api_url,
+    check_name,
+    require_certified,
+)
 
 NETWORK_NAME = "blockrobot"
 _URL = re.compile(r"https?://[!-~]{1,248}")
@@ -194,7 +202,9 @@ def fingerprint(genesis: Genesis) -> str:
 
 
 def find_own_entries(network: Path, data_dirs: Iterable[Path] = ()) -> list[Path]:
-    """Return the entry files of a network's folder, and of data directories elsewhere."""
+    """Return the entry files of a network's folder, and of data directories elsewhere. Raises NODE_NOT_CERTIFIED."""
+    for draft in [*network.glob(f"nodes/*/{DRAFT_FILE}"), *(place / DRAFT_FILE for place in data_dirs)]:
+        require_certified(draft.parent)
     found = sorted(network.glob(f"organisations/*/{ORGANISATION_ENTRY_FILE}"))
     found += sorted(network.glob(f"nodes/*/{NODE_ENTRY_FILE}"))
     return found + [place / NODE_ENTRY_FILE for place in data_dirs]

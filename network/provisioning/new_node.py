@@ -13,17 +13,34 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from urllib.parse import urlsplit
 
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+
 from clients.sdk.connections import NodeAddress, check_address
+from clients.sdk.new_files import replace_file
 from consensus.chain.genesis import NodeEntry, prove_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey
-from network.provisioning.certificate_authority import Authority, issue_node_certificate, write_secret
+from network.provisioning.certificate_authority import (
+    Authority,
+    encode_private_key,
+    issue_node_certificate,
+    write_secret,
+)
+from network.provisioning.certificate_requests import check_certificate, check_fit, make_request
+from network.provisioning.exchange_files import read_node_entry
 from network.provisioning.founding_entries import node_entry_to_json
+from network.provisioning.node_certificates import install
 from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, config_to_toml
 from node.consensus.journal import Journal
+from node.directory.node_directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
 from pages.listening import is_loopback
 
 NODE_ENTRY_FILE = "node-entry.json"
+DRAFT_FILE = "node-entry.draft.json"
+"""The entry of a founding node that has no certificate yet: nobody has signed it."""
+REQUEST_FILE = "node.csr"
+_DIRECTORY_FIELDS = ("name", "organisation", "host", "p2p_port", "api_url", "producer_key", "custodian_key")
 NAME_MAX_CHARS = 40
 PORT_MAX = 65_535
 _NAME_CHARS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789-")
@@ -146,7 +163,7 @@ class Founder:
 def create_node(
     folder: Path,
     new: NewNode,
-    authority: Authority,
+    authority: Authority | None,
     network: str,
     *,
     files: dict[str, bytes] | None = None,
@@ -155,7 +172,8 @@ def create_node(
 ) -> NodeEntry:
     """Make the data directory in one step; return the node's entry.
 
-    `files`: what lies in it besides, by name; `organisation`: of a node that the genesis file does not name.
+    `files`: what lies in it besides, by name; `organisation`: of a node that the genesis file does not name. Without an
+    authority it gets a request for a certificate, and a draft of its entry (`certify_founder`).
     Raises NODE_EXISTS, CONFIGURATION_INVALID.
     """
     new.check()
@@ -173,28 +191,75 @@ def create_node(
         producer_possession=prove_possession(producer, new.name) if new.is_producer else b"",
         custodian_key=b"" if custodian is None else custodian.public_key,
     )
-    signed = (
-        node_entry_to_json(entry) if founder is None else node_entry_to_json(entry, founder.made_at_ms, founder.admin)
-    )
+    if founder is None or authority is None:
+        written = node_entry_to_json(entry)
+    else:
+        written = node_entry_to_json(entry, founder.made_at_ms, founder.admin)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as own:
         making = Path(own, folder.name)
         making.mkdir(mode=0o700)  # ledger and custody tell who was where when
         config = _config_of(making, new, store_uri_of(new.store, network, new.name), organisation)
-        certificate = issue_node_certificate(authority, new.name, host, urlsplit(api_url).hostname or host)
-        write_secret(config.tls_key_path, certificate.key_pem)
-        write_secret(config.tls_certificate_path, certificate.certificate_pem)
+        if authority is None:
+            write_secret(config.tls_key_path, encode_private_key(ec.generate_private_key(ec.SECP256R1())))
+            (making / REQUEST_FILE).write_bytes(make_request(config, new.organisation, hosts_of(entry)))
+        else:
+            certificate = issue_node_certificate(authority, new.name, *hosts_of(entry))
+            write_secret(config.tls_key_path, certificate.key_pem)
+            write_secret(config.tls_certificate_path, certificate.certificate_pem)
         write_secret(making / "keys" / "producer.key", producer.secret)
         if custodian is not None:
             write_secret(making / "keys" / "custodian.key", custodian.secret)
         config.journal_dir.mkdir(parents=True, exist_ok=True)
         Journal.create(config.journal_path).close()
         write_secret(making / CONFIG_FILE, config_to_toml(config).encode())
-        (making / NODE_ENTRY_FILE).write_text(signed, encoding="utf-8")
+        (making / (DRAFT_FILE if authority is None else NODE_ENTRY_FILE)).write_text(written, encoding="utf-8")
         for name, content in (files or {}).items():
             write_secret(making / name, content)
         making.rename(folder)
     return entry
+
+
+def hosts_of(entry: NodeEntry) -> tuple[str, str]:
+    """Where peers and clients reach it, as its certificate has to say."""
+    return entry.host, urlsplit(entry.api_url).hostname or entry.host
+
+
+def read_founding_entry(data_dir: Path) -> NodeEntry | None:
+    """Of a node whose network is not founded yet, signed or not. Raises FILE_UNUSABLE."""
+    for path in (data_dir / DRAFT_FILE, data_dir / NODE_ENTRY_FILE):
+        if path.is_file() and not (data_dir / "genesis.json").is_file():
+            return NodeEntry(**read_node_entry(path))
+    return None
+
+
+def require_certified(data_dir: Path) -> None:
+    """Raises NODE_NOT_CERTIFIED."""
+    if (data_dir / DRAFT_FILE).is_file():
+        raise BlockRobotError("NODE_NOT_CERTIFIED", f"The node in {data_dir} has no certificate yet.")
+
+
+def certify_founder(
+    config: NodeConfig, entry: NodeEntry, pem: bytes, ca_certificate: str, founder: Founder
+) -> x509.Certificate:
+    """Install the certificate that was issued for a founding node's request, and sign its entry if that is a draft.
+
+    Raises as `check_certificate`, and CERTIFICATE_UNFIT.
+    """
+    directory = DirectoryContent(
+        height=0,
+        nodes={entry.name: DirectoryNode(**{name: getattr(entry, name) for name in _DIRECTORY_FIELDS})},
+        organisations={entry.organisation: DirectoryOrganisation(entry.organisation, ca_certificate)},
+    )
+    made = check_certificate(config, pem, directory, founder.made_at_ms)
+    check_fit(made, (entry.name, *hosts_of(entry)))
+    install(config, made)
+    if (config.data_dir / DRAFT_FILE).is_file():
+        text = node_entry_to_json(entry, founder.made_at_ms, founder.admin)
+        replace_file(config.data_dir / NODE_ENTRY_FILE, text.encode(), mode=0o644)
+        (config.data_dir / DRAFT_FILE).unlink()
+        (config.data_dir / REQUEST_FILE).unlink(missing_ok=True)
+    return made
 
 
 def _config_of(folder: Path, new: NewNode, store_uri: str, organisation: str) -> NodeConfig:

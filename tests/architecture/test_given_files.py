@@ -73,7 +73,6 @@ READS_WHOLE_BESIDE = {
     "network/cluster.py": "a local network's files, and what the system says of its processes",
     "network/console/live.py": "a local network's genesis file, and pages of ours",
     "network/custody/custody_requests.py": "a node's token",
-    "network/doctor/examination.py": "a local network's genesis file",
     "network/faults/control.py": "a node's token",
     "network/notices/notice_publishing.py": "a local network's genesis file and key",
     "network/provisioning/certificate_authority.py": "a network's certificate authority",

@@ -22,6 +22,7 @@ from rich.text import Text
 from clients.sdk.new_files import read_given_text
 from clients.sdk.terminal.ascii_output import is_utf8
 from clients.sdk.terminal.safe_output import SafeConsole, keep_own_tags, overwrite_line, write_trusted
+from clients.sdk.terminal.told_nodes import note_genesis_place
 from consensus import exit_codes
 from consensus.errors import BlockRobotError
 from consensus.visible_text import escape_controls, one_entry
@@ -63,11 +64,13 @@ def load_genesis(path: Path) -> Genesis:
     from consensus.chain.genesis import genesis_from_json  # noqa: PLC0415
 
     try:
-        return genesis_from_json(read_given_text(path, JSON_MAX_BYTES))
+        genesis = genesis_from_json(read_given_text(path, JSON_MAX_BYTES))
     except FileNotFoundError:
         raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
     except UnicodeDecodeError:
         raise BlockRobotError("GENESIS_INVALID", f"{path} is not a text file.") from None
+    note_genesis_place(path, genesis.chain_id)
+    return genesis
 
 
 def json_option(command: F) -> F:
@@ -208,7 +211,8 @@ def set_error_formatter(context: click.Context, saying: Callable[[BlockRobotErro
     context.meta[_SAYING_KEY] = saying
 
 
-def _say(error: BlockRobotError) -> str:
+def say_error(error: BlockRobotError) -> str:
+    """With code and next step, for people."""
     context = click.get_current_context(silent=True)
     saying = None if context is None else context.meta.get(_SAYING_KEY)
     return saying(error) if saying else f"{one_entry(error.detail)}\n  {error.code}. Next step: {error.next_step}"
@@ -223,7 +227,7 @@ def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
     if as_json:
         click.echo(json.dumps({"ok": False, "error": problem_json(error)}, ensure_ascii=not is_utf8(sys.stdout)))
     else:
-        click.echo(_say(error), err=True)
+        click.echo(say_error(error), err=True)
     return exit_codes.exit_code_of(error.entry)
 
 

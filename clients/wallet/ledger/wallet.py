@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from clients.sdk.chain.announcements import AnnouncementPage
 from clients.sdk.chain.enrolment import NewMember, Registration, find_registration, register_member
 from clients.sdk.chain.proved_rows import Read, in_session, proved_row
+from clients.sdk.given_nodes import use_given_nodes
 from clients.sdk.network_client import NetworkClient
 from clients.wallet.ledger.visit_audit import RECORDED_KIND, AuditEntry, audit_visit
 from clients.wallet.ledger.visit_scan import follow_announcements, owner_key
@@ -113,6 +114,7 @@ class Wallet:
         self.trails: dict[bytes, list[AuditEntry]] | None = None
 
     async def __aenter__(self) -> Wallet:
+        await use_given_nodes(self.network, self.genesis.chain_id)
         return self
 
     async def __aexit__(self, *exception: object) -> None:

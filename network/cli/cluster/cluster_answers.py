@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from msgspec import UNSET, UnsetType, field
 
 from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Count, Ms, Seconds, doc
+from network.remote_nodes import RemoteNode
 
 
 class DoctorFinding(Answer, frozen=True, kw_only=True):
@@ -22,7 +23,8 @@ class DoctorFinding(Answer, frozen=True, kw_only=True):
 class DoctorAnswer(Answer, frozen=True, kw_only=True):
     """What is wrong with a network or a node. `ok` is false if there is a problem."""
 
-    nodes: Annotated[list[str], doc("The nodes that were examined")]
+    nodes: Annotated[list[str], doc("The nodes of this folder that were examined")]
+    elsewhere: Annotated[list[RemoteNode], doc("The network's other active nodes, as they answer everybody")]
     findings: Annotated[list[DoctorFinding], doc("What was found")]
     blocks_kept: Annotated[list[str], doc("How far back nodes keep blocks, a sentence for those that keep the same")]
 

@@ -19,6 +19,7 @@ from clients.sdk.terminal.terminal import command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_answers import DownAnswer, LogLine, LogsAnswer
 from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
+from network.cli.cluster.remote_table import ask_elsewhere, print_elsewhere
 from network.cli.cluster.status_answers import NodeStatus, StatusAnswer
 from network.cluster import Cluster, NodeStatusReport
 from network.cluster_monitor import accusers_of, kept_lines
@@ -26,6 +27,7 @@ from network.notices.notice_publishing import publish_demo_notice
 from network.provisioning.network_files import require_own
 from network.provisioning.network_layout import FIRST_PORT, create_network
 from network.provisioning.network_removal import remove_network
+from network.remote_nodes import RemoteNode
 
 ORGANISATIONS_COUNT = 2
 TOLD_NODES_COUNT = 2
@@ -170,6 +172,8 @@ def down(folder: Path | None, as_json: bool) -> None:
 def status(folder: Path | None, is_watching: bool, seconds: float | None, as_json: bool) -> None:
     """Show each node's height, finalized height, round, peers and custody checkpoint.
 
+    Nodes of the network that are not in this folder are asked what they tell everybody.
+
     Examples: blockrobot status --json; blockrobot status --watch
     """
     place = network_folder(folder)
@@ -181,7 +185,8 @@ def status(folder: Path | None, is_watching: bool, seconds: float | None, as_jso
         return
     cluster = Cluster(place)
     rows = asyncio.run(cluster.status())
-    report(rows, place, as_json=as_json)
+    elsewhere = ask_elsewhere(cluster)
+    report(rows, place, elsewhere, as_json=as_json)
     if as_json:
         return
     if not any(row.running for row in rows):
@@ -252,9 +257,12 @@ def _status_answer(row: NodeStatusReport) -> NodeStatus:
     return NodeStatus(**known | ({"unread": unread} if unread else {}))
 
 
-def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:
+def report(
+    reports: list[NodeStatusReport], folder: Path, elsewhere: Sequence[RemoteNode] = (), *, as_json: bool
+) -> None:
     if as_json:
-        answer = StatusAnswer(directory=str(folder), nodes=[_status_answer(row) for row in reports])
+        nodes = [_status_answer(row) for row in reports]
+        answer = StatusAnswer(directory=str(folder), nodes=nodes, elsewhere=list(elsewhere))
         print_answer(answer, ok=all(row.status for row in reports))
         return
     table = Table(
@@ -286,6 +294,7 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
         lies = _lies(row, accusers_of(row.name, statuses))
         for sentence in _troubles(row.name, row.status or {}) + lies:
             console.print(escape(sentence), soft_wrap=True, style="red" if sentence in lies else "")
+    print_elsewhere(elsewhere)
 
 
 def _lies(row: NodeStatusReport, accused_by: Sequence[str]) -> list[str]:

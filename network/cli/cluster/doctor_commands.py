@@ -29,6 +29,7 @@ def doctor(data_dir: Path | None, folder: Path | None, as_json: bool) -> None:
     if as_json:
         answer = DoctorAnswer(
             nodes=list(examination.nodes),
+            elsewhere=list(examination.elsewhere),
             findings=[_finding_answer(finding) for finding in examination.findings],
             blocks_kept=list(examination.blocks_kept),
         )
@@ -51,6 +52,9 @@ def _finding_answer(finding: Finding) -> DoctorFinding:
 
 def _print(examination: Examination) -> None:
     looked_at = ", ".join(examination.nodes)
+    if examination.elsewhere:
+        asked = ", ".join(node.name for node in examination.elsewhere)
+        looked_at = f"{looked_at}, and what {asked} say to everybody" if looked_at else asked
     for line in examination.blocks_kept:
         console.print(escape(line), soft_wrap=True)
     if not examination.findings:

@@ -18,6 +18,7 @@ from clients.sdk.terminal.json_answers import (
     doc,
 )
 from network.cli.cluster.cluster_answers import ConsoleAnswer
+from network.remote_nodes import RemoteNode
 
 
 class KeptBlocks(Answer, frozen=True, kw_only=True):
@@ -193,7 +194,11 @@ class StatusAnswer(Answer, frozen=True, kw_only=True):
     """The nodes of a network. `ok` is false if one is stopped or does not answer."""
 
     directory: Annotated[str, doc("The network's folder")]
-    nodes: Annotated[list[NodeStatus], doc("Each node")]
+    nodes: Annotated[list[NodeStatus], doc("Each node of this folder")]
+    elsewhere: Annotated[
+        list[RemoteNode],
+        doc("Of `status`: the network's other active nodes, as they answer everybody; empty if all are here"),
+    ]
 
 
 class WatchedNode(Answer, frozen=True, kw_only=True):

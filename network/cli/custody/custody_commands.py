@@ -19,6 +19,7 @@ from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_json, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
+from network.cli.cluster.remote_table import ask_elsewhere, print_elsewhere
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from network.custody.custody_requests import R, ask_all, run_work
@@ -82,15 +83,20 @@ def status(node: str | None, folder: Path | None, as_json: bool) -> None:
     if len(configs) == 1 and isinstance(answers[0], BlockRobotError):
         raise answers[0]
     members = {each.custodian_key.hex(): each.name for each in load_genesis(configs[0]).custodians}
+    elsewhere = [] if node else [other for other in ask_elsewhere(Cluster(network_folder(folder))) if other.custodian]
     sentences = status_sentences([config.name for config in configs], answers, members)
     if as_json:
         rows = [
             {"name": config.name, "error": answer.code} if isinstance(answer, BlockRobotError) else answer
             for config, answer in zip(configs, answers, strict=True)
         ]
-        print_json({"ok": not sentences, "custodians": msgspec.to_builtins(rows), "problems": sentences})
+        document = {"custodians": msgspec.to_builtins(rows), "elsewhere": msgspec.to_builtins(elsewhere)}
+        print_json({"ok": not sentences, **document, "problems": sentences})
     else:
         _print_status(configs, answers)
+        print_elsewhere(elsewhere)
+        if elsewhere:
+            console.print("What those hold they say on their own machines: blockrobot custody status.")
         for sentence in sentences:
             console.print(escape(sentence))
     if sentences:

@@ -44,7 +44,7 @@ from network.provisioning.exchange_files import (
     read_organisation_entry,
 )
 from network.provisioning.new_node import NewNode, check_api_url, parse_place
-from network.provisioning.new_organisation import create_organisation
+from network.provisioning.new_organisation import create_organisation, enter_organisation
 
 
 @click.group()
@@ -97,9 +97,14 @@ def list_organisations(admin: AdminOptions, as_json: bool) -> None:
 
 @org.command()
 @click.argument("name")
+@click.option(
+    "--certificate",
+    type=EXISTING_FILE,
+    help="The certificate (PEM) of an authority that it has elsewhere, and which signs for nodes; no key of it comes here.",
+)
 @folder_option
 @command_output
-def new(name: str, folder: Path | None, as_json: bool) -> None:
+def new(name: str, certificate: Path | None, folder: Path | None, as_json: bool) -> None:
     """Make an organisation's folder on this machine: its certificate authority, an admin's and a registrar's key.
 
     The folder stays with its owner. What others need of it is in organisation-entry.json, which holds no secret.
@@ -107,7 +112,10 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
     Example: blockrobot org new clinic
     """
     place = network_folder(folder)
-    _, entry = create_organisation(place, name)
+    if certificate is None:
+        _, entry = create_organisation(place, name)
+    else:
+        entry = enter_organisation(place, name, read_authority_certificates(certificate))
     path = place / "organisations" / name
     public = path / ORGANISATION_ENTRY_FILE
     if as_json:

@@ -25,10 +25,12 @@ from clients.sdk.terminal.terminal import (
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
+    ADMIN_KEY_FILE,
     AdminOptions,
     governing_options,
     plain_table,
     propose_once,
+    read_private_key,
     report_decision,
 )
 from network.cli.node.node_answers import (
@@ -43,8 +45,10 @@ from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from network.provisioning.certificate_authority import NODE_LIFETIME_DAYS, certified_hosts
 from network.provisioning.certificate_requests import check_certificate, make_request, sign_request
-from network.provisioning.exchange_files import read_certificate, read_public_text
+from network.provisioning.exchange_files import read_authority_certificates, read_certificate, read_public_text
+from network.provisioning.new_node import NODE_ENTRY_FILE, Founder, certify_founder, hosts_of, read_founding_entry
 from network.provisioning.node_certificates import (
+    AUTHORITY_CERTIFICATE_FILE,
     CertificateReport,
     get_authority,
     issue_into,
@@ -173,7 +177,9 @@ def request(node: str, out: Path, hosts: tuple[str, ...], folder: Path | None, a
     Example: blockrobot certificate request node-7 --out node-7.csr
     """
     config = get_node_config(node, folder)
-    organisation, named = _organisation(config, folder), hosts or own_hosts(config)
+    founding = read_founding_entry(config.data_dir)
+    organisation = _organisation(config, folder)
+    named = hosts or (own_hosts(config) if founding is None else hosts_of(founding))
     write_new_file(out, make_request(config, organisation, named), private=False)
     if as_json:
         answer = CertificateRequestAnswer(node=config.name, organisation=organisation, hosts=list(named), file=str(out))
@@ -224,24 +230,40 @@ def sign(
 @certificate.command()
 @click.argument("node")
 @click.argument("certificate_file", metavar="CERTIFICATE", type=EXISTING_FILE)
+@click.option(
+    "--authority",
+    type=FOLDER,
+    help="Of a node that founds a network: its organisation's folder, if it is not in the network's folder.",
+)
 @folder_option
 @command_output
-def install(node: str, certificate_file: Path, folder: Path | None, as_json: bool) -> None:
+def install(node: str, certificate_file: Path, authority: Path | None, folder: Path | None, as_json: bool) -> None:
     """Give a node the certificate that was issued for its request. A running node takes it within a second.
 
-    It is refused if it is not for the node's key and name, or not of the authority that the network knows.
+    It is refused if it is not for the node's key and name, or not of the authority that the network knows. Of a node
+    that founds a network (node init --founding) the entry is signed then.
 
     Example: blockrobot certificate install node-7 node-7.crt.pem
     """
     config = get_node_config(node, folder)
-    known = newest_directory(load_genesis(config.genesis_path), [config])
-    made = check_certificate(config, read_public_text(certificate_file).encode(), known, now_ms())
-    install_certificate(config, made)
+    pem = read_public_text(certificate_file).encode()
+    founding = read_founding_entry(config.data_dir)
+    if founding is None:
+        known = newest_directory(load_genesis(config.genesis_path), [config])
+        made = check_certificate(config, pem, known, now_ms())
+        install_certificate(config, made)
+    else:
+        home = authority or network_folder(folder) / "organisations" / founding.organisation
+        founder = Founder(read_private_key(home / ADMIN_KEY_FILE), now_ms())
+        trusted = read_authority_certificates(home / AUTHORITY_CERTIFICATE_FILE)
+        made = certify_founder(config, founding, pem, trusted, founder)
     facts = read_facts(made)
     if as_json:
         print_answer(CertificateRenewAnswer(node=config.name, serial=facts.serial_hex, expires=facts.expires))
     else:
         console.print(f"{config.name} has certificate {facts.serial_hex} now; it counts until {facts.expires}.")
+        if founding is not None:
+            console.print(f"Its entry for the other founders: {escape(str(config.data_dir / NODE_ENTRY_FILE))}")
 
 
 @certificate.command("renew")
@@ -318,6 +340,9 @@ def revoke(
 
 def _organisation(config: NodeConfig, folder: Path | None) -> str:
     """Raises NOT_FOUND."""
+    founding = read_founding_entry(config.data_dir)
+    if founding is not None:
+        return founding.organisation
     place = network_folder(folder)
     known = list(Cluster(place).configs.values()) if (place / "genesis.json").is_file() else []
     return organisation_of(config, [*known, config])

@@ -13,7 +13,10 @@ class NodeInitAnswer(Answer, frozen=True, kw_only=True):
 
     node: Annotated[str, doc("The node")]
     data_dir: Annotated[str, doc("Its data directory")]
-    entry: Annotated[str, doc("The file with its entry, which holds no secret")]
+    entry: Annotated[
+        str, doc("The file with its entry, which holds no secret; without a certificate it is not there yet")
+    ]
+    request: Annotated[str | None, doc("The file with its request for a certificate; null if it has a certificate")]
     producer_key: Annotated[Hex, doc("Its producer key")]
     custodian_key: Annotated[Hex, doc("Its custodian key; empty if it is no custodian")]
     next_steps: Annotated[list[str], doc("The next commands to type")]

@@ -68,5 +68,8 @@ def get_node_config(text: str, folder: Path | None) -> NodeConfig:
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {CONFIG_FILE} in {place}.")
     network = network_folder(folder)
     if not (network / "genesis.json").is_file():
+        founding = network / "nodes" / text
+        if (founding / CONFIG_FILE).is_file():
+            return load_config(founding.resolve())
         raise BlockRobotError("NOT_FOUND", f"{text} is no data directory, and there is no network in {network}.")
     return Cluster(network).config(text)

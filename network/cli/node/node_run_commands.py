@@ -15,6 +15,7 @@ from network.cli.cluster.cluster_options import network_folder
 from network.cli.node.node_answers import NodeRunAnswer
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
+from network.provisioning.new_node import require_certified
 from node.config import NodeConfig
 from node.main import run_process
 from node.node_process import Node
@@ -44,6 +45,7 @@ def run(
     if (node is None) == (data_dir is None) or (detach and restored):
         raise click.UsageError("Name the node, or its --data-dir; --restored is not for --detach.")
     config = get_node_config(node or str(data_dir), folder)
+    require_certified(config.data_dir)
     if detach:
         asyncio.run(_start(config, folder))
         if as_json:

@@ -30,8 +30,8 @@ from network.cluster import Cluster
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding import NETWORK_NAME
 from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
-from network.provisioning.new_node import NODE_ENTRY_FILE, Founder, NewNode, create_node, parse_place
-from network.provisioning.node_certificates import get_authority
+from network.provisioning.new_node import NODE_ENTRY_FILE, REQUEST_FILE, Founder, NewNode, create_node, parse_place
+from network.provisioning.node_certificates import AUTHORITY_CERTIFICATE_FILE, AUTHORITY_KEY_FILE, get_authority
 from network.provisioning.node_joining import init_node, newest_directory, next_base_port, of_chain
 from node.config import CONFIG_FILE, load_config
 from node.directory.directory_file import DIRECTORY_FILE, decode_directory, encode_directory
@@ -161,7 +161,9 @@ def _init_founding(
         ports = [load_config(path.parent).p2p_port for path in network.glob(f"nodes/*/{CONFIG_FILE}")]
         new = replace(new, base_port=max(ports, default=FIRST_PORT - PORTS_PER_NODE) + PORTS_PER_NODE)
     founder = Founder(admin, time.time_ns() // 1_000_000)
-    entry = create_node(place, new, get_authority(network, new.organisation, authority), NETWORK_NAME, founder=founder)
+    is_held = (home / AUTHORITY_KEY_FILE).is_file() or not (home / AUTHORITY_CERTIFICATE_FILE).is_file()
+    signer = get_authority(network, new.organisation, authority) if is_held else None
+    entry = create_node(place, new, signer, NETWORK_NAME, founder=founder)
     where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
     is_elsewhere = place.parent != (network / "nodes").resolve()
     data_dir = f" --data-dir {shlex.quote(str(place))}" if is_elsewhere else ""
@@ -172,6 +174,13 @@ def _init_founding(
         f"blockrobot genesis check genesis.json --adopt{data_dir}{where}   (and compare fingerprints on the telephone)",
         f"blockrobot node run {run}",
     ]
+    if signer is None:
+        named = shlex.quote(str(place)) if is_elsewhere else f"{new.name}{where}"
+        at = "" if authority is None else f" --authority {shlex.quote(str(authority))}"
+        steps[:0] = [
+            f"Let the authority of {new.organisation} sign {place / REQUEST_FILE}, which holds no secret",
+            f"blockrobot certificate install {named.replace(where, '')} CERTIFICATE{at}{where}   (it signs the entry)",
+        ]
     _show_made(entry, place, steps, as_json=as_json)
 
 
@@ -181,6 +190,7 @@ def _show_made(entry: NodeEntry, place: Path, steps: list[str], *, as_json: bool
             node=entry.name,
             data_dir=str(place),
             entry=str(place / NODE_ENTRY_FILE),
+            request=str(place / REQUEST_FILE) if (place / REQUEST_FILE).is_file() else None,
             producer_key=entry.producer_key.hex(),
             custodian_key=entry.custodian_key.hex(),
             next_steps=steps,
