@@ -1,9 +1,12 @@
-"""Trains the companion model on synthetic scenes and writes the robot's model file.
+"""Trains the companion model on synthetic scenes and drives and writes the robot's model file.
+
+A scene has one room; of a drive the frames before the robot sets off count: furniture, a camera that leans, flying pixels.
+Thresholds are set by scenes.
 
     python -m network.lab.hiding.companion_training --out clients/robot/hiding/companion-model.json
 
-Needs `[attack]` (scikit-learn); deterministic. Its seeds lie below those of `network.lab.hiding.companions`, so that no
-judged scene is trained on.
+Needs `[attack]` (scikit-learn); deterministic. Its seeds lie below those of `network.lab.hiding.companions`, and its drives
+are not drawn as judged ones are, so that nothing judged is trained on.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,16 +24,31 @@ import numpy as np
 import numpy.typing as npt
 from msgspec.structs import replace as with_fields
 
+from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.companion import CUES, Table, trees_of
+from clients.robot.synthetic.driving.draws import DriveStratum, draw_drive
+from clients.robot.synthetic.driving.drive_render import DriveRenderer
 from clients.robot.synthetic.scenes import Stratum, draw_scene
 from network.bench.processes import worker_pool
-from network.lab.hiding.companions import ALONE_SHARE, SECOND_PERSON_SHARE, SEED_STRIDE, observe
+from network.lab.hiding.companions import (
+    ALONE_SHARE,
+    SECOND_PERSON_SHARE,
+    SEED_STRIDE,
+    Observed,
+    observe,
+    observe_frame,
+)
+from network.lab.hiding.moving.run_drive import EMPTY_FRAMES_COUNT, whom
+from network.lab.hiding.moving.samples import depth_of
 
 TRAINING_SEED, THRESHOLD_SEED = 100_000, 500_000
-SCENES_DEFAULT_COUNT = 1_000
+DRIVES_SEED = 700_000
+SCENES_DEFAULT_COUNT, DRIVES_DEFAULT_COUNT = 1_000, 2_000
 FRAMES_COUNT = 6
+STANDS_S, STANDING_FRAMES_COUNT = 8.0, 8
 NOISE_SEED = 1
-TREES_COUNT, TREE_DEPTH, LEARNING_RATE, LEAF_MIN_COUNT = 220, 4, 0.08, 10
+TREES_COUNT, TREE_DEPTH, LEARNING_RATE, LEAF_MIN_COUNT = 400, 4, 0.08, 10
+SCENE_WEIGHT = 3.0  # there are three times as many silhouettes of drives
 SUSPECT_FALSE_SHARE, CERTAIN_FALSE_SHARE = 0.004, 0.001
 AID_STRATA = ("wheelchair", "rollator")
 AID_FALSE_SHARE = 0.04
@@ -64,24 +82,71 @@ ROUND: tuple[Stratum, ...] = (
     "wheelchair",
 )
 
+# The same of drives; places follow those of scenes.
+DRIVES_ROUND: tuple[DriveStratum, ...] = (
+    "companions",
+    "companions",
+    "straight",
+    "companions",
+    "aids",
+    "companions",
+    "bed",
+    "companions",
+    "glass",
+    "companions",
+    "crowd",
+    "aids",
+    "companions",
+    "time-of-flight",
+    "companions",
+    "past",
+    "curve",
+    "companions",
+    "aids",
+    "companions",
+)
+
 Floats = npt.NDArray[np.float64]
+Sampled = list[tuple[int, bool, Floats]]
 
 
-def sample(seed: int) -> list[tuple[int, bool, Floats]]:
+def sample(seed: int) -> Sampled:
     stratum = ROUND[seed % len(ROUND)]
     scenario = replace(draw_scene(seed, stratum), seed=NOISE_SEED)  # one camera's noise, made once
     rng = np.random.default_rng([seed, 0x7A1E])
     frames = sorted(int(i) for i in rng.choice(scenario.frame_count, FRAMES_COUNT, replace=False))
+    return _told_apart(seed % len(ROUND), observe(scenario, frames))
+
+
+def sample_drive(seed: int) -> Sampled:
+    place = seed % len(DRIVES_ROUND)
+    drive = draw_drive(seed, DRIVES_ROUND[place], judging=False, stands_s=STANDS_S)
+    renderer, scenario = DriveRenderer(drive), drive.scenario
+    background = learn_background([renderer.empty_frame(number) for number in range(1, EMPTY_FRAMES_COUNT + 1)])
+    rng = np.random.default_rng([seed, 0x7A1F])
+    rows: Sampled = []
+    for index in sorted(
+        int(i) for i in rng.choice(round(STANDS_S * scenario.frame_rate), STANDING_FRAMES_COUNT, replace=False)
+    ):
+        truth = renderer.truth(index)
+        found = observe_frame(index, depth_of(drive, truth), whom(truth), background, focal_px=scenario.focal_px)
+        rows += _told_apart(len(ROUND) + place, found)
+    return rows
+
+
+def _told_apart(place: int, observed: Iterable[Observed]) -> Sampled:
     return [
-        (seed % len(ROUND), one.second_share >= SECOND_PERSON_SHARE, one.cues)
-        for one in observe(scenario, frames)
+        (place, one.second_share >= SECOND_PERSON_SHARE, one.cues)
+        for one in observed
         if not ALONE_SHARE < one.second_share < SECOND_PERSON_SHARE
     ]
 
 
-def collect(first: int, scenes: int, workers: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], Floats]:
+def collect(
+    look: Callable[[int], Sampled], first: int, count: int, workers: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], Floats]:
     with worker_pool(workers) as pool:
-        rows = [row for made in pool.map(sample, range(first, first + scenes), chunksize=8) for row in made]
+        rows = [row for made in pool.map(look, range(first, first + count), chunksize=8) for row in made]
     return (
         np.array([row[0] for row in rows], dtype=np.int64),
         np.array([row[1] for row in rows], dtype=np.bool_),
@@ -89,8 +154,11 @@ def collect(first: int, scenes: int, workers: int) -> tuple[npt.NDArray[np.int64
     )
 
 
-def train(labels: npt.NDArray[np.bool_], cues: Floats) -> Table:
-    return boost(labels, cues, CUES)
+def train(scenes: tuple[npt.NDArray[np.bool_], Floats], drives: tuple[npt.NDArray[np.bool_], Floats]) -> Table:
+    """Of each the labels and the cues."""
+    labels, cues = np.concatenate([scenes[0], drives[0]]), np.concatenate([scenes[1], drives[1]])
+    weights = np.where(np.arange(labels.size) < scenes[0].size, SCENE_WEIGHT, 1.0)
+    return boost(labels, cues, CUES, weights)
 
 
 def boost(
@@ -145,25 +213,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="Train the model that tells companions in one silhouette.")
     parser.add_argument("--out", type=Path, required=True, help="the model file to write")
     parser.add_argument("--scenes", type=int, default=SCENES_DEFAULT_COUNT, help="scenes to learn from")
+    parser.add_argument("--drives", type=int, default=DRIVES_DEFAULT_COUNT, help="drives to learn from")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes that render")
-    parser.add_argument("--samples", type=Path, help="keep what was collected in this file, and take it from there")
     options = parser.parse_args(arguments)
     if not TRAINING_SEED + options.scenes <= THRESHOLD_SEED <= SEED_STRIDE - options.scenes:
         parser.error("that many scenes would reach into the seeds that are judged")
-    if options.samples is not None and options.samples.is_file():
-        kept = np.load(options.samples)
-        learnt, held = [kept[f"a{i}"] for i in range(3)], [kept[f"b{i}"] for i in range(3)]
-    else:
-        learnt = [*collect(TRAINING_SEED, options.scenes, options.workers)]
-        held = [*collect(THRESHOLD_SEED, options.scenes // 2, options.workers)]
-        if options.samples is not None:
-            names = {f"a{i}": learnt[i] for i in range(3)} | {f"b{i}": held[i] for i in range(3)}
-            np.savez_compressed(options.samples, **names)
-    table = with_thresholds(train(learnt[1], learnt[2]), held[0], held[1], held[2])
+    _, *scenes = collect(sample, TRAINING_SEED, options.scenes, options.workers)
+    _, *drives = collect(sample_drive, DRIVES_SEED, options.drives, options.workers)
+    held = collect(sample, THRESHOLD_SEED, options.scenes // 2, options.workers)
+    table = with_thresholds(train((scenes[0], scenes[1]), (drives[0], drives[1])), *held)
     options.out.write_bytes(msgspec.json.encode(table) + b"\n")
-    sys.stdout.write(
-        f"{len(learnt[1])} silhouettes, {int(np.sum(learnt[1]))} with companions; {len(held[1])} others.\n"
-    )
+    count, pairs = scenes[0].size + drives[0].size, int(np.sum(scenes[0]) + np.sum(drives[0]))
+    sys.stdout.write(f"{count} silhouettes, {pairs} with companions; {len(held[1])} others.\n")
 
 
 if __name__ == "__main__":

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from clients.robot.hiding.background import learn_background
+from clients.robot.hiding.background import Background, learn_background
 from clients.robot.hiding.companion import measure
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.segmentation import segment
+from clients.robot.sensing.sensor_events import Depth
+from clients.robot.synthetic.camera import Labels
 from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Manner, Scenario
 from clients.robot.synthetic.scenes import Stratum, draw_scene
@@ -69,23 +71,42 @@ def observe(scenario: Scenario, frames: Iterable[int], watch: CompanionWatch | N
     background = learn_background([renderer.empty_frame(i) for i in range(BACKGROUND_FRAMES_COUNT)])
     for index in frames:
         truth = renderer.truth(index)
-        found = segment(truth.depth, background, scenario.focal_px)
-        half = np.ascontiguousarray(truth.depth[::2, ::2])
-        seen = found.silhouettes
-        if watch is not None:
-            seen = watch.step(seen, round(index * 1000 / scenario.frame_rate))
-        for silhouette in seen:
-            assert found.labels is not None
-            left, top, width, height = silhouette.box
-            box = (slice(top, top + height), slice(left, left + width))
-            inside = found.labels[box] == silhouette.label
-            whose = np.bincount(truth.labels[::2, ::2][box][inside], minlength=3)
-            people = np.sort(whose[1:])[::-1]
-            if 2 * people.sum() < whose.sum():
-                continue
-            cues = measure(inside, half[box], left, top, half.shape, scenario.focal_px / 2)
-            share = float(people[1] / whose.sum())
-            yield Observed(index, int(whose[1:].argmax()) + 1, share, silhouette.withhold_reason, cues)
+        yield from observe_frame(
+            index,
+            truth.depth,
+            truth.labels,
+            background,
+            focal_px=scenario.focal_px,
+            watch=watch,
+            at_ms=round(index * 1000 / scenario.frame_rate),
+        )
+
+
+def observe_frame(
+    index: int,
+    depth: Depth,
+    labels: Labels,
+    background: Background,
+    *,
+    focal_px: float,
+    watch: CompanionWatch | None = None,
+    at_ms: int = 0,
+) -> Iterator[Observed]:
+    found = segment(depth, background, focal_px)
+    half, people_of = np.ascontiguousarray(depth[::2, ::2]), labels[::2, ::2]
+    seen = found.silhouettes if watch is None else watch.step(found.silhouettes, at_ms)
+    for silhouette in seen:
+        assert found.labels is not None
+        left, top, width, height = silhouette.box
+        box = (slice(top, top + height), slice(left, left + width))
+        inside = found.labels[box] == silhouette.label
+        whose = np.bincount(people_of[box][inside], minlength=3)
+        people = np.sort(whose[1:])[::-1]
+        if 2 * people.sum() < whose.sum():
+            continue
+        cues = measure(inside, half[box], left, top, half.shape, focal_px / 2)
+        share = float(people[1] / whose.sum())
+        yield Observed(index, int(whose[1:].argmax()) + 1, share, silhouette.withhold_reason, cues)
 
 
 def _look(job: tuple[str, Stratum, Manner | None, bool | None, int]) -> tuple[str, int, list[Observed]]:

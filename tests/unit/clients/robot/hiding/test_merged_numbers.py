@@ -54,7 +54,7 @@ def withheld(wall: Background, pictures: list[Depth], z_m: float) -> list[Withhe
         (3.0, 1.7, (1.0,), MergedBy.AREA, 1.3),
         (8.0, 1.7, (0.7,), MergedBy.AREA, 1.05),
         (8.0, 1.6, (0.2, 0.9, 0.2, 0.2), MergedBy.BREADTH, 0.78),
-        (3.0, 1.6, (0.25, 0.9, 0.9, 0.9), MergedBy.SHAPE, -1.33),
+        (3.0, 1.6, (0.25, 0.9, 0.9, 0.9), MergedBy.SHAPE, -1.03),
     ],
 )
 def test_the_rule_is_named_with_its_limit_and_the_silhouettes_size(
@@ -85,11 +85,11 @@ def test_the_last_lines_say_it_of_the_silhouette_that_was_nearest_to_one_person(
     statistics = RunStatistics(window_ms=5_000)
     for area_m2 in (1.9, 1.42, 1.6):
         statistics.add_merged("tag-1", MergedEvidence(MergedBy.AREA, 1.3, 2.553, area_m2, 0.81, 3.04))
-    statistics.add_merged("tag-2", MergedEvidence(MergedBy.SHAPE, -1.333, 2.4, 0.86, 1.02, 3.1))
+    statistics.add_merged("tag-2", MergedEvidence(MergedBy.SHAPE, -1.035, 2.4, 0.86, 1.02, 3.1))
     lines = list(summary_lines(replace(summary_of(FRAMES), merged=statistics.summarise_merged())))
     assert lines[1] == (
         "tag-1, 3 merged: 1.42 m² of silhouette, 0.81 m broad, 3.04 m away; 1.3 m² is the limit: larger than one person is."
     )
     assert lines[2].startswith(
-        "tag-2, 1 merged: 0.86 m² of silhouette, 1.02 m broad, 3.1 m away; log-odds of two people 2.4, -1.33 is the limit: "
+        "tag-2, 1 merged: 0.86 m² of silhouette, 1.02 m broad, 3.1 m away; log-odds of two people 2.4, -1.03 is the limit: "
     )
