@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
+from network.lab.hosts.namespaces import Host, Hosts
 from tests.deploy.tools import DEPLOY, ROOT, TOOLS, make
-from tests.hosts.namespaces import Host, Hosts
 
 FOUNDERS = {"ward-1": "hospital", "lab-1": "university"}
 NEWCOMER = "desk-1"

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 import yaml
 
+from network.lab.hosts.namespaces import Host, Hosts
 from tests.deploy.tools import DEPLOY, ROOT, make
-from tests.hosts.namespaces import Host, Hosts
 
 IMAGE = ROOT / "build" / "image"
 IMAGE_MAX_BYTES = 400 * 1024**2
