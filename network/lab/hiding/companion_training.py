@@ -108,6 +108,8 @@ DRIVES_ROUND: tuple[DriveStratum, ...] = (
 
 Floats = npt.NDArray[np.float64]
 Sampled = list[tuple[int, bool, Floats]]
+Collected = tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], Floats]
+"""The place of each silhouette's stratum, whether it is two people, and its cues."""
 
 
 def sample(seed: int) -> Sampled:
@@ -142,9 +144,7 @@ def _told_apart(place: int, observed: Iterable[Observed]) -> Sampled:
     ]
 
 
-def collect(
-    look: Callable[[int], Sampled], first: int, count: int, workers: int
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], Floats]:
+def collect(look: Callable[[int], Sampled], first: int, count: int, workers: int) -> Collected:
     with worker_pool(workers) as pool:
         rows = [row for made in pool.map(look, range(first, first + count), chunksize=8) for row in made]
     return (
@@ -154,10 +154,9 @@ def collect(
     )
 
 
-def train(scenes: tuple[npt.NDArray[np.bool_], Floats], drives: tuple[npt.NDArray[np.bool_], Floats]) -> Table:
-    """Of each the labels and the cues."""
-    labels, cues = np.concatenate([scenes[0], drives[0]]), np.concatenate([scenes[1], drives[1]])
-    weights = np.where(np.arange(labels.size) < scenes[0].size, SCENE_WEIGHT, 1.0)
+def train(scenes: Collected, drives: Collected) -> Table:
+    labels, cues = np.concatenate([scenes[1], drives[1]]), np.concatenate([scenes[2], drives[2]])
+    weights = np.where(np.arange(labels.size) < scenes[1].size, SCENE_WEIGHT, 1.0)
     return boost(labels, cues, CUES, weights)
 
 
@@ -218,12 +217,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if not TRAINING_SEED + options.scenes <= THRESHOLD_SEED <= SEED_STRIDE - options.scenes:
         parser.error("that many scenes would reach into the seeds that are judged")
-    _, *scenes = collect(sample, TRAINING_SEED, options.scenes, options.workers)
-    _, *drives = collect(sample_drive, DRIVES_SEED, options.drives, options.workers)
+    scenes = collect(sample, TRAINING_SEED, options.scenes, options.workers)
+    drives = collect(sample_drive, DRIVES_SEED, options.drives, options.workers)
     held = collect(sample, THRESHOLD_SEED, options.scenes // 2, options.workers)
-    table = with_thresholds(train((scenes[0], scenes[1]), (drives[0], drives[1])), *held)
+    table = with_thresholds(train(scenes, drives), *held)
     options.out.write_bytes(msgspec.json.encode(table) + b"\n")
-    count, pairs = scenes[0].size + drives[0].size, int(np.sum(scenes[0]) + np.sum(drives[0]))
+    count, pairs = scenes[1].size + drives[1].size, int(np.sum(scenes[1]) + np.sum(drives[1]))
     sys.stdout.write(f"{count} silhouettes, {pairs} with companions; {len(held[1])} others.\n")
 
 

@@ -95,8 +95,8 @@ def test_training_exports_what_was_learned_and_the_same_each_time() -> None:
     rng = np.random.default_rng(5)
     cues = rng.normal(size=(240, len(CUES))).round(6)
     labels = cues[:, 0] + 0.5 * cues[:, 7] > 0.3
-    half = labels[:120], cues[:120]
-    one, two = (training.train(half, (labels[120:], cues[120:])) for _ in range(2))
+    place = np.zeros(120, np.int64)
+    one, two = (training.train((place, labels[:120], cues[:120]), (place, labels[120:], cues[120:])) for _ in range(2))
     assert msgspec.json.encode(one) == msgspec.json.encode(two)
     table = training.with_thresholds(one, np.ones(240, np.int64), labels, cues)
     trees = trees_of(table)
