@@ -252,14 +252,18 @@ class Cluster:
     async def status(self, timeout_s: float = 2.0) -> list[NodeStatusReport]:
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=timeout_s)) as session:
             answers = await asyncio.gather(*(fetch_status(session, config) for config in self.configs.values()))
+        owned = [
+            (name, answer if self._is_own(name, answer) else None)
+            for name, answer in zip(self.names, answers, strict=True)
+        ]
         return [
             NodeStatusReport(
                 name=name,
-                running=self.is_running(name),
-                status=answer if self._is_own(name, answer) else None,
+                running=answer is not None or self.is_running(name),  # a unit of systemd leaves no process id here
+                status=answer,
                 behaviour=self.behaviour(name),
             )
-            for name, answer in zip(self.names, answers, strict=True)
+            for name, answer in owned
         ]
 
 

@@ -172,6 +172,13 @@ def test_why_a_node_cannot_listen_is_told_apart(
         bind_listener(host, find_base_port(1))
 
 
+async def test_a_node_that_something_else_started_counts_as_running(node: Node, folder: Path) -> None:
+    (row,) = await Cluster(folder).status()
+    assert row.running
+    assert row.status is not None
+    assert row.status["name"] == node.config.name
+
+
 async def test_figures_are_told_to_other_machines_at_a_port_of_their_own(folder: Path) -> None:
     port = find_base_port(1)
     config = replace(Cluster(folder).config("node-1"), metrics_host="127.0.0.2", metrics_port=port)
