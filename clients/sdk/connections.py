@@ -129,7 +129,12 @@ class Connections:
                 if response.status >= 300:
                     raise read_problem(content, response.status)
                 return content
-        except (aiohttp.ClientError, TimeoutError, OSError) as error:
+        except (
+            aiohttp.ClientError,
+            TimeoutError,
+            OSError,
+            UnicodeError,
+        ) as error:  # the last: a name that IDNA refuses
             if node.is_given and isinstance(error, aiohttp.ClientSSLError):
                 sentence = f"{urlsplit(node.url).netloc} shows no certificate of {node.name!r} by its organisation."
                 raise BlockRobotError("NODE_ADDRESS_WRONG", sentence) from None

@@ -125,7 +125,7 @@ async def read_claim(given: GivenNode) -> Claim:
             _, writer = await asyncio.open_connection(parts.hostname, parts.port or 443, ssl=context)
     except ssl.SSLError:
         raise BlockRobotError("NODE_ADDRESS_WRONG", f"{given.place} does not speak TLS.") from None
-    except (OSError, TimeoutError) as error:
+    except (OSError, TimeoutError, UnicodeError) as error:  # the last: a name that IDNA refuses
         sentence = f"Nobody answers at {given.place} ({type(error).__name__})."
         raise BlockRobotError("NODE_UNREACHABLE", sentence) from None
     shown = writer.get_extra_info("ssl_object").getpeercert(binary_form=True)

@@ -77,7 +77,7 @@ class Core:
         self._tree = BlockTree(finalized, finalized_qc)
         self._votes = VoteCollector(schedule.quorum)
         self._timeouts = TimeoutCollector(schedule.quorum)
-        self._pacemaker = Pacemaker(settings, schedule)
+        self._pacemaker: Pacemaker = Pacemaker(settings, schedule, None if before is None else before._pacemaker)
         voter_before = None if before is None else before._voter
         self._voter: Voter = Voter(settings, chain_id, schedule, key, restored, self._tree, voter_before)
         self._blocks = BlockProcessor(self._tree, self._voter.journal_builder, self._pacemaker)

@@ -42,13 +42,15 @@ def compute_timeout_ms(
 class Pacemaker:
     """Running timers, silent leaders and due heartbeats."""
 
-    def __init__(self, settings: ChainSettings, schedule: Schedule) -> None:
+    def __init__(self, settings: ChainSettings, schedule: Schedule, before: Pacemaker | None = None) -> None:
+        """`before`: the previous epoch's; the distance to the others is the same."""
         self._settings = settings
         self._schedule = schedule
         self.interval_ms = parse_production(settings.production)
         self.heartbeat_due = False
         self._silent: set[int] = set()
-        self._round_trips_ms: deque[int] = deque([0], maxlen=ROUND_TRIPS_COUNT)
+        trips_ms = [0] if before is None else before._round_trips_ms
+        self._round_trips_ms: deque[int] = deque(trips_ms, maxlen=ROUND_TRIPS_COUNT)
         self._running: tuple[str, int] | None = None
         self._proposing: int | None = None
         self._failures_count = 0

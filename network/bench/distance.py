@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from msgspec import Struct
 
+from consensus.errors import BlockRobotError
 from network.bench.conditions import Result, latency_figures, measure_conditions
 from network.bench.fault_recovery import watch_kill
 from network.bench.finality_probe import FinalityProbe
@@ -117,5 +118,6 @@ async def _lose_leader(network: FreshNetwork, robots: Mapping[str, LoadRobot]) -
     witness = next(node for node in network.genesis.nodes if node.name != victim)
     async with FinalityProbe(network.genesis, witness, robots[witness.name]) as probe:
         gap_s = await watch_kill(network, victim, probe, WARM_UP_S, WATCH_S)
-        await probe.settle()
+        if gap_s >= WATCH_S or await probe.settle():
+            raise BlockRobotError("INTERNAL", f"Without {victim} nothing was final any more, or calls were lost.")
     return gap_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import secrets
 import tempfile
 import time
@@ -87,7 +88,7 @@ class _Tally:
         if error.code == "INTERNAL" and _PROXY_REFUSED in str(error):
             self.kinds["others"] += 1
         elif error.code == "RATE_LIMITED":
-            self.kinds["own" if own in str(error) else "others"] += 1
+            self.kinds["own" if re.search(rf"{re.escape(own)}(?![0-9])", str(error)) else "others"] += 1
         else:
             self.kinds[{"SENDER_LIMIT": "own", "MEMPOOL_FULL": "full"}.get(error.code, "failed")] += 1
 

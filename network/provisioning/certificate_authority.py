@@ -175,7 +175,8 @@ def certify(
 def certified_hosts(certificate: x509.Certificate | x509.CertificateSigningRequest) -> tuple[str, ...]:
     """Where a certificate, or a request for one, says its node is reached, besides by its name."""
     names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    return tuple(str(name.value) for name in names)[1:]
+    own = {str(name.value) for name in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)}
+    return tuple(text for text in (str(name.value) for name in names) if text not in own)
 
 
 def encode_private_key(key: ec.EllipticCurvePrivateKey) -> bytes:

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from clients.sdk.new_files import replace_file
 from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import (
     GENESIS_VERSION,
@@ -157,6 +158,9 @@ def find_own_differences(
     entered = {entry.name: entry for entry in genesis.nodes}
     for node in nodes:
         yield from _differences(f"node {node.entry.name}", node.entry, entered.get(node.entry.name))
+        owner = named.get(node.entry.organisation)
+        if owner is not None and node.admin not in owner.admins:
+            yield f"organisation {owner.name}: its admins are others than the one who signed the entry of {node.entry.name}"
     owners = {offer.organisation.name for offer in organisations}
     for name, entry in entered.items():
         if entry.organisation in owners and name not in {node.entry.name for node in nodes}:
@@ -213,5 +217,6 @@ def find_own_entries(network: Path, data_dirs: Iterable[Path] = ()) -> list[Path
 def adopt_genesis(genesis: Genesis, directory: Path, data_dirs: Iterable[Path]) -> None:
     """Write the file into a network's folder and its nodes' data directories."""
     text = genesis_to_json(genesis)
-    for place in (*data_dirs, directory):
-        (place / "genesis.json").write_text(text, encoding="utf-8")
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for place in (directory, *data_dirs):
+        replace_file(place / "genesis.json", text.encode(), 0o644)

@@ -102,7 +102,6 @@ WRITES_BESIDE = {
     "clients/wallet/store/wallet_lock.py": "a lock",
     "network/cluster.py": "a local network's state and its nodes' output",
     "network/provisioning/certificate_authority.py": "keys of a network, O_EXCL",
-    "network/provisioning/founding.py": "the genesis file, in a network's own folders",
     "network/provisioning/new_node.py": "a node's entry, in a folder that is new",
     "network/provisioning/new_organisation.py": "an organisation's public files, in a folder that is new",
     "network/provisioning/network_removal.py": "the mark of a removal, O_EXCL",

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import yaml
+from pymongo.uri_parser import parse_uri
 
 from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
+from network.provisioning.new_node import store_uri_of
 from node.config import NodeConfig
 from tests.architecture.test_commands_in_documents import fault_of
 from tests.deploy.tools import DEPLOY, judge
@@ -45,6 +48,27 @@ def test_four_services_run_four_nodes_of_the_network_that_the_fifth_makes() -> N
     assert "blockrobot up" in setup["command"][0]
     for service in (setup, *nodes):
         assert (service["read_only"], service["cap_drop"], "privileged" in service) == (True, ["ALL"], False)
+
+
+def test_the_store_that_nodes_are_given_is_the_replica_set_of_three_that_is_made() -> None:
+    (described,) = read(DEPLOY / "compose" / "mongodb.yaml")
+    services = described["services"]
+    members = [service["command"] for name, service in services.items() if re.fullmatch(r"mongo-\d", name)]
+    addresses = [f"{option(member, '--bind_ip')}:{option(member, '--port')}" for member in members]
+    assert len(set(addresses)) == 3
+    assert all(address.startswith("127.0.0.1:") for address in addresses), "nothing listens beyond the machine"
+    uri = parse_uri(services["setup"]["environment"]["STORE"])
+    assert [f"{host}:{port}" for host, port in uri["nodelist"]] == addresses
+    assert {option(member, "--replSet") for member in members} == {uri["options"]["replicaSet"]}
+    script = services["mongo-init"]["command"][-1]
+    assert re.findall(r'host: "([^"]+)"', script) == addresses
+    assert f'_id: "{uri["options"]["replicaSet"]}"' in script
+    own = store_uri_of(services["setup"]["environment"]["STORE"], "ward-1", "node-1")
+    assert parse_uri(own)["options"] == uri["options"], "a node's own database is on the same set"
+
+
+def option(words: list[str], name: str) -> str:
+    return words[words.index(name) + 1]
 
 
 def test_a_node_in_a_pod_is_one_that_its_command_and_its_settings_know() -> None:

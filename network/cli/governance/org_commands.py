@@ -298,8 +298,9 @@ def move_node(name: str, advertise: str, api_url: str, admin: AdminOptions, as_j
     host, port = parse_place(advertise)
     if not port:
         raise click.UsageError("--advertise takes HOST:PORT.")
-    _, _, url = NewNode(name, "", host, port, api_url=api_url).reached_at
-    check_api_url(name, url)
+    new = NewNode(name, "", host, port, api_url=api_url)
+    new.check()
+    _, _, url = new.reached_at
     arguments = {"name": name, "host": host, "p2p_port": port, "api_url": url}
     _propose("move_node", arguments, admin, as_json=as_json)
 

@@ -123,8 +123,12 @@ class CustodyAdmin:
             log.warning("upload_metrics_left_out", code=error.code)
             uploads = b""
         if abs(self._clock() - self._erasures_read_ms) >= ERASURES_READ_AGAIN_MS:
+            try:
+                _, self._erasures_waiting = await asyncio.to_thread(self._look_at_erasures)
+            except BlockRobotError as error:
+                log.warning("erasure_metrics_left_out", code=error.code)
+                return uploads
             self._erasures_read_ms = self._clock()
-            _, self._erasures_waiting = await asyncio.to_thread(self._look_at_erasures)
         return uploads + _render_erasures(self._erasures_waiting, self._member.hex())
 
     def _look_at_erasures(self) -> tuple[int, dict[str, MissingReceipts]]:

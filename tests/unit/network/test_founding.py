@@ -235,6 +235,28 @@ def test_a_genesis_file_that_says_otherwise_of_a_partys_own_is_refused_with_the_
         assert difference in " ".join(said.stderr.split())
 
 
+def test_an_organisation_is_not_swapped_where_only_its_node_is(
+    world: Path, handed: dict[str, Path], tmp_path: Path
+) -> None:
+    """A node's host may hold no entry of its organisation; its own entry was signed by an admin of it."""
+    true = made_of(*handed.values())
+    assert run(org, "new", "hospital", "--dir", str(tmp_path / "impostor")).exit_code == 0
+    entry = tmp_path / "impostor" / "organisations" / "hospital" / "organisation-entry.json"
+    (impostor,) = read_offers([entry])[0]
+    others = tuple(owner for owner in true.organisations if owner.name != "hospital")
+    founders = sorted((*others, impostor.organisation), key=lambda owner: owner.name)
+    swapped = msgspec.structs.replace(true, organisations=tuple(founders))
+    path, data_dir = tmp_path / "swapped.json", world / "hospital" / "nodes" / "ward-1"
+    path.write_text(genesis_to_json(complete_genesis(swapped)))
+    here = ("--data-dir", str(data_dir), "--dir", str(tmp_path / "desk"))
+    said = run(genesis_group, "check", str(path), "--adopt", *here)
+    assert "GENESIS_DIFFERS" in said.stderr
+    assert "its admins are others" in " ".join(said.stderr.split())
+    path.write_text(genesis_to_json(true))
+    assert run(genesis_group, "check", str(path), "--adopt", *here).exit_code == 0, "into a folder that was not there"
+    assert (tmp_path / "desk" / "genesis.json").read_bytes() == path.read_bytes()
+
+
 def test_a_node_that_has_begun_takes_no_other_file(world: Path, handed: dict[str, Path], tmp_path: Path) -> None:
     first, second = tmp_path / "first.json", tmp_path / "second.json"
     true = made_of(*handed.values())

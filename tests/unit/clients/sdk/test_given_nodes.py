@@ -107,6 +107,12 @@ async def test_where_nobody_answers_that_is_said(town: CertifiedNodes) -> None:
         assert (await refused(client, DEAD_URL.replace("http:", "https:"), name)).code == "NODE_UNREACHABLE"
 
 
+@pytest.mark.parametrize("host", ["a..b", "a" * 64 + ".example"])
+@pytest.mark.parametrize("name", ["", "n0"])
+async def test_a_host_name_that_cannot_be_looked_up_is_nobodys(town: CertifiedNodes, host: str, name: str) -> None:
+    assert (await refused(await town.client(), f"https://{host}:1", name)).code == "NODE_UNREACHABLE"
+
+
 async def test_plain_http_on_this_machine_needs_a_name(town: CertifiedNodes) -> None:
     server = TestServer(create_api(SmallNode.around(town.ledger, "n0").services))
     await server.start_server()
