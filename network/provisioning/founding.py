@@ -39,6 +39,8 @@ from network.provisioning.new_node import (
 )
 
 NETWORK_NAME = "blockrobot"
+AHEAD_MAX_MS = 600_000
+"""By how much a founder's clock may be ahead of that of who looks."""
 _URL = re.compile(r"https?://[!-~]{1,248}")
 _DIGITS = re.compile(r"\d+")
 
@@ -78,9 +80,20 @@ def make_genesis(
     return complete_genesis(genesis)
 
 
-def _by_name(entry: NodeEntry | Organisation) -> str:
-    """So that node-2 comes before node-10."""
-    return _DIGITS.sub(lambda digits: digits[0].zfill(12), entry.name)
+def _by_name(entry: NodeEntry | Organisation) -> tuple[str, str]:
+    """So that node-2 comes before node-10, and node-01 before node-1 wherever it stood."""
+    return _DIGITS.sub(lambda digits: digits[0].zfill(12), entry.name), entry.name
+
+
+def require_begun(genesis: Genesis, now_ms: int) -> None:
+    """No block is made before a network's beginning. Raises GENESIS_INVALID for one that lies ahead."""
+    ahead_ms = genesis.created_at_ms - now_ms
+    if ahead_ms > AHEAD_MAX_MS:
+        detail = (
+            f"The network would begin in {ahead_ms / 3_600_000:.0f} hours, and make no block until then: the clock of "
+            "whoever made the last node's entry is wrong."
+        )
+        raise BlockRobotError("GENESIS_INVALID", detail)
 
 
 def _check(source: str, check: Callable[[], None]) -> None:

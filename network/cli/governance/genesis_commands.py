@@ -31,8 +31,10 @@ from network.provisioning.founding import (
     find_own_entries,
     fingerprint,
     make_genesis,
+    require_begun,
 )
 from network.provisioning.founding_entries import NodeOffer, read_offers
+from network.provisioning.node_certificates import now_ms
 
 DIFFERENCES_SHOWN_COUNT = 8
 
@@ -58,6 +60,7 @@ def make(entries: tuple[Path, ...], out: Path, network: str, as_json: bool) -> N
     Example: blockrobot genesis make hospital/*.json university/*.json --out genesis.json
     """
     made = make_genesis(*read_offers(entries), network=network)
+    require_begun(made, now_ms())
     write_new_file(out, genesis_to_json(made).encode(), private=False)
     _show(made, out, adopted=[], as_json=as_json)
     if not as_json:
@@ -85,6 +88,7 @@ def check(file: Path, adopt: bool, data_dirs: tuple[Path, ...], folder: Path | N
     """
     offered, place = load_genesis(file), network_folder(folder)
     check_genesis(offered)
+    require_begun(offered, now_ms())
     organisations, nodes = read_offers(find_own_entries(place, data_dirs))
     differences = list(find_own_differences(offered, organisations, nodes))
     if differences:

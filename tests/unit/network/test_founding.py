@@ -23,6 +23,7 @@ from network.cli.governance.genesis_commands import genesis as genesis_group
 from network.cli.governance.governance_signer import read_private_key
 from network.cli.governance.org_commands import org
 from network.cli.node.node_setup_commands import init
+from network.provisioning import founding
 from network.provisioning.founding import find_differences, fingerprint, make_genesis
 from network.provisioning.founding_entries import NODE_TAG, FoundingNode, read_offers
 from node.config import load_config, load_genesis
@@ -255,6 +256,24 @@ def test_an_organisation_is_not_swapped_where_only_its_node_is(
     path.write_text(genesis_to_json(true))
     assert run(genesis_group, "check", str(path), "--adopt", *here).exit_code == 0, "into a folder that was not there"
     assert (tmp_path / "desk" / "genesis.json").read_bytes() == path.read_bytes()
+
+
+def test_names_that_differ_in_leading_zeros_have_one_order(handed: dict[str, Path]) -> None:
+    true = made_of(*handed.values())
+    first, second = (msgspec.structs.replace(true.nodes[0], name=name) for name in ("x-1", "x-01"))
+    assert sorted([first, second], key=founding._by_name) == sorted([second, first], key=founding._by_name)
+
+
+def test_a_network_that_would_begin_in_the_future_is_not_founded(
+    world: Path, handed: dict[str, Path], tmp_path: Path
+) -> None:
+    """No block is later than a node's clock and its drift, so none would be made until then."""
+    late = msgspec.structs.replace(made_of(*handed.values()), created_at_ms=4_102_444_800_000)
+    path = tmp_path / "late.json"
+    path.write_text(genesis_to_json(complete_genesis(late)))
+    said = run(genesis_group, "check", str(path), "--adopt", "--dir", str(world / "university"))
+    assert said.exit_code == 1
+    assert "the clock of whoever made the last node's entry is wrong" in " ".join(said.stderr.split())
 
 
 def test_a_node_that_has_begun_takes_no_other_file(world: Path, handed: dict[str, Path], tmp_path: Path) -> None:
