@@ -33,7 +33,6 @@ def network(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FoundedNetwork
 def _require_work(outcome: Outcome) -> None:
     assert outcome.failures() == []
     assert all(seen.finals > 0 and seen.connections > 0 for seen in outcome.seen)
-    assert outcome.kept.acknowledged >= sum(seen.finals for seen in outcome.seen)
     assert set(outcome.kept.missing) == NODES
 
 
@@ -41,7 +40,6 @@ def test_a_robot_and_a_wallet_on_a_host_without_a_node_need_only_the_others(netw
     patient = record_from_elsewhere(network, print)
     assert patient.failures() == []
     assert patient.records > 0
-    assert not any(network.visitor.address in url for url in patient.hosts)
 
 
 def test_clocks_three_seconds_apart_stop_nobody(network: FoundedNetwork) -> None:

@@ -175,11 +175,11 @@ def _init_founding(
         f"blockrobot node run {run}",
     ]
     if signer is None:
-        named = shlex.quote(str(place)) if is_elsewhere else f"{new.name}{where}"
+        named = shlex.quote(str(place)) if is_elsewhere else new.name
         at = "" if authority is None else f" --authority {shlex.quote(str(authority))}"
         steps[:0] = [
             f"Let the authority of {new.organisation} sign {place / REQUEST_FILE}, which holds no secret",
-            f"blockrobot certificate install {named.replace(where, '')} CERTIFICATE{at}{where}   (it signs the entry)",
+            f"blockrobot certificate install {named} CERTIFICATE{at}{where}   (it signs the entry)",
         ]
     _show_made(entry, place, steps, as_json=as_json)
 

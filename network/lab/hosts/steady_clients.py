@@ -165,6 +165,8 @@ async def _run() -> None:
         if working.done():
             working.result()
         _print(work.tell())
+    if working.done():
+        working.result()
     working.cancel()
     await asyncio.gather(working, return_exceptions=True)
     _print(await work.look_up())
