@@ -21,7 +21,8 @@ import msgspec
 from clients.sdk.new_files import new_file, read_given_file, write_new_file
 from consensus.bounded_text import JSON_MAX_BYTES, TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
-from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis
+from contracts.execution.epochs import read_epoch
+from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis, load_key
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.directory.directory_file import DIRECTORY_FILE
@@ -58,6 +59,8 @@ class Restored:
     config: NodeConfig
     height: int
     has_custody: bool
+    producers_count: int
+    """How many producers there were at that block; 0 if the node was none of them."""
 
 
 def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lambda _step: None) -> BackupManifest:
@@ -152,7 +155,16 @@ def restore(
             _copy(erase_keys / ERASE_KEYS_FILE_NAME, config.erase_keys_dir / ERASE_KEYS_FILE_NAME)
             _copy(place / CUSTODY / DATABASE_FILE_NAME, config.custody_dir / DATABASE_FILE_NAME)
         making.rename(data_dir)
-    return Restored(load_config(data_dir), head.header.height, has_custody)
+    config = load_config(data_dir)
+    return Restored(config, head.header.height, has_custody, _count_producers(config))
+
+
+def _count_producers(config: NodeConfig) -> int:
+    if config.producer_key_path is None:
+        return 0
+    with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
+        producers = read_epoch(view).producers
+    return len(producers) if load_key(config.producer_key_path, None, "producer").public_key in producers else 0
 
 
 def _files_of(place: Path) -> Iterator[Path]:

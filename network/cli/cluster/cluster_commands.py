@@ -23,6 +23,7 @@ from network.cli.cluster.remote_table import ask_elsewhere, print_elsewhere
 from network.cli.cluster.status_answers import NodeStatus, StatusAnswer
 from network.cluster import Cluster, NodeStatusReport
 from network.cluster_monitor import accusers_of, kept_lines
+from network.doctor.findings import Finding
 from network.notices.notice_publishing import publish_demo_notice
 from network.provisioning.network_files import require_own
 from network.provisioning.network_layout import FIRST_PORT, create_network
@@ -236,6 +237,8 @@ def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
         return "no answer"
     if not row.status.get("ready"):
         return "waiting"
+    if not (row.status.get("lockout") or {}).get("can_end", True):
+        return "locked out"
     if row.status.get("finality", {}).get("late"):
         return "stuck"
     suspended = "suspended" if row.status.get("suspended_height") is not None else ""
@@ -312,6 +315,8 @@ def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:
     told = []
     if status.get("lockout"):
         told.append(f"{name} signs nothing ({status['lockout']['reason']}) until {status['lockout']['until']}.")
+        if not status["lockout"]["can_end"]:
+            told.append(Finding("LOCKED_OUT_FOR_GOOD", name, "").next_step)
     finality = status.get("finality", {})
     if finality.get("late"):
         work = f", and transactions wait ({status.get('mempool')})" if status.get("mempool") else ""

@@ -56,6 +56,7 @@ class ProducerLockout(Answer, frozen=True, kw_only=True):
 
     reason: Annotated[str, doc("Why")]
     until: Annotated[str, doc("Until when")]
+    can_end: Annotated[bool, doc("Whether that can come: not while more are locked out than the chain tolerates")]
 
 
 class FinalityState(Answer, frozen=True, kw_only=True):
