@@ -79,7 +79,7 @@ KINDS: dict[str, FindingKind] = _table(
         "NODE_DOWN",
         "problem",
         "The node does not run.",
-        "Start it: blockrobot node run NODE --detach; all that are down: blockrobot up.",
+        "Start it: blockrobot node run NODE --detach; all of a network on this machine alone: blockrobot up.",
     ),
     FindingKind(
         "NODE_SILENT",
