@@ -78,7 +78,7 @@ def check_given(url: str, name: str = "") -> GivenNode:
     if "@" in parts.netloc:
         raise _wrong(f"The address{of} holds a user name or a password; a node takes neither.")
     try:
-        check_address(NodeAddress(name or "at that address", url))
+        check_address(NodeAddress(name, url))
     except BlockRobotError as error:
         raise _wrong(error.detail) from None
     if not is_bare:

@@ -193,7 +193,10 @@ async def test_the_refusal_of_a_node_that_no_list_names_counts_for_nothing(town:
     ("url", "because"),
     [
         ("https://user:hunter2@node.example:7273", "a password"),
-        ("http://192.0.2.1:7273", "needs HTTPS"),
+        (
+            "http://192.0.2.1:7273",
+            "^NODE_ADDRESS_UNUSABLE: The address of the node is not on loopback, so it needs HTTPS",
+        ),
         ("https://node.example:7273/v1", "more than a host and a port"),
         ("https://node.example:7273?token=hunter2", "more than a host and a port"),
         ("ftp://node.example", "no HTTP address"),
