@@ -20,6 +20,7 @@ import msgspec
 
 from clients.sdk.new_files import new_file, read_given_file, write_new_file
 from consensus.bounded_text import JSON_MAX_BYTES, TextInvalidError, read_json_as
+from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
 from contracts.execution.epochs import read_epoch
 from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis, load_key
@@ -59,8 +60,7 @@ class Restored:
     config: NodeConfig
     height: int
     has_custody: bool
-    producers_count: int
-    """How many producers there were at that block; 0 if the node was none of them."""
+    warning: str
 
 
 def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lambda _step: None) -> BackupManifest:
@@ -156,15 +156,27 @@ def restore(
             _copy(place / CUSTODY / DATABASE_FILE_NAME, config.custody_dir / DATABASE_FILE_NAME)
         making.rename(data_dir)
     config = load_config(data_dir)
-    return Restored(config, head.header.height, has_custody, _count_producers(config))
+    return Restored(config, head.header.height, has_custody, warn_of_restored(config))
 
 
-def _count_producers(config: NodeConfig) -> int:
+def warn_of_restored(config: NodeConfig) -> str:
+    """What a start with `--restored` would do to a network that needs each of its producers, as this one; else empty."""
     if config.producer_key_path is None:
-        return 0
-    with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
-        producers = read_epoch(view).producers
-    return len(producers) if load_key(config.producer_key_path, None, "producer").public_key in producers else 0
+        return ""
+    try:
+        with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
+            schedule = Schedule.of(read_epoch(view))
+        key = load_key(config.producer_key_path, None, "producer").public_key
+    except BlockRobotError:
+        return ""
+    if key not in schedule.producers or schedule.faults_tolerated or len(schedule.producers) == 1:
+        return ""
+    return (
+        f"It is one of {len(schedule.producers)} producers, and all of them are needed: with --restored it is locked out "
+        "for good, and nothing becomes final any more. If the data directory of its last run is left, with its journal, "
+        "use that instead, without --restored; else the organisations have to begin a new network: "
+        "docs/how-to/restore-a-backup.md."
+    )
 
 
 def _files_of(place: Path) -> Iterator[Path]:

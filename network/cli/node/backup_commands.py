@@ -10,17 +10,10 @@ import click
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer
 from network.cli.cluster.cluster_options import folder_option
-from network.cli.governance.quorum_check import TOLERANT_MIN_COUNT
 from network.cli.node.node_answers import NodeBackupAnswer, NodeRestoreAnswer
 from network.cli.node.node_commands import get_node_config
 from network.provisioning.node_backup import CUSTODY, KEYS, Tell, back_up
 from network.provisioning.node_backup import restore as restore_node
-
-_STOPS_NETWORK = (
-    "It is one of {count} producers, and all of them are needed: started like this it is locked out for good, and nothing "
-    "becomes final any more. If the data directory of its last run is left, with its journal, use that instead, without "
-    "--restored; else the organisations have to begin a new network: docs/how-to/restore-a-backup.md."
-)
 
 
 @click.command()
@@ -74,8 +67,6 @@ def restore(place: Path, data_dir: Path, keys: Path | None, erase_keys: Path | N
         place.resolve(), data_dir.resolve(), keys=keys, erase_keys=erase_keys, tell=_teller(as_json=as_json)
     )
     run = f"blockrobot node run {shlex.quote(str(data_dir))} --restored"
-    count = made.producers_count
-    warning = _STOPS_NETWORK.format(count=count) if 1 < count < TOLERANT_MIN_COUNT else ""
     if as_json:
         answer = NodeRestoreAnswer(
             node=made.config.name,
@@ -83,13 +74,13 @@ def restore(place: Path, data_dir: Path, keys: Path | None, erase_keys: Path | N
             height=made.height,
             has_custody=made.has_custody,
             next_step=run,
-            warning=warning,
+            warning=made.warning,
         )
         print_answer(answer)
         return
     console.print(f"{escape(made.config.name)} is in {escape(str(data_dir))}, up to block {made.height}.")
-    if warning:
-        console.print(warning, style="red", soft_wrap=True)
+    if made.warning:
+        console.print(made.warning, style="red", soft_wrap=True)
     console.print(f"Make sure that it runs nowhere else. Next step: {escape(run)}", soft_wrap=True)
 
 

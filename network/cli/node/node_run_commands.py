@@ -9,13 +9,14 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer
+from clients.sdk.terminal.terminal import FOLDER, ask, can_ask, command_output, console, print_answer
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import network_folder
 from network.cli.node.node_answers import NodeRunAnswer
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from network.provisioning.new_node import require_certified
+from network.provisioning.node_backup import warn_of_restored
 from node.config import NodeConfig
 from node.main import run_process
 from node.node_process import Node
@@ -47,6 +48,10 @@ def run(
         raise click.UsageError("Name the node, or its --data-dir.")
     config = get_node_config(node or str(data_dir), folder)
     require_certified(config.data_dir)
+    if restored and (warning := warn_of_restored(config)):
+        click.echo(warning, err=True)
+        if can_ask():
+            ask("Start it all the same?", err=True)
     if detach:
         asyncio.run(_start(config, folder, restored=restored))
         if as_json:
