@@ -20,8 +20,10 @@ import msgspec
 
 from clients.sdk.new_files import new_file, read_given_file, write_new_file
 from consensus.bounded_text import JSON_MAX_BYTES, TextInvalidError, read_json_as
+from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
-from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis
+from contracts.execution.epochs import read_epoch
+from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis, load_key
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.directory.directory_file import DIRECTORY_FILE
@@ -58,6 +60,7 @@ class Restored:
     config: NodeConfig
     height: int
     has_custody: bool
+    warning: str
 
 
 def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lambda _step: None) -> BackupManifest:
@@ -152,7 +155,28 @@ def restore(
             _copy(erase_keys / ERASE_KEYS_FILE_NAME, config.erase_keys_dir / ERASE_KEYS_FILE_NAME)
             _copy(place / CUSTODY / DATABASE_FILE_NAME, config.custody_dir / DATABASE_FILE_NAME)
         making.rename(data_dir)
-    return Restored(load_config(data_dir), head.header.height, has_custody)
+    config = load_config(data_dir)
+    return Restored(config, head.header.height, has_custody, warn_of_restored(config))
+
+
+def warn_of_restored(config: NodeConfig) -> str:
+    """What a start with `--restored` would do to a network that needs each of its producers, as this one; else empty."""
+    if config.producer_key_path is None:
+        return ""
+    try:
+        with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
+            schedule = Schedule.of(read_epoch(view))
+        key = load_key(config.producer_key_path, None, "producer").public_key
+    except BlockRobotError:
+        return ""
+    if key not in schedule.producers or schedule.faults_tolerated or len(schedule.producers) == 1:
+        return ""
+    return (
+        f"It is one of {len(schedule.producers)} producers, and all of them are needed: with --restored it is locked out "
+        "for good, and nothing becomes final any more. If the data directory of its last run is left, with its journal, "
+        "use that instead, without --restored; else the organisations have to begin a new network: "
+        "docs/how-to/restore-a-backup.md."
+    )
 
 
 def _files_of(place: Path) -> Iterator[Path]:

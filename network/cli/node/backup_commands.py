@@ -74,10 +74,13 @@ def restore(place: Path, data_dir: Path, keys: Path | None, erase_keys: Path | N
             height=made.height,
             has_custody=made.has_custody,
             next_step=run,
+            warning=made.warning,
         )
         print_answer(answer)
         return
     console.print(f"{escape(made.config.name)} is in {escape(str(data_dir))}, up to block {made.height}.")
+    if made.warning:
+        console.print(made.warning, style="red", soft_wrap=True)
     console.print(f"Make sure that it runs nowhere else. Next step: {escape(run)}", soft_wrap=True)
 
 

@@ -141,6 +141,9 @@ class NodeRestoreAnswer(Answer, frozen=True, kw_only=True):
     height: Annotated[Height, doc("The block up to which its ledger is there")]
     has_custody: Annotated[bool, doc("Whether what it kept as a custodian is there")]
     next_step: Annotated[str, doc("The command that starts it")]
+    warning: Annotated[
+        str, doc("What to know before: of two or three producers one would stop the network; else empty")
+    ]
 
 
 class CertificateEntry(Answer, frozen=True, kw_only=True):

@@ -17,6 +17,7 @@ import pytest
 from click.testing import CliRunner
 
 from consensus.errors import BlockRobotError
+from network.cli.node import node_run_commands
 from network.cli.node.backup_commands import backup, restore
 from network.cluster import Cluster
 from network.provisioning import node_backup
@@ -128,3 +129,22 @@ def test_both_commands_say_what_they_did_and_what_is_next(config: NodeConfig, tm
     assert f"blockrobot node run {place} --restored" in said.output
     again = CliRunner().invoke(restore, [out, "--data-dir", place, *keys])
     assert "NODE_EXISTS" in again.stderr
+
+
+@pytest.mark.parametrize(("count", "stops"), [(1, False), (3, True), (4, False)])
+async def test_who_restores_one_of_two_or_three_producers_is_told_that_it_stops_the_network(
+    count: int, stops: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    create_network(tmp_path / "network", nodes=count, organisations=1, base_port=find_base_port(count))
+    config = Cluster(tmp_path / "network").config("node-1")
+    async with Node(config):
+        pass
+    back_up(config, tmp_path / "backup", with_keys=True)
+    answer = CliRunner().invoke(restore, [str(tmp_path / "backup"), "--data-dir", str(tmp_path / "anew"), "--json"])
+    warning = json.loads(answer.output)["warning"]
+    assert (f"one of {count} producers" in warning) == stops
+    assert bool(warning) == stops
+    monkeypatch.setattr(node_run_commands, "can_ask", lambda: True)
+    monkeypatch.setattr(node_run_commands, "run_process", lambda *_: 0)
+    started = CliRunner().invoke(node_run_commands.run, [str(tmp_path / "anew"), "--restored"], input="n\n")
+    assert (started.exit_code, "locked out for good" in started.output) == (int(stops), stops)
