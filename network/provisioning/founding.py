@@ -26,14 +26,12 @@ from consensus.rights.purposes import PURPOSES
 from contracts.execution.genesis import complete_genesis
 from contracts.lifecycle.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
+from network.provisioning.addresses import check_place, place_of
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding_entries import NodeOffer, OrganisationOffer, refuse
 from network.provisioning.new_node import (
     DRAFT_FILE,
-    HOST,
     NODE_ENTRY_FILE,
-    PORT_MAX,
-    check_api_url,
     check_name,
     require_certified,
 )
@@ -41,7 +39,6 @@ from network.provisioning.new_node import (
 NETWORK_NAME = "blockrobot"
 AHEAD_MAX_MS = 600_000
 """By how much a founder's clock may be ahead of that of who looks."""
-_URL = re.compile(r"https?://[!-~]{1,248}")
 _DIGITS = re.compile(r"\d+")
 
 
@@ -123,15 +120,12 @@ def _check_entries(organisations: Sequence[tuple[str, Organisation]], nodes: Seq
         _check(source, partial(check_name, entry.name, "a node"))
         if entry.organisation not in names:
             raise refuse(source, f"is of the organisation {entry.organisation!r}, whose entry is missing")
-        is_place = HOST.fullmatch(entry.host) and 0 < entry.p2p_port <= PORT_MAX and _URL.fullmatch(entry.api_url)
-        if not is_place:
-            raise refuse(source, "has an address that is none")
-        _check(source, partial(check_api_url, entry.name, entry.api_url))
+        _check(source, partial(check_place, entry.name, entry.host, entry.p2p_port, entry.api_url))
     _refuse_second(((source, owner.name) for source, owner in organisations), "the name")
     _refuse_second(((source, owner.ca_certificate) for source, owner in organisations), "a certificate")
     _refuse_second(((source, entry.name) for source, entry in nodes), "the name")
-    places = ((source, (f"{entry.host}:{entry.p2p_port}", entry.api_url)) for source, entry in nodes)
-    _refuse_second(((source, place) for source, both in places for place in both), "an address")
+    places = ((source, ((entry.host, entry.p2p_port), place_of(entry.api_url))) for source, entry in nodes)
+    _refuse_second(((source, f"{host} port {port}") for source, both in places for host, port in both), "the address")
     owned = ((source, (*owner.admins, *owner.registrars)) for source, owner in organisations)
     held = ((source, (entry.producer_key, entry.custodian_key)) for source, entry in nodes)
     _refuse_second(((source, key) for source, keys in (*owned, *held) for key in keys if key), "a key")

@@ -36,6 +36,7 @@ from network.cli.governance.governance_signer import (
     withdraw_command,
 )
 from network.cli.governance.quorum_check import anyway_option, check_membership_change
+from network.provisioning.addresses import check_place, parse_place
 from network.provisioning.authority_check import check_authority_change
 from network.provisioning.exchange_files import (
     ORGANISATION_ENTRY_FILE,
@@ -43,7 +44,7 @@ from network.provisioning.exchange_files import (
     read_node_entry,
     read_organisation_entry,
 )
-from network.provisioning.new_node import NewNode, check_api_url, parse_place
+from network.provisioning.new_node import NewNode
 from network.provisioning.new_organisation import create_organisation, enter_organisation
 
 
@@ -263,7 +264,8 @@ def add_node(source: Path, admin: AdminOptions, as_json: bool) -> None:
     Example: blockrobot org propose add-node --from node-5/node-entry.json --as hospital
     """
     arguments = read_node_entry(source)
-    check_api_url(str(arguments["name"]), str(arguments["api_url"]))
+    name, host, port, url = (arguments[field] for field in ("name", "host", "p2p_port", "api_url"))
+    check_place(str(name), str(host), port if isinstance(port, int) else 0, str(url))
     _propose("add_node", arguments, admin, as_json=as_json)
 
 

@@ -27,10 +27,11 @@ from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys,
 from network.cli.node.node_answers import NodeDirectoryAnswer, NodeInitAnswer
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
+from network.provisioning.addresses import parse_place
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding import NETWORK_NAME
 from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
-from network.provisioning.new_node import NODE_ENTRY_FILE, REQUEST_FILE, Founder, NewNode, create_node, parse_place
+from network.provisioning.new_node import NODE_ENTRY_FILE, REQUEST_FILE, Founder, NewNode, create_node
 from network.provisioning.node_certificates import AUTHORITY_CERTIFICATE_FILE, AUTHORITY_KEY_FILE, get_authority
 from network.provisioning.node_joining import init_node, newest_directory, next_base_port, of_chain
 from node.config import CONFIG_FILE, load_config

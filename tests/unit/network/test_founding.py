@@ -17,7 +17,6 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 
 from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import encode
 from contracts.execution.genesis import complete_genesis
 from network.cli.governance.genesis_commands import genesis as genesis_group
 from network.cli.governance.governance_signer import read_private_key
@@ -25,7 +24,7 @@ from network.cli.governance.org_commands import org
 from network.cli.node.node_setup_commands import init
 from network.provisioning import founding
 from network.provisioning.founding import find_differences, fingerprint, make_genesis
-from network.provisioning.founding_entries import NODE_TAG, FoundingNode, read_offers
+from network.provisioning.founding_entries import node_entry_to_json, read_offers
 from node.config import load_config, load_genesis
 
 PARTIES = {"hospital": ("ward-1", "ward-10"), "university": ("lab-1",), "clinic": ("ward-2",)}
@@ -156,6 +155,9 @@ def put(field: str, value: Any) -> Change:
         ("ward-1", put("custodian_key", "")),
         ("ward-1", put("signature", "")),
         ("ward-1", put("admin", "00")),
+        ("ward-1", put("custodian_proof", "")),
+        ("ward-1", put("custodian_proof", None)),
+        ("ward-1", lambda document: document.pop("custodian_proof")),
     ],
 )
 def test_an_entry_that_was_changed_on_the_way_is_refused_by_its_name(
@@ -167,21 +169,17 @@ def test_an_entry_that_was_changed_on_the_way_is_refused_by_its_name(
 
 
 def sign_anew(path: Path, owner: Path, **fields: Any) -> Path:
-    """As a hostile party would that has an admin's key: its own."""
+    """As a hostile party would that has its own admin's and its own custodian's key."""
     (offer,) = read_offers([path])[1]
     entry = msgspec.structs.replace(offer.entry, **fields)
-    admin = read_private_key(owner / "admin.key")
-    signature = admin.sign_compact(NODE_TAG, encode(FoundingNode(entry=entry, made_at_ms=offer.made_at_ms)))
-    shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in fields.items()}
-    proof = {"admin": admin.public_key.hex(), "signature": signature.hex()}
-    return change(path, lambda document: document.update({**shown, **proof}))
+    admin = read_private_key(owner / "organisations" / owner.name / "admin.key")
+    custodian = read_private_key(owner / "nodes" / offer.entry.name / "keys" / "custodian.key")
+    path.write_text(node_entry_to_json(entry, offer.made_at_ms, admin, custodian))
+    return path
 
 
-@pytest.mark.parametrize(
-    "what", ["another's node", "address", "url", "custodian key", "producer key", "name", "plain url"]
-)
+@pytest.mark.parametrize("what", ["another's node", "address", "url", "custodian key", "producer key", "name"])
 def test_a_hostile_party_enters_nothing_of_somebody_elses(world: Path, handed: dict[str, Path], what: str) -> None:
-    owner = world / "university" / "organisations" / "university"
     (ward,) = read_offers([handed["ward-1"]])[1]
     fields: dict[str, dict[str, Any]] = {
         "another's node": {"organisation": "hospital"},
@@ -193,12 +191,64 @@ def test_a_hostile_party_enters_nothing_of_somebody_elses(world: Path, handed: d
             "producer_possession": ward.entry.producer_possession,
         },
         "name": {"name": "ward-1"},
-        "plain url": {"api_url": "http://10.0.2.1:7273"},
-        "broken url": {"api_url": "https://10.0.2.1\n:7273"},
-        "host": {"host": "10.0.2.1\x1b[2J"},
     }
-    sign_anew(handed["lab-1"], owner, **fields[what])
+    sign_anew(handed["lab-1"], world / "university", **fields[what])
     with pytest.raises(BlockRobotError, match=r"^(FOUNDING_ENTRY_INVALID|GENESIS_INVALID): .*(lab-1|ward-1)"):
+        made_of(*handed.values())
+
+
+def test_a_custodian_key_that_was_stolen_without_its_secret_half_is_entered_by_nobody(
+    world: Path, handed: dict[str, Path]
+) -> None:
+    """Also where its owner is not among the entries, so that no key is named twice."""
+    (ward,) = read_offers([handed.pop("ward-1")])[1]
+    sign_anew(handed["lab-1"], world / "university", custodian_key=ward.entry.custodian_key)
+    with pytest.raises(
+        BlockRobotError, match=r"^FOUNDING_ENTRY_INVALID: .*lab-1.json does not prove .* the custodian key"
+    ):
+        made_of(*handed.values())
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"api_url": "http://10.0.2.1:7273"},
+        {"api_url": "https://10.0.2.1\n:7273"},
+        {"api_url": "https://10.0.2.1:7273/node"},
+        {"api_url": "https://10.0.2.1:7273/"},
+        {"api_url": "https://10.0.2.1:7273?"},
+        {"api_url": "https://10.0.2.1:7273#"},
+        {"api_url": "https://who@10.0.2.1:7273"},
+        {"api_url": "https://10.0.2.1:07273"},
+        {"api_url": "https://lab.example:443"},
+        {"api_url": "https://LAB.example"},
+        {"api_url": "https://lab.example."},
+        {"api_url": "https://lab..example"},
+        {"api_url": "https://[fd00:0:0::2]:7273"},
+        {"api_url": "https://[::ffff:10.0.2.1]:7273"},
+        {"host": "10.0.2.1\x1b[2J"},
+        {"host": "Lab.example"},
+        {"host": "lab.example."},
+        {"host": "lab..example"},
+        {"host": f"{'l' * 64}.example"},
+        {"host": "-lab.example"},
+        {"host": "xn--zz.example"},
+        {"host": "10.2.1"},
+        {"host": "0x0a.0x1"},
+        {"host": "fd00:0:0::2"},
+        {"host": "FD00::2"},
+        {"host": "::ffff:10.0.2.1"},
+        {"host": "fe80::1%eth0"},
+        {"p2p_port": 65_536},
+        {"p2p_port": 7273},
+    ],
+    ids=str,
+)
+def test_an_address_has_one_form_so_that_no_place_is_two(
+    world: Path, handed: dict[str, Path], fields: dict[str, Any]
+) -> None:
+    sign_anew(handed["lab-1"], world / "university", **fields)
+    with pytest.raises(BlockRobotError, match=r"^FOUNDING_ENTRY_INVALID: \S*lab-1.json "):
         made_of(*handed.values())
 
 

@@ -92,6 +92,19 @@ def test_faults_are_allowed_only_if_one_says_so(home: Path) -> None:
         (("--bind", "fd00::7"), "https://[fd00::7]:21501"),
         (("--bind", "0.0.0.0", "--advertise", "node-3.clinic.example"), "https://node-3.clinic.example:21501"),
         (("--bind", "::", "--advertise", "[fd00::7]:443"), "https://[fd00::7]:444"),
+        (("--bind", "::", "--advertise", "[FD00:0::7]:00443"), "https://[fd00::7]:444"),
+        (("--bind", "0.0.0.0", "--advertise", "Node-3.Example.:442"), "https://node-3.example"),
+        (("--bind", "10.0.0.7", "--api-url", "https://Node-3.example.:0443/"), "https://node-3.example"),
+        (("--bind", "10.0.0.7", "--api-url", "https://node-3.example/api"), None),
+        (("--bind", "10.0.0.7", "--api-url", "https://node-3.example?a"), None),
+        (("--bind", "10.0.0.7", "--api-url", "https://node-3.example#a"), None),
+        (("--bind", "10.0.0.7", "--api-url", "https://me:secret@node-3.example"), None),
+        (("--bind", "10.0.0.7", "--api-url", "https://node-3..example"), None),
+        (("--bind", "10.0.0.7:21500"), None),
+        (("--bind", "node-3.example"), None),
+        (("--bind", "10.0.0.999", "--advertise", "10.0.0.7"), None),
+        (("--bind", "10.0.0.7", "--api-bind", "127.0.0.1:80"), None),
+        (("--bind", "10.0.0.7", "--api-bind", "somewhere"), None),
         (("--bind", "10.0.0.7", "--api-url", "https://node-3.clinic.example"), "https://node-3.clinic.example"),
         (("--bind", "10.0.0.7", "--api-url", "http://127.0.0.1:9000"), "http://127.0.0.1:9000"),
         (("--bind", "0.0.0.0"), None),
@@ -109,7 +122,8 @@ def test_a_node_is_entered_only_where_clients_would_talk_to_it(
     place = home / "nodes" / "node-3"
     said = run("node-3", "--organisation", "hospital", "--base-port", "21500", *arguments)
     if url is None:
-        assert "CONFIGURATION_INVALID" in said.stderr
+        assert "CONFIGURATION_INVALID" in said.stderr or "NODE_ADDRESS_UNUSABLE" in said.stderr
+        assert "secret" not in said.stderr
         assert not place.exists()
     else:
         assert said.exit_code == 0, said.output
