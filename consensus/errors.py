@@ -108,6 +108,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("ADDRESS_NOT_HERE", 400, "The address to listen on is none of this machine's.", "Listen on an address that the machine has (`ip address` shows them; 0.0.0.0 is all), and name the one that others reach with --advertise."),
     ErrorEntry("NODE_NOT_CERTIFIED", 409, "The node has no certificate yet, so there is no entry of it.", "Let the authority of its organisation sign node.csr from its data directory, and then: `blockrobot certificate install NODE CERTIFICATE`."),
     ErrorEntry("FOUNDING_ENTRY_INVALID", 400, "An entry cannot be part of the genesis file.", "Ask the party that made it for a new one, or leave one of two out."),
+    ErrorEntry("FOUNDER_WITHOUT_NODE", 409, "An organisation founds a network without a node: a warning, nothing is refused.", "Ask the organisation for its node's entry and make the file anew, or say --without-node ORG."),
     ErrorEntry("GENESIS_DIFFERS", 409, "Two genesis files, or a file and the entries in it, are not alike.", "Compare fingerprints with the other parties (`blockrobot genesis check`), and make the file anew of everybody's entries."),
     ErrorEntry("STORAGE_DAMAGED", 500, "The node's storage is damaged.", "Stop the node, keep the directory for inspection, and make the node anew."),
     ErrorEntry("STORAGE_BUSY", 503, "Too many readers or writers use the node's storage at once.", "Try again in a moment.", retryable=True),

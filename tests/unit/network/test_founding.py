@@ -15,7 +15,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
-from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
+from consensus.chain.genesis import ChainSettings, Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
 from contracts.execution.genesis import complete_genesis
 from network.cli.governance.genesis_commands import genesis as genesis_group
@@ -33,7 +33,7 @@ Change = Callable[[dict[str, Any]], None]
 
 
 def run(command: Any, *arguments: str) -> Result:
-    return CliRunner().invoke(command, list(arguments))
+    return CliRunner(env={"COLUMNS": "160"}).invoke(command, list(arguments))
 
 
 @pytest.fixture(scope="module")
@@ -324,6 +324,64 @@ def test_a_network_that_would_begin_in_the_future_is_not_founded(
     said = run(genesis_group, "check", str(path), "--adopt", "--dir", str(world / "university"))
     assert said.exit_code == 1
     assert "the clock of whoever made the last node's entry is wrong" in " ".join(said.stderr.split())
+
+
+def checked(genesis: Genesis, place: Path, *options: str) -> Result:
+    path = place / "shown.json"
+    path.write_text(genesis_to_json(complete_genesis(genesis)))
+    return run(genesis_group, "check", str(path), "--dir", str(place / "nobody"), *options)
+
+
+def test_a_founder_sees_all_that_is_agreed_to(handed: dict[str, Path], tmp_path: Path) -> None:
+    true = made_of(*handed.values())
+    said = checked(true, tmp_path)
+    assert "Settings: all are the default." in said.output
+    assert "Purposes: care, companionship" in said.output
+    assert "Begins: 20" in said.output
+    (hospital,) = [owner for owner in true.organisations if owner.name == "hospital"]
+    assert all(key.hex()[:16] in said.output for key in (*hospital.admins, *hospital.registrars))
+    answer = json.loads(checked(true, tmp_path, "--json").stdout)
+    assert answer["settings"] == msgspec.structs.asdict(ChainSettings())
+    assert answer["changed_settings"] == answer["warnings"] == []
+    assert answer["begins_ms"] == true.created_at_ms
+    assert answer["purposes"] == list(true.purposes)
+    (seen,) = [owner for owner in answer["organisations"] if owner["name"] == "hospital"]
+    assert seen["admins"] == [key.hex() for key in hospital.admins]
+    assert seen["registrars"] == [key.hex() for key in hospital.registrars]
+    assert seen["nodes"] == seen["custodians"] == ["ward-1", "ward-10"]
+
+
+def test_a_setting_that_somebody_slipped_in_is_seen(handed: dict[str, Path], tmp_path: Path) -> None:
+    true = made_of(*handed.values())
+    slow = ChainSettings(production="manual", max_clock_drift_ms=60_000)
+    false = msgspec.structs.replace(true, settings=slow, purposes=("care",))
+    said = checked(false, tmp_path).output
+    assert "Settings that are not the default" in said
+    for name, here, default in (("production", "manual", "on-demand"), ("max_clock_drift_ms", "60000", "5000")):
+        (line,) = [line for line in said.splitlines() if name in line]
+        assert here in line
+        assert default in line
+    assert "heartbeat_ms" not in said
+    assert "Purposes: care\n" in said
+    answer = json.loads(checked(false, tmp_path, "--json").stdout)
+    assert answer["changed_settings"] == ["max_clock_drift_ms", "production"]
+    assert answer["settings"]["production"] == "manual"
+
+
+def test_an_organisation_whose_nodes_entry_was_left_out_is_warned_of(handed: dict[str, Path], tmp_path: Path) -> None:
+    del handed["ward-2"]
+
+    def make(name: str, *options: str) -> Result:
+        return run(genesis_group, "make", *map(str, handed.values()), "--out", str(tmp_path / name), *options)
+
+    said = make("1.json")
+    assert said.exit_code == 0
+    assert "warning FOUNDER_WITHOUT_NODE: clinic founds without a node" in said.output
+    (warning,) = json.loads(make("2.json", "--json").stdout)["warnings"]
+    assert warning["code"] == "FOUNDER_WITHOUT_NODE"
+    assert "warning" not in make("3.json", "--without-node", "clinic").output
+    assert make("4.json", "--without-node", "nobody").exit_code == 2
+    assert not (tmp_path / "4.json").exists()
 
 
 def test_a_node_that_has_begun_takes_no_other_file(world: Path, handed: dict[str, Path], tmp_path: Path) -> None:
