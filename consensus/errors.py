@@ -110,6 +110,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("FOUNDING_ENTRY_INVALID", 400, "An entry cannot be part of the genesis file.", "Ask the party that made it for a new one, or leave one of two out."),
     ErrorEntry("FOUNDER_WITHOUT_NODE", 409, "An organisation founds a network without a node: a warning, nothing is refused.", "Ask the organisation for its node's entry and make the file anew, or say --without-node ORG."),
     ErrorEntry("GENESIS_DIFFERS", 409, "Two genesis files, or a file and the entries in it, are not alike.", "Compare fingerprints with the other parties (`blockrobot genesis check`), and make the file anew of everybody's entries."),
+    ErrorEntry("GENESIS_IN_USE", 409, "Another genesis file was adopted here, and a network has begun by it.", "If that one is right, go on with it. If it is not: remove the folder of each node that started and the genesis.json beside `nodes`, make the nodes anew (`blockrobot node init NODE --founding`), and hand their new entries to the others."),
     ErrorEntry("STORAGE_DAMAGED", 500, "The node's storage is damaged.", "Stop the node, keep the directory for inspection, and make the node anew."),
     ErrorEntry("STORAGE_BUSY", 503, "Too many readers or writers use the node's storage at once.", "Try again in a moment.", retryable=True),
     ErrorEntry("STORAGE_FULL", 507, "The disk or the size allowed for the node's storage is used up.", "Free space on the disk or allow a larger store, then restart the node."),

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from clients.sdk.new_files import replace_file
+from clients.sdk.node_places import check_place, place_of
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import (
     GENESIS_VERSION,
@@ -26,7 +29,6 @@ from consensus.rights.purposes import PURPOSES
 from contracts.execution.genesis import complete_genesis
 from contracts.lifecycle.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
-from network.provisioning.addresses import check_place, place_of
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding_entries import NodeOffer, OrganisationOffer, refuse
 from network.provisioning.new_node import (
@@ -35,6 +37,9 @@ from network.provisioning.new_node import (
     check_name,
     require_certified,
 )
+from node.config import CONFIG_FILE, load_config
+from node.storage.directory_lock import DirectoryLock
+from node.storage.lmdb_store import DATA_FILE_NAME
 
 NETWORK_NAME = "blockrobot"
 AHEAD_MAX_MS = 600_000
@@ -219,6 +224,22 @@ def find_own_entries(network: Path, data_dirs: Iterable[Path] = ()) -> list[Path
     found = sorted(network.glob(f"organisations/*/{ORGANISATION_ENTRY_FILE}"))
     found += sorted(network.glob(f"nodes/*/{NODE_ENTRY_FILE}"))
     return found + [place / NODE_ENTRY_FILE for place in data_dirs]
+
+
+@contextmanager
+def unstarted(network: Path, data_dirs: Iterable[Path]) -> Iterator[str]:
+    """Hold nodes from starting; yield what was done by their genesis file already, or nothing.
+
+    Raises DATA_DIRECTORY_IN_USE if one runs.
+    """
+    with ExitStack() as held:
+        places = {path.parent.resolve() for path in network.glob(f"nodes/*/{CONFIG_FILE}")}
+        for place in sorted({*places, *(place.resolve() for place in data_dirs)}):
+            if (load_config(place).ledger_dir / DATA_FILE_NAME).is_file():
+                yield f"the node in {place} has started by it"
+                return
+            held.callback(DirectoryLock(place).release)
+        yield f"{network / PIN_FILE} shows that its network was spoken to" if (network / PIN_FILE).is_file() else ""
 
 
 def adopt_genesis(genesis: Genesis, directory: Path, data_dirs: Iterable[Path]) -> None:

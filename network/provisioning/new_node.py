@@ -14,10 +14,10 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from clients.sdk.new_files import replace_file
+from clients.sdk.node_places import PORT_MAX, canonical_url, check_listening, check_place, place_of, url_of
 from consensus.chain.genesis import NodeEntry, prove_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey
-from network.provisioning.addresses import PORT_MAX, canonical_url, check_listening, check_place, place_of, url_of
 from network.provisioning.certificate_authority import (
     Authority,
     encode_private_key,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import nullcontext
 from pathlib import Path
 
 import click
@@ -32,6 +33,7 @@ from network.provisioning.founding import (
     fingerprint,
     make_genesis,
     require_begun,
+    unstarted,
 )
 from network.provisioning.founding_entries import NodeOffer, read_offers
 from network.provisioning.node_certificates import now_ms
@@ -96,7 +98,8 @@ def check(file: Path, adopt: bool, data_dirs: tuple[Path, ...], folder: Path | N
     """Check a genesis file: whether the entries that were made here are in it unchanged, and nothing else in their name.
 
     Everything that a founder agrees to is shown: who has a voice, nodes and custodians, the settings that are not the
-    default (with --json: all), purposes, and when it begins.
+    default (with --json: all), purposes, and when it begins. A file that was adopted too early is replaced by the next
+    one that is adopted, as long as no node here has started.
 
     All parties have the same file if they see the same fingerprint: read it out to each other on the telephone.
 
@@ -109,10 +112,12 @@ def check(file: Path, adopt: bool, data_dirs: tuple[Path, ...], folder: Path | N
     differences = list(find_own_differences(offered, organisations, nodes))
     if differences:
         raise _differs(f"{file} says otherwise than the entries here", differences)
-    adopted = _adopt(offered, place, nodes) if adopt else []
-    _show(offered, file, adopted, as_json=as_json)
+    adopted, is_replaced = _adopt(offered, place, nodes) if adopt else ([], False)
+    _show(offered, file, adopted, as_json=as_json, is_replaced=is_replaced)
     if as_json:
         return
+    if is_replaced:
+        console.print("It takes the place of the genesis file that was adopted before.")
     if not nodes:
         console.print(f"No entry was made in {escape(str(place))}: there was nothing to compare.")
     for name in adopted:
@@ -122,22 +127,25 @@ def check(file: Path, adopt: bool, data_dirs: tuple[Path, ...], folder: Path | N
         console.print(f"Next step: blockrobot node run {escape(done)}", soft_wrap=True)
 
 
-def _adopt(offered: Genesis, place: Path, nodes: list[NodeOffer]) -> list[str]:
-    """Raises GENESIS_DIFFERS, NOT_FOUND."""
+def _adopt(offered: Genesis, place: Path, nodes: list[NodeOffer]) -> tuple[list[str], bool]:
+    """Return which nodes begin with it, and whether they had another one. Raises GENESIS_IN_USE, NOT_FOUND."""
     if not nodes:
         raise BlockRobotError("NOT_FOUND", f"There is no node in {place} that could begin with it.")
     folders = [Path(node.source).parent for node in nodes]
-    for earlier in (home / "genesis.json" for home in (place, *folders)):
-        if earlier.is_file() and (differences := find_differences(load_genesis(earlier), offered)):
-            raise _differs(f"{earlier} is there already, and another one", differences)
-    adopt_genesis(offered, place, folders)
-    return [node.entry.name for node in nodes]
+    there = [home / "genesis.json" for home in (place, *folders) if (home / "genesis.json").is_file()]
+    differing = [(path, found) for path in there if (found := find_differences(load_genesis(path), offered))]
+    with unstarted(place, folders) if differing else nullcontext("") as begun:
+        if begun:
+            earlier, differences = differing[0]
+            raise _differs(f"{earlier} is another one, and {begun}", differences, "GENESIS_IN_USE")
+        adopt_genesis(offered, place, folders)
+    return [node.entry.name for node in nodes], bool(differing)
 
 
-def _differs(what: str, differences: list[str]) -> BlockRobotError:
+def _differs(what: str, differences: list[str], code: str = "GENESIS_DIFFERS") -> BlockRobotError:
     more = len(differences) - DIFFERENCES_SHOWN_COUNT
     shown = [*differences[:DIFFERENCES_SHOWN_COUNT], *([f"{more} more"] if more > 0 else [])]
-    return BlockRobotError("GENESIS_DIFFERS", f"{what}: {'; '.join(shown)}.")
+    return BlockRobotError(code, f"{what}: {'; '.join(shown)}.")
 
 
 def _organisations(shown: Genesis) -> list[GenesisOrganisation]:
@@ -160,7 +168,13 @@ def _settings(shown: Genesis) -> dict[str, tuple[int | str, int | str]]:
 
 
 def _show(
-    shown: Genesis, file: Path, adopted: list[str], *, as_json: bool, nodeless: tuple[str, ...] | None = None
+    shown: Genesis,
+    file: Path,
+    adopted: list[str],
+    *,
+    as_json: bool,
+    nodeless: tuple[str, ...] | None = None,
+    is_replaced: bool = False,
 ) -> None:
     """`nodeless`: organisations without a node on purpose; None where nobody is to be warned of the others."""
     organisations, settings = _organisations(shown), _settings(shown)
@@ -200,6 +214,7 @@ def _show(
             nodes=nodes,
             warnings=warnings,
             adopted=adopted,
+            replaced=is_replaced,
         )
         print_answer(answer)
         return

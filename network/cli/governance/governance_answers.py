@@ -116,6 +116,7 @@ class GenesisAnswer(Answer, frozen=True, kw_only=True):
     nodes: Annotated[list[GenesisNode], doc("Their nodes")]
     warnings: Annotated[list[GenesisWarning], doc("What founders may not have meant")]
     adopted: Annotated[list[str], doc("Nodes here that begin with it")]
+    replaced: Annotated[bool, doc("Whether they had another genesis file, by which none had started")]
 
 
 class EpochView(Answer, frozen=True, kw_only=True):

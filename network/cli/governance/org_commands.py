@@ -11,6 +11,7 @@ import click
 
 from clients.sdk.chain.governance import MembershipView, read_membership
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.node_places import check_place, parse_place
 from clients.sdk.terminal.json_answers import convert_row
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer
@@ -36,7 +37,6 @@ from network.cli.governance.governance_signer import (
     withdraw_command,
 )
 from network.cli.governance.quorum_check import anyway_option, check_membership_change
-from network.provisioning.addresses import check_place, parse_place
 from network.provisioning.authority_check import check_authority_change
 from network.provisioning.exchange_files import (
     ORGANISATION_ENTRY_FILE,

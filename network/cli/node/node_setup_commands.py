@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 from clients.sdk.new_files import read_given_file, write_new_file
+from clients.sdk.node_places import parse_place
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
@@ -27,7 +28,6 @@ from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys,
 from network.cli.node.node_answers import NodeDirectoryAnswer, NodeInitAnswer
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
-from network.provisioning.addresses import parse_place
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding import NETWORK_NAME
 from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import random
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.chain.genesis import ChainSettings, Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
 from contracts.execution.genesis import complete_genesis
@@ -26,6 +29,8 @@ from network.provisioning import founding
 from network.provisioning.founding import find_differences, fingerprint, make_genesis
 from network.provisioning.founding_entries import node_entry_to_json, read_offers
 from node.config import load_config, load_genesis
+from node.storage.directory_lock import DirectoryLock
+from node.storage.lmdb_store import LmdbStore
 
 PARTIES = {"hospital": ("ward-1", "ward-10"), "university": ("lab-1",), "clinic": ("ward-2",)}
 """Who founds, and with which nodes."""
@@ -384,17 +389,47 @@ def test_an_organisation_whose_nodes_entry_was_left_out_is_warned_of(handed: dic
     assert not (tmp_path / "4.json").exists()
 
 
-def test_a_node_that_has_begun_takes_no_other_file(world: Path, handed: dict[str, Path], tmp_path: Path) -> None:
-    first, second = tmp_path / "first.json", tmp_path / "second.json"
+def test_a_file_that_was_adopted_too_early_is_replaced_until_a_node_has_started(
+    world: Path, handed: dict[str, Path], tmp_path: Path
+) -> None:
+    early, true = made_of(*(handed[name] for name in ("clinic", "ward-2"))), made_of(*handed.values())
+    home, files = tmp_path / "home", {"early": tmp_path / "early.json", "true": tmp_path / "true.json"}
+    shutil.copytree(world / "clinic", home)
+    node, here = home / "nodes" / "ward-2", [home / "genesis.json", home / "nodes" / "ward-2" / "genesis.json"]
+    for path in here:
+        path.unlink(missing_ok=True)
+    for name, genesis in (("early", early), ("true", true)):
+        files[name].write_text(genesis_to_json(genesis))
+
+    def adopt(name: str) -> Result:
+        return run(genesis_group, "check", str(files[name]), "--adopt", "--dir", str(home), "--json")
+
+    for name, is_replaced in (("early", False), ("early", False), ("true", True), ("early", True)):
+        said = adopt(name)
+        assert said.exit_code == 0, said.output
+        assert json.loads(said.stdout)["replaced"] is is_replaced
+        assert {path.read_text() for path in here} == {files[name].read_text()}
+
+    def refused(code: str, *words: str) -> None:
+        said = adopt("true")
+        assert said.exit_code == 1
+        assert all(word in said.stdout for word in (code, *words)), said.stdout
+        assert {path.read_text() for path in here} == {files["early"].read_text()}
+        assert adopt("early").exit_code == 0, "the same one is no other"
+
+    running = DirectoryLock(node)
+    refused("DATA_DIRECTORY_IN_USE")
+    running.release()
+    (home / PIN_FILE).write_text("{}")
+    refused("GENESIS_IN_USE", PIN_FILE)
+    (home / PIN_FILE).unlink()
+    asyncio.run(LmdbStore.create(load_config(node).ledger_dir).close())
+    refused("GENESIS_IN_USE", "ward-2 has started by it", "nodes.lab-1")
+
+
+def test_two_files_that_differ_are_told_apart(handed: dict[str, Path]) -> None:
     true = made_of(*handed.values())
-    first.write_text(genesis_to_json(true))
-    second.write_text(genesis_to_json(make_genesis(*read_offers(list(handed.values())), network="other")))
-    assert run(genesis_group, "check", str(first), "--adopt", "--dir", str(world / "clinic")).exit_code == 0
-    assert run(genesis_group, "check", str(first), "--adopt", "--dir", str(world / "clinic")).exit_code == 0, (
-        "once more"
-    )
-    said = run(genesis_group, "check", str(second), "--adopt", "--dir", str(world / "clinic"))
-    assert "GENESIS_DIFFERS" in said.stderr
-    assert 'network: "blockrobot" here, "other" there' in said.stderr
+    other = make_genesis(*read_offers(list(handed.values())), network="other")
+    assert 'network: "blockrobot" here, "other" there' in find_differences(true, other)
     assert fingerprint(true).replace(" ", "") == true.chain_id.hex()[:32]
     assert find_differences(true, true) == []
