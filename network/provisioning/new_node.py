@@ -9,12 +9,13 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from urllib.parse import urlsplit
 
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from clients.sdk.new_files import replace_file
-from clients.sdk.node_places import PORT_MAX, canonical_url, check_listening, check_place, place_of, url_of
+from clients.sdk.node_places import PORT_MAX, canonical_url, check_listening, check_place, url_of
 from consensus.chain.genesis import NodeEntry, prove_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey
@@ -184,9 +185,9 @@ def create_node(
     return entry
 
 
-def hosts_of(entry: NodeEntry) -> tuple[str, str]:
+def hosts_of(entry: NodeEntry | DirectoryNode) -> tuple[str, str]:
     """Where peers and clients reach it, as its certificate has to say."""
-    return entry.host, place_of(entry.api_url)[0] or entry.host
+    return entry.host, urlsplit(entry.api_url).hostname or entry.host
 
 
 def read_founding_entry(data_dir: Path) -> NodeEntry | None:

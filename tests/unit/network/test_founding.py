@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import random
 import shutil
-from collections.abc import Callable
+import stat
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,7 @@ from network.cli.governance.genesis_commands import genesis as genesis_group
 from network.cli.governance.governance_signer import read_private_key
 from network.cli.governance.org_commands import org
 from network.cli.node.node_setup_commands import init
-from network.provisioning import founding
+from network.provisioning import founding, new_organisation
 from network.provisioning.founding import find_differences, fingerprint, make_genesis
 from network.provisioning.founding_entries import node_entry_to_json, read_offers
 from node.config import load_config, load_genesis
@@ -311,6 +313,30 @@ def test_an_organisation_is_not_swapped_where_only_its_node_is(
     path.write_text(genesis_to_json(true))
     assert run(genesis_group, "check", str(path), "--adopt", *here).exit_code == 0, "into a folder that was not there"
     assert (tmp_path / "desk" / "genesis.json").read_bytes() == path.read_bytes()
+
+
+def test_an_organisation_is_made_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However far the making came, the next try begins anew."""
+    written = new_organisation.write_secret
+    for reached in range(3):
+        left = iter([True] * reached)
+
+        def write(path: Path, data: bytes, left: Iterator[bool] = left) -> None:
+            if not next(left, False):
+                raise OSError(errno.ENOSPC, "No space left on device")
+            written(path, data)
+
+        monkeypatch.setattr(new_organisation, "write_secret", write)
+        with pytest.raises(OSError, match="No space left"):
+            new_organisation.create_organisation(tmp_path, "clinic")
+        assert list((tmp_path / "organisations").iterdir()) == []
+    monkeypatch.undo()
+    new_organisation.create_organisation(tmp_path, "clinic")
+    (made,) = (tmp_path / "organisations").iterdir()
+    assert stat.S_IMODE(made.stat().st_mode) == 0o700
+    assert {stat.S_IMODE(path.stat().st_mode) for path in made.glob("*key*")} == {0o600}
+    files = ["admin.key", "ca.crt.pem", "ca.key.pem", "organisation-entry.json", "registrar.key"]
+    assert sorted(path.name for path in made.iterdir()) == files
 
 
 def test_names_that_differ_in_leading_zeros_have_one_order(handed: dict[str, Path]) -> None:
