@@ -98,7 +98,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("NODE_NOT_READY", 503, "The node is starting or has lost its peers.", "Wait until /readyz answers 200.", retryable=True),
     ErrorEntry("NODE_ADDRESS_UNUSABLE", 400, "The address of a node that was given cannot be used.", "Give https://HOST:PORT, or NAME=https://HOST:PORT; http is for this machine alone."),
     ErrorEntry("NODE_ADDRESS_WRONG", 503, "At the address that was given is not that node of this network.", "Ask the node's organisation for its address; until then the nodes that are known are asked.", retryable=True),
-    ErrorEntry("NODE_UNREACHABLE", 503, "No node of the network answered.", "Check `blockrobot status`; start the network with `blockrobot up`.", retryable=True),
+    ErrorEntry("NODE_UNREACHABLE", 503, "No node of the network answered.", "Check `blockrobot status`; start what is down: your node with `blockrobot node run`, a network for trying things out with `blockrobot up`.", retryable=True),
     ErrorEntry("INTERNAL", 500, "The node met a fault of its own; it is logged there.", "Try another node and report the fault.", retryable=True),
     # Nodes and storage
     ErrorEntry("DATA_DIRECTORY_IN_USE", 409, "Another process already runs on this data directory.", "Stop it first, or choose another directory."),
@@ -138,7 +138,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("EVENTS_STATE_BROKEN", 400, "The file is no state file of `blockrobot contract events`, or it is damaged.", "Move it away, and go on with --from and the place of the last event that you have seen."),
     ErrorEntry("EVENTS_FILE_FOREIGN", 400, "Events would be added to a file that holds something else.", "Name another file with --out or --events; this one was left as it is."),
     ErrorEntry("EVIDENCE_INVALID", 400, "The evidence does not show two contradicting messages of one producer.", "Accuse nobody of it; a node that made it is damaged or dishonest."),
-    ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory.", "Start one with `blockrobot up`."),
+    ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory, or no network is known in it.", "On a member's host put the network's genesis.json there (a node's data directory has it), or name its folder with --dir; start its node with `blockrobot node run`. A network for trying things out: `blockrobot up`."),
     ErrorEntry("CLUSTER_ALREADY_RUNNING", 409, "All nodes of the network in this directory, or the one that is named, run already.", "Use it (`blockrobot console` shows it), or stop it with `blockrobot down`."),
     ErrorEntry("CLUSTER_START_FAILED", 500, "The cluster did not become ready in time.", "See `blockrobot logs` for the first error.", retryable=True),
     ErrorEntry("CLUSTER_FIRST_START_FAILED", 500, "The new network did not become ready in time, and was removed again.", "Mend what the last lines of its nodes name, then start it again.", retryable=True),
@@ -163,6 +163,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CERTIFICATE_REVOKED", 503, "This node's certificate was revoked: no peer talks to it, it serves reads only.", "Make a new one: `blockrobot certificate renew NODE --new-key`; the running node takes it at once."),
     ErrorEntry("CERTIFICATE_UNFIT", 409, "The certificate is of the right authority, but does not serve a node.", "Let the authority issue it for the node's request as it is: with all its names, to servers and to clients (serverAuth, clientAuth)."),
     ErrorEntry("AUTHORITY_NOT_HERE", 404, "The organisation's certificate authority is not on this machine.", "Run the command where its folder is, or name it with --authority."),
+    ErrorEntry("ORGANISATION_NOT_ADMITTED", 409, "The network, as far as it is known here, has no such organisation.", "If it is not let in yet: an organisation of the network says `blockrobot org propose add-org --from organisation-entry.json`, and others `blockrobot org approve ID` until a majority has. If it is: take what the network has become from where a node runs (`blockrobot node directory NODE --out directory.json`), and name that with --directory."),
     ErrorEntry("NODE_EXISTS", 409, "There is a node of this name, or in this directory, already.", "Choose another name; a name is never used twice in one network."),
     ErrorEntry("NODE_REMOVED", 503, "The network decided to remove this node: no peer talks to it, it serves reads only.", "Stop it; its data directory can be kept or destroyed."),
     # Custody

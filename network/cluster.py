@@ -60,7 +60,7 @@ class Cluster:
         self.folder = folder.resolve()
         path = self.folder / "genesis.json"
         if not path.exists():
-            raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")
+            raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}: it has no genesis.json.")
         self.genesis: Genesis = load_genesis(path)
         self.configs: dict[str, NodeConfig] = {
             name: load_config(self.folder / "nodes" / name) for name in self._find_names()

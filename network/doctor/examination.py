@@ -65,7 +65,7 @@ class Examination:
 def get_data_directories(network: Path) -> list[Path]:
     """Raises CLUSTER_NOT_RUNNING if it is no network's folder."""
     if not (network / "genesis.json").is_file():
-        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {network}.")
+        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {network}: it has no genesis.json.")
     return sorted(path.parent for path in (network / "nodes").glob(f"*/{CONFIG_FILE}"))
 
 

@@ -73,7 +73,7 @@ def open_network(folder: Path | None) -> tuple[Path, Genesis]:
     """Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
     place = network_folder(folder)
     if not (place / "genesis.json").exists():
-        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {place}.")
+        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {place}: it has no genesis.json.")
     return place, load_genesis(place / "genesis.json")
 
 

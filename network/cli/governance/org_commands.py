@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -126,10 +127,17 @@ def new(name: str, certificate: Path | None, folder: Path | None, as_json: bool)
     console.print(
         f"The organisation {escape(name)} has its keys in {escape(str(path))}. Keep its folder secret and safe."
     )
+    where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
+    console.print(f"Others need {ORGANISATION_ENTRY_FILE} from there: nothing in it is secret. Next step,")
     console.print(
-        f"Hand {ORGANISATION_ENTRY_FILE} from there to an organisation of the network: nothing in it is secret."
+        f"  to found a network: blockrobot node init NODE --founding --organisation {name}{escape(where)}",
+        soft_wrap=True,
     )
-    console.print(f"Next step, there: blockrobot org propose add-org --from {ORGANISATION_ENTRY_FILE} --as ORG")
+    console.print(
+        "  to join one that runs, where an organisation of it is: blockrobot org propose add-org --from "
+        f"{ORGANISATION_ENTRY_FILE} --as ORG",
+        soft_wrap=True,
+    )
 
 
 async def _check(

@@ -9,7 +9,7 @@ import click
 
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXISTING_FILE, FOLDER, command_output, console, load_genesis, print_answer
-from network.cli.cluster.cluster_options import folder_option
+from network.cli.cluster.cluster_options import folder_option, genesis_steps, network_folder
 from network.cli.governance.governance_signer import plain_table
 from network.cli.node.node_answers import NodeBackupAnswer, NodeRestoreAnswer
 from network.cli.node.node_commands import get_node_config
@@ -100,6 +100,8 @@ def restore(
         table.add_row(name, escape(", ".join(value) if isinstance(value, list) else str(value)))
     console.print(table)
     console.print(f"Fingerprint of its network: {fingerprint(made.genesis)}")
+    for step in genesis_steps(network_folder(None), data_dir.resolve()):
+        console.print(f"So that `status` and other commands find its network here: {escape(step)}", soft_wrap=True)
     console.print(f"Make sure that it runs nowhere else. Next step: {escape(run)}", soft_wrap=True)
 
 

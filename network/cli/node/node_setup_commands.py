@@ -23,7 +23,7 @@ from clients.sdk.terminal.terminal import (
 )
 from consensus.bounded_text import JSON_MAX_BYTES, read_json_as
 from consensus.chain.genesis import Genesis, NodeEntry
-from network.cli.cluster.cluster_options import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, genesis_steps, network_folder
 from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table, read_private_key
 from network.cli.node.node_answers import NodeDirectoryAnswer, NodeInitAnswer
 from network.cli.node.node_commands import get_node_config
@@ -143,6 +143,7 @@ def init(
     entry = init_node(place, new, beginning, get_authority(network, organisation, authority), known)
     speaker = _speaker(organisation, None if is_elsewhere else network, authority)
     steps = next_steps(name, speaker, place, None if data_dir is not None else network, folder)
+    steps[:0] = [f"{step}   (commands look there)" for step in genesis_steps(network, place)]
     _show_made(entry, place, steps, as_json=as_json)
 
 
