@@ -233,6 +233,16 @@ def _show(
         ]
         table.add_row(*map(escape, cells))
     console.print(table)
+    _print_agreement(shown, organisations, changed)
+    for warning in warnings:
+        console.print(f"[yellow]warning[/yellow] {warning.code}: {escape(warning.detail)}", soft_wrap=True)
+    console.print(f"Fingerprint: {fingerprint(shown)}")
+
+
+def _print_agreement(
+    shown: Genesis, organisations: list[GenesisOrganisation], changed: dict[str, tuple[int | str, int | str]]
+) -> None:
+    """What a founder agrees to besides the nodes."""
     table = plain_table("Who has a voice", ["organisation", "nodes", "keep clips", "admins", "registrars"])
     for entry in organisations:
         named = [", ".join(names) or "none" for names in (entry.nodes, entry.custodians)]
@@ -248,6 +258,3 @@ def _show(
         console.print("Settings: all are the default.")
     console.print(f"Purposes: {escape(', '.join(shown.purposes))}", soft_wrap=True)
     console.print(f"Begins: {format_time(shown.created_at_ms)}")
-    for warning in warnings:
-        console.print(f"[yellow]warning[/yellow] {warning.code}: {escape(warning.detail)}", soft_wrap=True)
-    console.print(f"Fingerprint: {fingerprint(shown)}")
