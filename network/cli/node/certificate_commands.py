@@ -278,7 +278,10 @@ def install(node: str, certificate_file: Path, authority: Path | None, folder: P
 @click.argument("node")
 @click.option("--new-key", is_flag=True, help="Make a new key too: after a theft, or a revocation.")
 @click.option(
-    "--host", "hosts", multiple=True, help="An address that it names; may be repeated. Else those of the old one."
+    "--host",
+    "hosts",
+    multiple=True,
+    help="An address that it names; may be repeated. Else those of the old one. Those in use have to be among them.",
 )
 @days_option
 @authority_option
@@ -300,6 +303,8 @@ def renew_certificate(
     config = get_node_config(node, folder)
     organisation = _organisation(config, folder)
     ca = get_authority(network_folder(folder), organisation, authority)
+    if hosts:
+        _require_advertised(config, hosts)
     serial = renew(config, ca, days=days, new_key=new_key, hosts=hosts)
     report = read_report(config)
     expires = "" if report.facts is None else report.facts.expires
@@ -344,6 +349,17 @@ def revoke(
     arguments = {"organisation": owner, "serial": serial_bytes(number)}
     submitted = propose_once(signer, "membership", "revoke_certificate", arguments)
     report_decision(submitted, f"revoke certificate {number:x} of {owner}", "org", as_json=as_json)
+
+
+def _require_advertised(config: NodeConfig, hosts: tuple[str, ...]) -> None:
+    """Whether peers and clients would still find the node that they look for. Raises CERTIFICATE_UNFIT."""
+    entry = read_founding_entry(config.data_dir) or newest_directory(
+        load_genesis(config.genesis_path), [config]
+    ).nodes.get(config.name)
+    missing = [] if entry is None else sorted({*hosts_of(entry)} - {*hosts})
+    if missing:
+        detail = f"Others reach {config.name} at {', '.join(missing)} now: name that too, until it has moved."
+        raise BlockRobotError("CERTIFICATE_UNFIT", detail)
 
 
 def _organisation(config: NodeConfig, folder: Path | None) -> str:

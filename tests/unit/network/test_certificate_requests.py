@@ -109,6 +109,20 @@ def test_a_certificate_that_does_not_name_where_a_node_is_reached_leaves_the_old
     assert read_report(config).state(now_ms()) == "valid"
 
 
+def test_a_certificate_is_not_renewed_without_the_address_at_which_its_node_is_reached(
+    folder: Path, config: NodeConfig
+) -> None:
+    old = config.tls_certificate_path.read_bytes()
+    said = run("renew", "node-1", "--host", "10.0.0.7", "--dir", str(folder))
+    assert "CERTIFICATE_UNFIT" in said.stderr
+    assert config.tls_certificate_path.read_bytes() == old
+    assert run("renew", "node-1", "--host", "10.0.0.7", "--host", "127.0.0.1", "--dir", str(folder)).exit_code == 0
+    assert certified_hosts(x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())) == (
+        "10.0.0.7",
+        "127.0.0.1",
+    )
+
+
 def request_of(key: Any, organisation: str = "hospital", name: str = "node-1", *, hosts: bool = True) -> bytes:
     subject = [
         x509.NameAttribute(NameOID.ORGANIZATION_NAME, organisation),
