@@ -31,7 +31,7 @@ PART_CUES = (
 
 def measure_parts(inside: Mask, depth: Depth, focal_px: float) -> list[float]:
     """Return PART_CUES of a non-empty silhouette; zeros where it is one part."""
-    z = depth.astype(np.float32) / 1000
+    z = depth.astype(np.float32) / np.float32(1000)
     total = int(np.count_nonzero(inside))
     middle = float(np.median(z[inside]))
     pixel = middle / focal_px
