@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 
-from clients.sdk.new_files import new_file, read_given_file, sync_folder, write_new_file
+from clients.sdk.new_files import new_file, read_given_file, read_given_text, sync_folder, write_new_file
 from consensus.bounded_text import JSON_MAX_BYTES, TextInvalidError, read_json_as, read_toml_text
 from consensus.errors import BlockRobotError
 from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis
@@ -156,7 +156,7 @@ def without_password(store: str) -> str:
 
 def _settings_without_password(config: NodeConfig) -> str:
     """node.toml with its comments. Raises CONFIGURATION_INVALID."""
-    text = (config.data_dir / CONFIG_FILE).read_text(encoding="utf-8")
+    text = read_given_text(config.data_dir / CONFIG_FILE)
     public = without_password(config.custody_store)
     if public == config.custody_store:
         return text

@@ -27,7 +27,7 @@ from network.bench.conditions import percentile
 from network.bench.finality_probe import longest_gap_s
 from network.bench.fresh_network import LoadRobot, enrol_robot
 from network.lab.hosts.founded_network import FoundedNetwork
-from network.lab.hosts.helpers import Helper
+from network.lab.hosts.remote_program import RemoteProgram
 
 PAUSE_S, CONNECT_EVERY_S = 0.3, 0.4
 """So that all clients of this host together stay within one address's budget at a node."""
@@ -176,7 +176,7 @@ def _print(told: Struct) -> None:
     sys.stdout.flush()
 
 
-class SteadyClients(Helper):
+class SteadyClients(RemoteProgram):
     """Clients at work on the visitor's host for as long as `with` lasts."""
 
     def __init__(self, network: FoundedNetwork, count: int = 4) -> None:

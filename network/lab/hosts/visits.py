@@ -27,8 +27,8 @@ from consensus.errors import BlockRobotError
 from consensus.members.vouchers import decode_card_code
 from network.bench.fresh_network import LoadRobot, enrol_robot
 from network.lab.hosts.founded_network import FoundedNetwork
-from network.lab.hosts.helpers import Helper
 from network.lab.hosts.namespaces import Host
+from network.lab.hosts.remote_program import RemoteProgram
 from network.lab.hosts.steady_clients import addresses
 
 FLOOD_S, CALLERS_COUNT, FEW_COUNT = 4.0, 24, 20
@@ -216,7 +216,7 @@ async def _be_slow(orders: Slow) -> Held:
     return told
 
 
-class Visit(Helper):
+class Visit(RemoteProgram):
     """One visit on a host; a slow one lasts until `end`. `with` ends it in any case."""
 
     def __init__(self, network: FoundedNetwork, host: Host, orders: Crowd | Slow) -> None:

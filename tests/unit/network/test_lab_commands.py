@@ -19,11 +19,11 @@ from consensus.errors import BlockRobotError
 from network.bench import nginx
 from network.bench.nginx import Nginx, configure, count_bodies_on_disk, find_nginx, trust_proxy
 from network.cli.main import main
-from network.lab.hosts import helpers, namespaces
+from network.lab.hosts import namespaces, remote_program
 from network.lab.hosts.catalogue import STORIES
 from network.lab.hosts.founded_network import FoundedNetwork
-from network.lab.hosts.helpers import Helper
 from network.lab.hosts.namespaces import Host
+from network.lab.hosts.remote_program import RemoteProgram
 from network.provisioning.network_layout import create_network
 from node.config import load_config
 from tests.cluster.network_under_test import find_base_port
@@ -98,21 +98,24 @@ class Local(FoundedNetwork):
         return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=stderr, text=True, cwd=host.home)
 
 
-def test_a_helper_may_say_much_on_standard_error_and_has_to_answer_in_time(
+def test_a_program_elsewhere_may_say_much_on_standard_error_and_has_to_answer_in_time(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     host = Host("visitor", "none", "10.77.0.1", tmp_path)
     talks = (
         "import sys; sys.stderr.write('e' * 2**20 + 'the end'); sys.stderr.flush(); print(input()); sys.stdin.read()"
     )
-    with Helper(Local(talks), host, "talks") as helper:
-        assert helper.ask() == "{}\n"
+    with RemoteProgram(Local(talks), host, "talks") as program:
+        assert program.ask() == "{}\n"
         with pytest.raises(BlockRobotError, match=r"^HOSTS_STORY_FAILED.*talks.*the end"):
-            helper.end()
-    monkeypatch.setattr(helpers, "ANSWER_MAX_S", 0.2)
+            program.end()
+    monkeypatch.setattr(remote_program, "ANSWER_MAX_S", 0.2)
     hangs = Local("import time; time.sleep(60)")
-    with pytest.raises(BlockRobotError, match=r"said nothing within 0.2 s"), Helper(hangs, host, "hangs") as helper:
-        helper.ask()
+    with (
+        pytest.raises(BlockRobotError, match=r"said nothing within 0.2 s"),
+        RemoteProgram(hangs, host, "hangs") as program,
+    ):
+        program.ask()
 
 
 @pytest.mark.system_packages

@@ -19,7 +19,7 @@ from network.lab.hosts.namespaces import Host
 ANSWER_MAX_S, END_MAX_S = 180.0, 30.0
 
 
-class Helper:
+class RemoteProgram:
     """Ends with `with`. What it writes on standard error goes to a file, where it never fills a pipe."""
 
     def __init__(self, network: FoundedNetwork, host: Host, module: str) -> None:
