@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from clients.robot.cli.run_report import summary_lines
 from clients.robot.hiding.background import Background, learn_background
+from clients.robot.hiding.companion import shipped_model
 from clients.robot.hiding.frame_redactor import FrameRedactor, WithheldFrame
 from clients.robot.hiding.withhold_reason import MergedBy, MergedEvidence, WithholdReason
 from clients.robot.recording.run_statistics import RunStatistics
@@ -54,7 +55,7 @@ def withheld(wall: Background, pictures: list[Depth], z_m: float) -> list[Withhe
         (3.0, 1.7, (1.0,), MergedBy.AREA, 1.3),
         (8.0, 1.7, (0.7,), MergedBy.AREA, 1.05),
         (8.0, 1.6, (0.2, 0.9, 0.2, 0.2), MergedBy.BREADTH, 0.78),
-        (3.0, 1.6, (0.25, 0.9, 0.9, 0.9), MergedBy.SHAPE, -1.03),
+        (3.0, 1.6, (0.25, 0.9, 0.9, 0.9), MergedBy.SHAPE, round(shipped_model().suspect, 2)),
     ],
 )
 def test_the_rule_is_named_with_its_limit_and_the_silhouettes_size(
