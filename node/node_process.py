@@ -257,7 +257,7 @@ class Node:
         if key is None:
             return None
         self._custodian_key = key
-        store = open_store(config.custody_store, config.custody_dir, self._require_custody_space)
+        store = open_store(config.custody_store, config.custody_dir, self._require_custody_space, config.clips)
         erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
         await self._stack.enter_async_context(store)
         reserve = DiskReserve(config.data_dir, config.custody_reserve_mib)
