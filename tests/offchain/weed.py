@@ -74,7 +74,13 @@ def small_server(folder: Path, keys: tuple[str, str], port: int) -> list[str]:
     ports = [f"-{name}={port + place}" for place, name in enumerate((*named, "s3.port", "s3.port.grpc"))]
     command = installed("seaweedfs", REQUIREMENTS, HINT) / "weed"
     options = ["-ip=127.0.0.1", f"-dir={folder / 'data'}", "-s3", f"-s3.config={folder / 's3.json'}", *ports]
-    limits = ["-master.volumeSizeLimitMB=64", "-volume.max=40", "-master.telemetry=false", "-s3.iam=false"]
+    limits = [
+        "-master.volumeSizeLimitMB=64",
+        "-volume.max=40",
+        "-master.telemetry=false",
+        "-s3.iam=false",
+        "-s3.autoCreateBucket=false",
+    ]
     return [str(command), "-logtostderr", "server", *options, *limits]
 
 
