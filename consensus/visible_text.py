@@ -16,6 +16,8 @@ _INVISIBLE_RANGES = """
 A0 34F 115F-1160 1680 17B4-17B5 180B-180D 180F 2000-200A 202F 205F 3000 3164 FE00-FE0F FFA0 E0100-E01EF
 2D7F 2800 FFFC 16FE4 1107F 11A47 11A99 1D159
 """
+STRANGE_MAX_CHARS = 1_000
+_SPACES = dict.fromkeys(map(ord, "\n\r\t"), " ")
 FURTHER_LINE = "    | "
 """What stands before each further line of an entry (`one_entry`)."""
 _ASCII_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
@@ -57,6 +59,11 @@ def escape_controls(text: str, allowed: str = "\n") -> str:
     if text.isascii() and text.isprintable():
         return text
     return _NOT_PLAIN.sub(lambda found: found[0] if found[0] in allowed else _escaped(found[0]), text)
+
+
+def printable(text: str, max_chars: int = STRANGE_MAX_CHARS) -> str:
+    """One line, no controls, limited length."""
+    return escape_controls(text[:max_chars].translate(_SPACES), "")[:max_chars]
 
 
 def _escaped(character: str) -> str:

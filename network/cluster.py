@@ -51,6 +51,14 @@ class _ClusterState(msgspec.Struct):
     behaviours: dict[str, str] = {}
 
 
+def no_network(folder: Path) -> BlockRobotError:
+    """What to raise where there is no genesis file."""
+    if any((folder / "nodes").glob(f"*/{CONFIG_FILE}")):
+        sentence = f"The nodes in {folder} belong to no network yet: blockrobot genesis check FILE --adopt."
+        return BlockRobotError("CLUSTER_NOT_RUNNING", sentence)
+    return BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")
+
+
 class Cluster:
     """The nodes of one network folder."""
 
@@ -60,7 +68,7 @@ class Cluster:
         self.folder = folder.resolve()
         path = self.folder / "genesis.json"
         if not path.exists():
-            raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")
+            raise no_network(folder)
         self.genesis: Genesis = load_genesis(path)
         self.configs: dict[str, NodeConfig] = {
             name: load_config(self.folder / "nodes" / name) for name in self._find_names()

@@ -17,6 +17,7 @@ import structlog
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
+from node.config import READING_TOKEN_FILE_NAME
 from node.custody.coordination.custody_admin import CustodyAdmin
 from node.custody.coordination.custody_admin_routes import add_custody_routes
 from node.faults import FaultSwitch
@@ -31,6 +32,7 @@ OPEN_PATHS = ("/livez", "/readyz")
 """What is answered without a token, and nothing else (see `docs/reference/authorisation.md`)."""
 READING_PATHS = ("/status", "/metrics")
 """What is answered with the reading token too."""
+_READING_TOKEN_WRONG = f"The token of {READING_TOKEN_FILE_NAME} is missing or wrong."
 _HOSTS = frozenset({"127.0.0.1", "localhost", "[::1]"})
 _PORT = re.compile(r":[0-9]{1,5}$", re.ASCII)
 METRICS_CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -91,7 +93,12 @@ def create_metrics_listener(
 ) -> web.Application:
     """Return what other machines may ask: an orchestrator for its probes, Prometheus for the figures."""
     application = web.Application(middlewares=[_guard_pages])
-    _add_probes(application, status, custody_admin, lambda request: _require_shown(request, reading_token))
+    _add_probes(
+        application,
+        status,
+        custody_admin,
+        lambda request: _require_shown(request, reading_token, detail=_READING_TOKEN_WRONG),
+    )
     return application
 
 
@@ -187,8 +194,8 @@ def _require_token(request: web.Request, *tokens: str) -> None:
     _require_shown(request, *tokens)
 
 
-def _require_shown(request: web.Request, *tokens: str) -> None:
+def _require_shown(request: web.Request, *tokens: str, detail: str = "") -> None:
     """Raises OPERATOR_TOKEN_INVALID."""
     shown = request.headers.get("Authorization", "").encode("utf-8", "replace")
     if not any(token and hmac.compare_digest(shown, f"Bearer {token}".encode()) for token in tokens):
-        raise BlockRobotError("OPERATOR_TOKEN_INVALID")
+        raise BlockRobotError("OPERATOR_TOKEN_INVALID", detail)

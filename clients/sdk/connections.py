@@ -44,10 +44,11 @@ def check_address(node: NodeAddress) -> NodeAddress:
         host = parts.hostname
     except ValueError:
         host = None
+    whose = f"node {node.name}" if node.name else "the node"
     if host is None or parts.scheme not in {"http", "https"}:
-        raise BlockRobotError("CONFIGURATION_INVALID", f"The address of node {node.name} is no HTTP address.")
+        raise BlockRobotError("CONFIGURATION_INVALID", f"The address of {whose} is no HTTP address.")
     if parts.scheme == "http" and not is_loopback(host):
-        raise BlockRobotError("CONFIGURATION_INVALID", f"Node {node.name} is not on loopback, so it needs HTTPS.")
+        raise BlockRobotError("CONFIGURATION_INVALID", f"The address of {whose} is not on loopback, so it needs HTTPS.")
     return node
 
 

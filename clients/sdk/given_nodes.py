@@ -17,8 +17,7 @@ from cryptography.x509.oid import NameOID
 
 from clients.sdk.connections import CONNECT_TIMEOUT_MS, NodeAddress, check_address
 from clients.sdk.new_files import read_given_text
-from clients.sdk.terminal.terminal import say_error
-from clients.sdk.terminal.told_nodes import say_once, told_nodes
+from clients.sdk.node_hints import HINTS
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.errors import BlockRobotError
 from consensus.visible_text import one_entry
@@ -79,7 +78,7 @@ def check_given(url: str, name: str = "") -> GivenNode:
     if "@" in parts.netloc:
         raise _wrong(f"The address{of} holds a user name or a password; a node takes neither.")
     try:
-        check_address(NodeAddress(name or "at that address", url))
+        check_address(NodeAddress(name, url))
     except BlockRobotError as error:
         raise _wrong(error.detail) from None
     if not is_bare:
@@ -149,8 +148,8 @@ class GivenTo(Protocol):
 
 
 async def use_given_nodes(client: GivenTo, chain_id: bytes) -> None:
-    """Tell a client what this command was told; say on standard error what is not used, and why."""
-    typed, file = told_nodes(chain_id)
+    """Tell a client what the user said; tell the user what is not used, and why."""
+    typed, file = HINTS.read(chain_id)
     given, refusals = [read_given(text) for text in typed], list[BlockRobotError]()
     if file is not None:
         listed, refusals = read_nodes_file(file)
@@ -158,4 +157,4 @@ async def use_given_nodes(client: GivenTo, chain_id: bytes) -> None:
     if given:
         refusals += await client.use_given(given)
     for refusal in refusals:
-        say_once(say_error(refusal))
+        HINTS.tell(refusal)

@@ -131,6 +131,11 @@ class NetworkClient:
         """The known nodes, which may change at run time."""
         return self._book.addresses
 
+    @property
+    def unlisted(self) -> tuple[NodeAddress, ...]:
+        """Given nodes that are on no list which this client has read."""
+        return self._book.unlisted
+
     # Who is there
 
     async def use_given(self, given: Sequence[GivenNode]) -> list[BlockRobotError]:

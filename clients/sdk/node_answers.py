@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeVar
 
-from clients.sdk.terminal.ascii_output import printable
 from consensus.api_documents import Document, Finality, Problem
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.block import FinalityProof, QuorumCertificate
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.primitives.encoding import decode
+from consensus.visible_text import printable
 
 D = TypeVar("D", bound=Document)
 FAULTY = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})

@@ -66,6 +66,10 @@ class ProofVerifier:
             schedule, first_id = Schedule.of(step.epoch), sha256(step.finality.header_bytes)
         return verify_finality(proof, schedule, self._chain_id, first_id)
 
+    def final_header(self, document: Finality | None) -> Header:
+        """Of any epoch that was followed; pins nothing, so it may be older than another's. Raises as `finality`."""
+        return self._genesis_header if document is None else self._final(read_finality(document))
+
     def finality(self, document: Finality | None) -> Header:
         """Check a finality proof (None: genesis), pin its header. Raises CERTIFICATE_INVALID, PROOF_INVALID,
         ENCODING_*, PROOF_STALE (older than pin).

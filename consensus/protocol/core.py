@@ -269,7 +269,7 @@ class Core:
         self._effects += self._pacemaker.heartbeat()
         self._effects += self._voter.signing_guard.begin(self._now_ms)
         if self._voter.has_left and self.lockout is not None:
-            self._effects.append(effects.LockoutChanged(*self.lockout))
+            self._effects.append(effects.LockoutChanged(self.lockout.reason, self.lockout.until))
         self._check_own_messages()
         self._effects += [effects.Broadcast(message) for message in self._latest_messages()]
         last_vote, last_timeout = self._voter.last_vote, self._voter.last_timeout

@@ -16,10 +16,11 @@ _FIRST_ROUND = 1
 
 
 class LockoutStatus(NamedTuple):
-    """Why a producer signs nothing, and the end of "it signs nothing until ..."."""
+    """Why a producer signs nothing, the end of "it signs nothing until ...", and whether that can come."""
 
     reason: str
     until: str
+    can_end: bool = True
 
 
 class SigningGuard:
@@ -82,12 +83,13 @@ class SigningGuard:
         else:
             needed = f"{self._needed_for_round} other producers that may sign have told their last round"
             until = f"{needed} ({len(self._signed_rounds)} so far) and a block above it is final"
-        if 1 + len(self._locked_out) > self._tolerated:
+        can_end = 1 + len(self._locked_out) <= self._tolerated
+        if not can_end:
             until += (
-                f" (which cannot be while {1 + len(self._locked_out)} producers are locked out and the chain tolerates"
-                f" {self._tolerated}: all organisations must sign a restart)"
+                f" (which cannot be while {1 + len(self._locked_out)} of {len(self._producers)} producers are locked out:"
+                f" the chain tolerates {self._tolerated})"
             )
-        return LockoutStatus(lockout.reason, until)
+        return LockoutStatus(lockout.reason, until, can_end)
 
     # Asking
 

@@ -8,9 +8,11 @@ SERIAL_BYTES = 20
 NAME_MAX_CHARS = 40
 NAME_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-"
 HOST_MAX_CHARS = 253
-HOST_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-._:[]%"
+LABEL_MAX_CHARS = 63
+LABEL_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-_"
+ADDRESS_CHARS = "0123456789abcdef:."
 URL_MAX_CHARS = 256
-URL_CHARS = HOST_CHARS + "/?#@!$&'()*+,;=~"
+PORT_MAX_CHARS = 5
 CERTIFICATE_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789+/= -\n"
 CERTIFICATE_MAX_CHARS = 4096
 CERTIFICATE_BEGIN = "-----BEGIN CERTIFICATE-----"
@@ -126,16 +128,42 @@ def check_possession(name: str, key: bytes, proof: bytes):
     require(held, "POSSESSION_WRONG", "The node does not prove that it holds this producer key.")
 
 
+def is_host(host: str) -> bool:
+    """Tell whether clients would look for it: an IPv6 address, or a name of which IDNA takes every label."""
+    if ":" in host:
+        return is_of_these(host, ADDRESS_CHARS)
+    for label in host.split("."):
+        known = 0 < len(label) and len(label) <= LABEL_MAX_CHARS and is_of_these(label, LABEL_CHARS)
+        if not known or label.startswith("-") or label.endswith("-"):
+            return False
+    return True
+
+
+def is_url(url: str) -> bool:
+    """Tell whether it is a scheme and a host, at most with a port."""
+    if not url.startswith("https://") and not url.startswith("http://"):
+        return False
+    place = url[url.find("://") + 3 :]
+    if place.startswith("["):
+        end = place.find("]")
+        host, rest = [place[1:end], place[end + 1 :]]
+        known = end > 0 and ":" in host and is_host(host)
+    else:
+        host = place.split(":")[0]
+        known, rest = [is_host(host), place[len(host) :]]
+    if known and len(rest) > 0:
+        known = rest.startswith(":") and rest[1:].isdigit() and len(rest) <= PORT_MAX_CHARS + 1
+    return known
+
+
 def check_place(node: dict):
     """Refuse an address at which nobody could reach a node."""
     host = node["host"]
-    known = 0 < len(host) and len(host) <= HOST_MAX_CHARS and is_of_these(host, HOST_CHARS)
-    require(known, "HOST_WRONG", "That is no host.")
+    require(len(host) <= HOST_MAX_CHARS and is_host(host), "HOST_WRONG", "That is no host.")
     require(0 < node["p2p_port"] and node["p2p_port"] < 65536, "PORT_WRONG", "A port is 1 to 65535.")
     url = node["api_url"]
-    known = url.startswith("http://") or url.startswith("https://")
-    known = known and len(url) <= URL_MAX_CHARS and is_of_these(url, URL_CHARS)
-    require(known, "URL_WRONG", "An API address begins with https://.")
+    known = len(url) <= URL_MAX_CHARS and is_url(url)
+    require(known, "URL_WRONG", "An API address is https://HOST[:PORT], with nothing behind it.")
 
 
 def check_node_keys(node: dict):

@@ -24,6 +24,7 @@ from network.cli.cluster.status_answers import ANSWERS as STATUS
 from network.cli.contract.contract_answers import ANSWERS as CONTRACTS
 from network.cli.custody.custody_answers import ANSWERS as CUSTODY
 from network.cli.governance.governance_answers import ANSWERS as GOVERNING
+from network.cli.measure.lab_answers import ANSWERS as LAB
 from network.cli.node.node_answers import ANSWERS as NODES
 from network.cli.tool_answers import ANSWERS as TOOLS
 
@@ -39,6 +40,7 @@ SECTIONS: Mapping[str, AnswersByCommand] = {
     "The robot": ROBOT,
     "Governing and keeping a network": {**GOVERNING, **NODES, **CUSTODY, **TOOLS},
     "Contracts": CONTRACTS,
+    "Showing a network": LAB,
 }
 """The answers of commands, under the headings of the page."""
 
@@ -49,7 +51,6 @@ NOT_LISTED: Mapping[str, str] = {
     "demo": "[commands](cli.md#demo)",
     "experiment": "[commands](../how-to/run-the-experiments.md)",
     "bench": "[commands](cli.md#measuring): `name`, `figures` and `conditions`, which differ from one to the other",
-    "lab hosts": "[several hosts](../how-to/several-hosts.md)",
     "privacy attack": "[commands](cli.md#privacy-attack): likewise",
     "sim run": "[commands](cli.md#sim-run): likewise",
     "sim calibrate": "[commands](cli.md#sim-calibrate): likewise",

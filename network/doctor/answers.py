@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from consensus.chain.messages import ASKING
 from contracts.worker.sandbox import REQUIRED_PARTS
 from network.doctor.findings import Finding
 from network.remote_nodes import RemoteNode
@@ -35,14 +36,30 @@ def check_presence(answers: Sequence[Answer], removed: frozenset[str] = frozense
         if answer.status is not None or (answer.name in removed and not answer.running):
             continue
         if answer.running:
-            found.append(Finding("NODE_SILENT", answer.name, "Its process is there, but its operator port is silent."))
+            detail = f"Its process is there, but its operator port is silent.{_need_of(answer.name, answers)}"
+            found.append(Finding("NODE_SILENT", answer.name, detail))
             continue
-        found.append(Finding("NODE_DOWN", answer.name, "Its process is not there."))
+        found.append(Finding("NODE_DOWN", answer.name, f"Its process is not there.{_need_of(answer.name, answers)}"))
         found += [
             Finding("PORT_TAKEN", answer.name, f"Another program listens on port {port}.")
             for port in answer.taken_ports
         ]
     return found
+
+
+def _need_of(name: str, answers: Sequence[Answer]) -> str:
+    """Said of a producer where none can be done without."""
+    statuses = [answer.status for answer in answers if answer.status is not None and answer.status.get("quorum")]
+    if not any(name in status["producers"] and status["quorum"] == len(status["producers"]) for status in statuses):
+        return ""
+    return " Nothing becomes final without it: of up to three producers all are needed."
+
+
+def _check_lockout(name: str, lockout: dict[str, Any]) -> Finding:
+    if lockout["reason"] == ASKING:
+        return Finding("PRODUCER_ASKS", name, f"It signs nothing until {lockout['until']}.")
+    code = "PRODUCER_LOCKED_OUT" if lockout["can_end"] else "LOCKED_OUT_FOR_GOOD"
+    return Finding(code, name, f"It signs nothing ({lockout['reason']}) until {lockout['until']}.")
 
 
 def check_words(answers: Sequence[Answer]) -> list[Finding]:
@@ -57,7 +74,7 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
             detail = f"It has tried block {stuck['height']} {stuck['attempts']} times: {execution['last_failure']}"
             found.append(Finding("BLOCK_NOT_EXECUTED", answer.name, detail))
         if status.get("lockout"):
-            found.append(Finding("PRODUCER_LOCKED_OUT", answer.name, "It waits until it is safe to sign again."))
+            found.append(_check_lockout(answer.name, status["lockout"]))
         if status.get("suspended_height") is not None:
             detail = f"It has been suspended since height {status['suspended_height']}: blockrobot producer list"
             found.append(Finding("PRODUCER_SUSPENDED", answer.name, f"{detail} shows why."))
@@ -154,6 +171,7 @@ def check_heights(answers: Sequence[Answer], elsewhere: Sequence[RemoteNode] = (
     for node in elsewhere:
         if node.problem is not None:
             detail = f"Asked at {node.api_url} ({node.organisation}): {node.problem.detail} ({node.problem.code})"
+            detail += _need_of(node.name, answers)
             found.append(Finding("REMOTE_NODE_SILENT", node.name, detail))
     return found
 
@@ -203,4 +221,6 @@ def check_late(answers: Sequence[Answer]) -> list[Finding]:
         return []
     age_s, waiting_s = (max(finality[key] for finality in late.values()) for key in ("age_s", "waiting_s"))
     work = f", and work has waited for {waiting_s:.0f} s" if waiting_s else ""
-    return [Finding("FINALITY_STALE", "", f"No new final block for {age_s:.0f} s at {', '.join(late)}{work}.")]
+    told = next(((answer.status or {}) for answer in answers if answer.name in late), {})
+    needed = f" Of {len(told['producers'])} producers {told['quorum']} are needed." if "quorum" in told else ""
+    return [Finding("FINALITY_STALE", "", f"No new final block for {age_s:.0f} s at {', '.join(late)}{work}.{needed}")]

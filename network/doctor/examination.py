@@ -15,7 +15,7 @@ import aiohttp
 from clients.sdk.terminal.terminal import load_genesis as load_network_genesis
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
-from network.cluster import Cluster, fetch_status
+from network.cluster import Cluster, fetch_status, no_network
 from network.cluster_monitor import kept_lines
 from network.custody.custody_requests import ask_all
 from network.custody.custody_text import find_upload_problems
@@ -27,7 +27,7 @@ from network.doctor.ledger_probe import LedgerFacts, probe_ledgers
 from network.faults.control import FaultControl
 from network.provisioning.node_certificates import now_ms
 from network.provisioning.node_joining import newest_directory
-from network.remote_nodes import RemoteNode, ask_remote_nodes
+from network.remote_nodes import OnProgress, RemoteNode, ask_remote_nodes
 from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config, load_genesis
 from node.storage.directory_lock import LOCK_FILE_NAME, DirectoryLock
 
@@ -65,15 +65,15 @@ class Examination:
 def get_data_directories(network: Path) -> list[Path]:
     """Raises CLUSTER_NOT_RUNNING if it is no network's folder."""
     if not (network / "genesis.json").is_file():
-        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {network}.")
+        raise no_network(network)
     return sorted(path.parent for path in (network / "nodes").glob(f"*/{CONFIG_FILE}"))
 
 
-def examine_network(network: Path) -> Examination:
+def examine_network(network: Path, progress: OnProgress = lambda *_: None) -> Examination:
     """Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
     directories = get_data_directories(network)
     genesis = load_network_genesis(network / "genesis.json")
-    found = examine(directories, genesis, whole=True)
+    found = examine(directories, genesis, whole=True, progress=progress)
     faults = [] if any(item.code == "CONFIGURATION_WRONG" for item in found.findings) else _faults_on_purpose(network)
     findings = tuple(in_order([*found.findings, *faults]))
     return replace(found, findings=findings)
@@ -93,7 +93,9 @@ def examine_node(data_dir: Path) -> Examination:
     return examine([data_dir.resolve()], None, whole=False)
 
 
-def examine(directories: Sequence[Path], genesis: Genesis | None, *, whole: bool) -> Examination:
+def examine(
+    directories: Sequence[Path], genesis: Genesis | None, *, whole: bool, progress: OnProgress = lambda *_: None
+) -> Examination:
     """`whole`: they are the complete network, so compare them."""
     findings: list[Finding] = []
     configs = []
@@ -117,7 +119,7 @@ def examine(directories: Sequence[Path], genesis: Genesis | None, *, whole: bool
     removed = frozenset(finding.node for finding in membership if finding.code == "NODE_REMOVED")
     findings += asyncio.run(check_uploads(configs, answers))
     here = {path.name for path in directories}
-    elsewhere = asyncio.run(ask_remote_nodes(genesis, directory, here)) if whole else []
+    elsewhere = asyncio.run(ask_remote_nodes(genesis, directory, here, progress)) if whole else []
     findings += [*membership, *words.check_presence(answers, removed), *_check_answers(answers, ledgers)]
     findings += words.check_heights(answers, elsewhere)
     if whole:

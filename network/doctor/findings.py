@@ -79,7 +79,7 @@ KINDS: dict[str, FindingKind] = _table(
         "NODE_DOWN",
         "problem",
         "The node does not run.",
-        "Start it: blockrobot node run NODE --detach; all that are down: blockrobot up.",
+        "Start it: blockrobot node run NODE --detach; all of a network on this machine alone: blockrobot up.",
     ),
     FindingKind(
         "NODE_SILENT",
@@ -126,6 +126,19 @@ KINDS: dict[str, FindingKind] = _table(
         "warning",
         "The producer signs nothing for now: its data directory or journal came from a backup.",
         "Wait: it signs again when the chain has gone on without it long enough.",
+    ),
+    FindingKind(
+        "LOCKED_OUT_FOR_GOOD",
+        "problem",
+        "More producers are locked out than the chain tolerates (of two or three: one): nothing becomes final any more.",
+        "Waiting does not help. If the data directory of NODE's last run is left, with its journal, put that back and "
+        "start it without --restored; else the organisations have to begin a new network: docs/how-to/restore-a-backup.md.",
+    ),
+    FindingKind(
+        "PRODUCER_ASKS",
+        "warning",
+        "The producer signs nothing until enough others have said what they last heard of it, as at every start.",
+        "If it stays so, start the other producers: with it, it takes 2 of 2, 3 of 3 or 4, 5 of 6.",
     ),
     FindingKind(
         "PRODUCER_SUSPENDED",
@@ -187,7 +200,7 @@ KINDS: dict[str, FindingKind] = _table(
         "FINALITY_STALE",
         "problem",
         "Nothing has become final for long.",
-        "Bring back enough nodes for a quorum; see the other findings.",
+        "Bring back enough producers for a quorum (2 of 2, 3 of 3 or 4, 5 of 6); see the other findings.",
     ),
     FindingKind(
         "CLOCK_SKEW",
@@ -266,13 +279,15 @@ KINDS: dict[str, FindingKind] = _table(
         "JOURNAL_MISSING",
         "problem",
         "The node's voting journal is not there.",
-        "Put the newest journal back, or start once with: blockrobot node run NODE --restored.",
+        "Put the newest journal back, or start once with: blockrobot node run NODE --restored (not one of two or three "
+        "producers, which would stop for good: docs/how-to/restore-a-backup.md).",
     ),
     FindingKind(
         "JOURNAL_DAMAGED",
         "problem",
         "The node's voting journal is damaged in its middle.",
-        "Keep the directory for inspection; restore a backup and start once with --restored.",
+        "Keep the directory for inspection; restore a backup and start once with --restored (not one of two or three "
+        "producers, which would stop for good: docs/how-to/restore-a-backup.md).",
     ),
     FindingKind(
         "LEDGER_DAMAGED",

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from clients.sdk.new_files import replace_file
+from clients.sdk.node_places import check_place, place_of
+from clients.sdk.trust_pin import PIN_FILE
 from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import (
     GENESIS_VERSION,
@@ -30,18 +33,17 @@ from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding_entries import NodeOffer, OrganisationOffer, refuse
 from network.provisioning.new_node import (
     DRAFT_FILE,
-    HOST,
     NODE_ENTRY_FILE,
-    PORT_MAX,
-    check_api_url,
     check_name,
     require_certified,
 )
+from node.config import CONFIG_FILE, load_config
+from node.storage.directory_lock import DirectoryLock
+from node.storage.lmdb_store import DATA_FILE_NAME
 
 NETWORK_NAME = "blockrobot"
 AHEAD_MAX_MS = 600_000
 """By how much a founder's clock may be ahead of that of who looks."""
-_URL = re.compile(r"https?://[!-~]{1,248}")
 _DIGITS = re.compile(r"\d+")
 
 
@@ -123,15 +125,12 @@ def _check_entries(organisations: Sequence[tuple[str, Organisation]], nodes: Seq
         _check(source, partial(check_name, entry.name, "a node"))
         if entry.organisation not in names:
             raise refuse(source, f"is of the organisation {entry.organisation!r}, whose entry is missing")
-        is_place = HOST.fullmatch(entry.host) and 0 < entry.p2p_port <= PORT_MAX and _URL.fullmatch(entry.api_url)
-        if not is_place:
-            raise refuse(source, "has an address that is none")
-        _check(source, partial(check_api_url, entry.name, entry.api_url))
+        _check(source, partial(check_place, entry.name, entry.host, entry.p2p_port, entry.api_url))
     _refuse_second(((source, owner.name) for source, owner in organisations), "the name")
     _refuse_second(((source, owner.ca_certificate) for source, owner in organisations), "a certificate")
     _refuse_second(((source, entry.name) for source, entry in nodes), "the name")
-    places = ((source, (f"{entry.host}:{entry.p2p_port}", entry.api_url)) for source, entry in nodes)
-    _refuse_second(((source, place) for source, both in places for place in both), "an address")
+    places = ((source, ((entry.host, entry.p2p_port), place_of(entry.api_url))) for source, entry in nodes)
+    _refuse_second(((source, f"{host} port {port}") for source, both in places for host, port in both), "the address")
     owned = ((source, (*owner.admins, *owner.registrars)) for source, owner in organisations)
     held = ((source, (entry.producer_key, entry.custodian_key)) for source, entry in nodes)
     _refuse_second(((source, key) for source, keys in (*owned, *held) for key in keys if key), "a key")
@@ -225,6 +224,22 @@ def find_own_entries(network: Path, data_dirs: Iterable[Path] = ()) -> list[Path
     found = sorted(network.glob(f"organisations/*/{ORGANISATION_ENTRY_FILE}"))
     found += sorted(network.glob(f"nodes/*/{NODE_ENTRY_FILE}"))
     return found + [place / NODE_ENTRY_FILE for place in data_dirs]
+
+
+@contextmanager
+def unstarted(network: Path, data_dirs: Iterable[Path]) -> Iterator[str]:
+    """Hold nodes from starting; yield what was done by their genesis file already, or nothing.
+
+    Raises DATA_DIRECTORY_IN_USE if one runs.
+    """
+    with ExitStack() as held:
+        places = {path.parent.resolve() for path in network.glob(f"nodes/*/{CONFIG_FILE}")}
+        for place in sorted({*places, *(place.resolve() for place in data_dirs)}):
+            if (load_config(place).ledger_dir / DATA_FILE_NAME).is_file():
+                yield f"the node in {place} has started by it"
+                return
+            held.callback(DirectoryLock(place).release)
+        yield f"{network / PIN_FILE} shows that its network was spoken to" if (network / PIN_FILE).is_file() else ""
 
 
 def adopt_genesis(genesis: Genesis, directory: Path, data_dirs: Iterable[Path]) -> None:

@@ -1,7 +1,7 @@
 """What founders of a network hand to each other: signed entries of organisations and of their nodes, public files.
 
-An organisation's entry is signed by each of its keys, a node's by an admin of its organisation, so that nobody enters a
-key, or a node, of somebody else.
+An organisation's entry is signed by each of its keys, a node's by an admin of its organisation and by its custodian's key,
+so that nobody enters a key, or a node, of somebody else. (A producer's key is proved in the entry itself.)
 """
 
 from __future__ import annotations
@@ -22,7 +22,14 @@ from consensus.primitives.keys import PrivateKey, verify
 from network.provisioning.exchange_files import read_node_entry, read_organisation_entry, read_public_text
 
 ORGANISATION_TAG, NODE_TAG = "blockrobot/founding-organisation", "blockrobot/founding-node"
-_PROOFS, _MADE_AT, _ADMIN, _SIGNATURE = "proofs", "made_at_ms", "admin", "signature"
+CUSTODIAN_TAG = "blockrobot/founding-custodian"
+_PROOFS, _MADE_AT, _ADMIN, _SIGNATURE, _CUSTODIAN_PROOF = (
+    "proofs",
+    "made_at_ms",
+    "admin",
+    "signature",
+    "custodian_proof",
+)
 
 
 class FoundingNode(Wire, frozen=True):
@@ -63,13 +70,17 @@ def organisation_entry_to_json(entry: Organisation, keys: Sequence[PrivateKey]) 
     return json.dumps(document, indent=2) + "\n"
 
 
-def node_entry_to_json(entry: NodeEntry, made_at_ms: int = 0, admin: PrivateKey | None = None) -> str:
-    """For `genesis make` if an admin signs it, and for `org propose add-node`."""
+def node_entry_to_json(
+    entry: NodeEntry, made_at_ms: int = 0, admin: PrivateKey | None = None, custodian: PrivateKey | None = None
+) -> str:
+    """For `genesis make` if an admin and its custodian's key sign it, and for `org propose add-node`."""
     shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in _fields(entry).items()}
     if admin is not None:
         message = encode(FoundingNode(entry=entry, made_at_ms=made_at_ms))
         shown[_MADE_AT] = made_at_ms
         shown[_ADMIN], shown[_SIGNATURE] = admin.public_key.hex(), admin.sign_compact(NODE_TAG, message).hex()
+        if custodian is not None:
+            shown[_CUSTODIAN_PROOF] = custodian.sign_compact(CUSTODIAN_TAG, message).hex()
     return json.dumps(shown, indent=2) + "\n"
 
 
@@ -126,11 +137,14 @@ def _node_offer(path: Path, document: Mapping[str, Any]) -> NodeOffer:
         entry = msgspec.convert(list(fields.values()), NodeEntry, builtin_types=(bytes,))
         made_at_ms = msgspec.convert(document[_MADE_AT], int)
         admin, signature = (bytes.fromhex(document[name]) for name in (_ADMIN, _SIGNATURE))
+        proof = bytes.fromhex(document[_CUSTODIAN_PROOF]) if entry.custodian_key else b""
         message = encode(FoundingNode(entry=entry, made_at_ms=made_at_ms))
     except (KeyError, TypeError, ValueError, OverflowError):
         raise refuse(path, "is not signed by its organisation; make it by `blockrobot node init --founding`") from None
     if not verify(admin, NODE_TAG, signature, message):
         raise refuse(path, "was changed after its organisation signed it")
+    if entry.custodian_key and not verify(entry.custodian_key, CUSTODIAN_TAG, proof, message):
+        raise refuse(path, "does not prove that its node holds the custodian key, which may be somebody else's")
     return NodeOffer(str(path), entry, made_at_ms, admin)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from consensus.errors import BlockRobotError
 
-_ORGANISATION = r"organisations/[a-z0-9-]+/"
+_ORGANISATION = r"organisations/(?:\.[a-z0-9-]+\.[a-z0-9_]{8}/)?[a-z0-9-]+/"
 _NODE = r"nodes/(?:\.[a-z0-9-]+\.[a-z0-9_]{8}/)?[a-z0-9-]+/"
 _PIN = r"(?:client\.pin|\.client\.pin\.[0-9a-f]{8})"
 NETWORK_FILES = "|".join(

@@ -5,8 +5,6 @@ Private keys are raw 32 bytes (TLS: PEM), readable by the owner only.
 
 from __future__ import annotations
 
-import ipaddress
-import re
 import secrets
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +14,8 @@ from urllib.parse import urlsplit
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 
-from clients.sdk.connections import NodeAddress, check_address
 from clients.sdk.new_files import replace_file
+from clients.sdk.node_places import PORT_MAX, canonical_url, check_listening, check_place, url_of
 from consensus.chain.genesis import NodeEntry, prove_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey
@@ -31,7 +29,7 @@ from network.provisioning.certificate_requests import check_certificate, check_f
 from network.provisioning.exchange_files import read_node_entry
 from network.provisioning.founding_entries import node_entry_to_json
 from network.provisioning.node_certificates import install
-from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, config_to_toml
+from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, config_to_toml, load_key
 from node.consensus.journal import Journal
 from node.directory.node_directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
 from pages.listening import is_loopback
@@ -42,10 +40,8 @@ DRAFT_FILE = "node-entry.draft.json"
 REQUEST_FILE = "node.csr"
 _DIRECTORY_FIELDS = ("name", "organisation", "host", "p2p_port", "api_url", "producer_key", "custodian_key")
 NAME_MAX_CHARS = 40
-PORT_MAX = 65_535
 _NAME_CHARS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789-")
 _EVERYWHERE = frozenset({"0.0.0.0", "::"})  # noqa: S104 - refused
-HOST = re.compile(r"[a-z0-9.:_-]{1,253}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +69,8 @@ class NewNode:
     def reached_at(self) -> tuple[str, int, str]:
         """Host and port for peers, address for clients."""
         port = self.p2p_port or self.base_port
-        host = f"[{self.host}]" if ":" in self.host else self.host
         scheme = "http" if is_loopback(self.host) and is_loopback(self.bind or self.host) else "https"
-        return self.host, port, self.api_url or f"{scheme}://{host}:{port + 1}"
+        return self.host, port, canonical_url(self.api_url) if self.api_url else url_of(scheme, self.host, port + 1)
 
     @property
     def listens_at(self) -> tuple[str, str]:
@@ -85,14 +80,17 @@ class NewNode:
         return bind, self.api_bind or (LOOPBACK if is_plain and not is_loopback(bind) else bind)
 
     def check(self) -> None:
-        """Raises CONFIGURATION_INVALID."""
+        """Raises CONFIGURATION_INVALID, NODE_ADDRESS_UNUSABLE."""
         check_name(self.name, "a node")
         if not 0 < self.base_port <= PORT_MAX - 2:
             raise BlockRobotError("CONFIGURATION_INVALID", f"{self.base_port} leaves no room for three ports.")
         if self.host in _EVERYWHERE:
             detail = f"Nobody reaches a node at {self.host}: name the address that others know with --advertise."
             raise BlockRobotError("CONFIGURATION_INVALID", detail)
-        check_api_url(self.name, self.reached_at[2])
+        check_place(self.name, *self.reached_at)
+        for option, address in zip(("--bind", "--api-bind"), (self.bind, self.api_bind), strict=True):
+            if address:
+                check_listening(option, address)
 
 
 def new_key() -> PrivateKey:
@@ -104,39 +102,6 @@ def check_name(name: str, what: str) -> None:
     if not 0 < len(name) <= NAME_MAX_CHARS or not set(name) <= _NAME_CHARS:
         text = f"The name of {what} has 1 to {NAME_MAX_CHARS} small letters, digits and hyphens."
         raise BlockRobotError("CONFIGURATION_INVALID", text)
-
-
-def check_api_url(name: str, url: str) -> None:
-    """Reject an address that no client would use. Raises CONFIGURATION_INVALID."""
-    try:
-        check_address(NodeAddress(name, url))
-    except BlockRobotError:
-        detail = (
-            f"No client would talk to {name} at {url}: beyond this machine clients take https:// only, with a "
-            "certificate of the organisation's authority. Name such an address with --api-url, or leave it to the node."
-        )
-        raise BlockRobotError("CONFIGURATION_INVALID", detail) from None
-
-
-def parse_place(text: str) -> tuple[str, int]:
-    """Read HOST or HOST:PORT, an IPv6 address with a port in brackets; port 0: none is named.
-
-    Raises CONFIGURATION_INVALID.
-    """
-    try:
-        address = ipaddress.ip_address(text)
-    except ValueError:
-        pass
-    else:
-        return str(address), 0
-    try:
-        parts = urlsplit(f"//{text}")
-        host, port = parts.hostname or "", parts.port or 0
-    except ValueError:
-        host, port = "", 0
-    if not HOST.fullmatch(host) or parts.netloc != text or "@" in text or not 0 <= port <= PORT_MAX - 1:
-        raise BlockRobotError("CONFIGURATION_INVALID", f"{text!r} is no HOST or HOST:PORT.")
-    return host, port
 
 
 def store_uri_of(store: str, network: str, node: str) -> str:
@@ -194,7 +159,7 @@ def create_node(
     if founder is None or authority is None:
         written = node_entry_to_json(entry)
     else:
-        written = node_entry_to_json(entry, founder.made_at_ms, founder.admin)
+        written = node_entry_to_json(entry, founder.made_at_ms, founder.admin, custodian)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as own:
         making = Path(own, folder.name)
@@ -220,7 +185,7 @@ def create_node(
     return entry
 
 
-def hosts_of(entry: NodeEntry) -> tuple[str, str]:
+def hosts_of(entry: NodeEntry | DirectoryNode) -> tuple[str, str]:
     """Where peers and clients reach it, as its certificate has to say."""
     return entry.host, urlsplit(entry.api_url).hostname or entry.host
 
@@ -255,7 +220,9 @@ def certify_founder(
     check_fit(made, (entry.name, *hosts_of(entry)))
     install(config, made)
     if (config.data_dir / DRAFT_FILE).is_file():
-        text = node_entry_to_json(entry, founder.made_at_ms, founder.admin)
+        path = config.custodian_key_path
+        custodian = None if path is None else load_key(path, entry.custodian_key, "custodian")
+        text = node_entry_to_json(entry, founder.made_at_ms, founder.admin, custodian)
         replace_file(config.data_dir / NODE_ENTRY_FILE, text.encode(), mode=0o644)
         (config.data_dir / DRAFT_FILE).unlink()
         (config.data_dir / REQUEST_FILE).unlink(missing_ok=True)

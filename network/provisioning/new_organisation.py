@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from consensus.chain.genesis import Organisation
 from consensus.errors import BlockRobotError
@@ -17,8 +18,7 @@ def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisa
     """Below `directory`/organisations. Raises ORGANISATION_EXISTS, CONFIGURATION_INVALID for an invalid name."""
     _check_free(directory, name)
     authority = create_authority(name)
-    write_secret(directory / "organisations" / name / "ca.key.pem", encode_private_key(authority.key))
-    return authority, _write_organisation(directory, name, authority.certificate_pem)
+    return authority, _write_organisation(directory, name, authority.certificate_pem, encode_private_key(authority.key))
 
 
 def enter_organisation(directory: Path, name: str, ca_certificate: str) -> Organisation:
@@ -35,18 +35,26 @@ def _check_free(directory: Path, name: str) -> None:
         raise BlockRobotError("ORGANISATION_EXISTS", f"There is an organisation in {folder} already.")
 
 
-def _write_organisation(directory: Path, name: str, ca_certificate: str) -> Organisation:
+def _write_organisation(directory: Path, name: str, ca_certificate: str, ca_key: bytes | None = None) -> Organisation:
+    """The whole folder, or nothing of it."""
     folder = directory / "organisations" / name
     admin, registrar = new_key(), new_key()
-    write_secret(folder / "admin.key", admin.secret)
-    write_secret(folder / "registrar.key", registrar.secret)
-    (folder / "ca.crt.pem").write_text(ca_certificate, encoding="utf-8")
     entry = Organisation(
         name=name,
         ca_certificate=ca_certificate,
         admins=(admin.public_key,),
         registrars=(registrar.public_key,),
     )
-    text = organisation_entry_to_json(entry, (admin, registrar))
-    (folder / ORGANISATION_ENTRY_FILE).write_text(text, encoding="utf-8")
+    folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{name}.", dir=folder.parent) as own:
+        making = Path(own, name)
+        making.mkdir(mode=0o700)
+        secrets = {"ca.key.pem": ca_key, "admin.key": admin.secret, "registrar.key": registrar.secret}
+        for file, secret in secrets.items():
+            if secret is not None:
+                write_secret(making / file, secret)
+        (making / "ca.crt.pem").write_text(ca_certificate, encoding="utf-8")
+        text = organisation_entry_to_json(entry, (admin, registrar))
+        (making / ORGANISATION_ENTRY_FILE).write_text(text, encoding="utf-8")
+        making.rename(folder)
     return entry

@@ -6,6 +6,7 @@ would bring erased pictures back, nor the journal, which must not be older than 
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import shutil
 import sqlite3
@@ -15,13 +16,18 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
+from urllib.parse import urlsplit
 
 import msgspec
 
 from clients.sdk.new_files import new_file, read_given_file, write_new_file
 from consensus.bounded_text import JSON_MAX_BYTES, TextInvalidError, read_json_as
+from consensus.chain.genesis import Genesis
+from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
-from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis
+from contracts.execution.epochs import read_epoch
+from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, load_config, load_genesis, load_key
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.directory.directory_file import DIRECTORY_FILE
@@ -53,11 +59,13 @@ class BackupManifest(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """A node made anew: up to which block, and with what."""
+    """A node made anew: of which network, up to which block, and with what."""
 
     config: NodeConfig
+    genesis: Genesis
     height: int
     has_custody: bool
+    warning: str
 
 
 def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lambda _step: None) -> BackupManifest:
@@ -123,13 +131,15 @@ def restore(
     *,
     keys: Path | None = None,
     erase_keys: Path | None = None,
+    genesis: Genesis | None = None,
     tell: Tell = lambda _step: None,
 ) -> Restored:
     """Make a node's data directory of a backup, whole or not at all. Its first start has to be with `--restored`.
 
     `keys`: the node's keys, if the backup has none; `erase_keys`: the newest that are left of its custodian, without
-    which its database could not be read and is left out. The ledger is proved from the genesis file on.
-    Raises NODE_EXISTS, FILE_UNUSABLE, CONFIGURATION_INVALID, SNAPSHOT_*.
+    which its database could not be read and is left out; `genesis`: that of its network, known from elsewhere. The ledger
+    is proved from the genesis file on.
+    Raises NODE_EXISTS, FILE_UNUSABLE, CONFIGURATION_INVALID, GENESIS_DIFFERS, SNAPSHOT_*.
     """
     manifest = read_backup(place)
     if data_dir.exists():
@@ -144,15 +154,81 @@ def restore(
             _copy(path, making / path.name)
         _copy_all(keys or place / KEYS, making / KEYS)
         config = load_config(making)
+        _require_own_paths(config)
+        own_genesis = load_genesis(config)
+        _require_network(own_genesis, manifest, genesis)
         tell("ledger")
-        head = restore_ledger(SnapshotFolder(place / LEDGER), load_genesis(config), config.ledger_dir)
+        head = restore_ledger(SnapshotFolder(place / LEDGER), own_genesis, config.ledger_dir)
         has_custody = erase_keys is not None and manifest.has(CUSTODY)
         if erase_keys is not None and has_custody:
             tell("custody")
             _copy(erase_keys / ERASE_KEYS_FILE_NAME, config.erase_keys_dir / ERASE_KEYS_FILE_NAME)
             _copy(place / CUSTODY / DATABASE_FILE_NAME, config.custody_dir / DATABASE_FILE_NAME)
         making.rename(data_dir)
-    return Restored(load_config(data_dir), head.header.height, has_custody)
+    config = load_config(data_dir)
+    return Restored(config, own_genesis, head.header.height, has_custody, warn_of_restored(config))
+
+
+def warn_of_restored(config: NodeConfig) -> str:
+    """What a start with `--restored` would do to a network that needs each of its producers, as this one; else empty."""
+    if config.producer_key_path is None:
+        return ""
+    try:
+        with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
+            schedule = Schedule.of(read_epoch(view))
+        key = load_key(config.producer_key_path, None, "producer").public_key
+    except BlockRobotError:
+        return ""
+    if key not in schedule.producers or schedule.faults_tolerated or len(schedule.producers) == 1:
+        return ""
+    return (
+        f"It is one of {len(schedule.producers)} producers, and all of them are needed: with --restored it is locked out "
+        "for good, and nothing becomes final any more. If the data directory of its last run is left, with its journal, "
+        "use that instead, without --restored; else the organisations have to begin a new network: "
+        "docs/how-to/restore-a-backup.md."
+    )
+
+
+def _require_own_paths(config: NodeConfig) -> None:
+    """A backup may have been changed: its node reads nothing of the host's. Raises CONFIGURATION_INVALID."""
+    home = config.data_dir.resolve()
+    for path in _fields_of(config).values():
+        if isinstance(path, Path) and not path.resolve().is_relative_to(home):
+            detail = (
+                f"The backup's {CONFIG_FILE} names {path}, outside of the node's folder: restore this node by hand."
+            )
+            raise BlockRobotError("CONFIGURATION_INVALID", detail)
+
+
+def _require_network(found: Genesis, manifest: BackupManifest, known: Genesis | None) -> None:
+    """Raises FILE_UNUSABLE, GENESIS_DIFFERS."""
+    if found.chain_id.hex() != manifest.chain_id:
+        raise BlockRobotError("FILE_UNUSABLE", "The backup's genesis file is not that of the network that it is of.")
+    if known is not None and found.chain_id != known.chain_id:
+        raise BlockRobotError(
+            "GENESIS_DIFFERS", "The backup is of another network than the genesis file that you name."
+        )
+
+
+def _fields_of(config: NodeConfig) -> dict[str, Any]:
+    return {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
+
+
+def shown_settings(config: NodeConfig) -> dict[str, str | int | bool | list[str]]:
+    """What a node was set to, without its paths and without the password of a database."""
+    shown = {
+        name: value for name, value in _fields_of(config).items() if value is not None and not isinstance(value, Path)
+    }
+    if config.custody_store != "sqlite":
+        shown["custody_store"] = f"mongodb at {urlsplit(config.custody_store).hostname}"
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in shown.items()}
+
+
+def unusual_settings(config: NodeConfig) -> dict[str, str | int | bool | list[str]]:
+    """Those that are not the default, and all that have none."""
+    usual = {field.name: field.default for field in dataclasses.fields(config)} | {"host": LOOPBACK}
+    own = _fields_of(config)
+    return {name: value for name, value in shown_settings(config).items() if own[name] != usual[name]}
 
 
 def _files_of(place: Path) -> Iterator[Path]:

@@ -67,20 +67,21 @@ def next_base_port(directory: DirectoryContent, configs: Iterable[NodeConfig]) -
 
 
 def check_newcomer(new: NewNode, directory: DirectoryContent) -> None:
-    """Check early as the network would. Raises NODE_EXISTS, NOT_FOUND, CONFIGURATION_INVALID."""
+    """Check early as the network would. Raises NODE_EXISTS, ORGANISATION_NOT_ADMITTED, CONFIGURATION_INVALID."""
     new.check()
     if new.name in directory.nodes:
         raise BlockRobotError("NODE_EXISTS", f"There is, or was, a node {new.name!r} in this network.")
     organisation = directory.organisations.get(new.organisation)
     if organisation is None or not organisation.is_active:
         known = ", ".join(item.name for item in directory.organisations.values() if item.is_active)
-        raise BlockRobotError("NOT_FOUND", f"There is no organisation {new.organisation!r}; there are {known}.")
+        detail = f"There is no organisation {new.organisation!r} at height {directory.height}; there are {known}."
+        raise BlockRobotError("ORGANISATION_NOT_ADMITTED", detail)
 
 
 def init_node(
     folder: Path, new: NewNode, genesis: Genesis, authority: Authority, directory: DirectoryContent
 ) -> NodeEntry:
-    """Return its entry for approval. Raises NODE_EXISTS, NOT_FOUND, CONFIGURATION_INVALID."""
+    """Return its entry for approval. Raises NODE_EXISTS, ORGANISATION_NOT_ADMITTED, CONFIGURATION_INVALID."""
     check_newcomer(new, directory)
     files = {"genesis.json": genesis_to_json(genesis).encode()}
     if directory.height > 0:

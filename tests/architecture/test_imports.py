@@ -36,6 +36,15 @@ def test_the_linter_sees_every_module() -> None:
     assert modules - graph.modules == set()
 
 
+def test_the_client_library_knows_no_terminal_outside_of_its_folder_terminal() -> None:
+    graph = grimp.build_graph("clients", include_external_packages=True, cache_dir=None)
+    terminal = ("clients.sdk.terminal", "click", "rich")
+    core = {name for name in graph.modules if name.startswith("clients.sdk") and not name.startswith(terminal)}
+    assert "clients.sdk.network_client" in core
+    found = {(name, other) for name in core for other in graph.find_modules_directly_imported_by(name)}
+    assert [pair for pair in sorted(found) if pair[1].startswith(terminal)] == []
+
+
 def test_no_modules_import_each_other_in_a_circle() -> None:
     """Imports for types alone count too: who reads one of the modules has to read all of them."""
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)

@@ -80,6 +80,17 @@ def test_each_host_sees_what_the_nodes_of_the_others_prove(network: FoundedNetwo
     assert len(custody["elsewhere"]) == len(ORGANISATIONS) - 1
 
 
+def test_a_host_without_a_node_sees_them_all_by_the_genesis_file_alone(network: FoundedNetwork) -> None:
+    visitor, genesis = network.visitor, network.visitor.home / "from-the-hospital" / "genesis.json"
+    assert "no network" in network.run(visitor, "status", fails=True)
+    genesis.parent.mkdir()
+    genesis.write_bytes(network.genesis_path.read_bytes())
+    seen = network.ask(visitor, "status", "--genesis", str(genesis))
+    assert (seen["ok"], seen["nodes"]) == (True, [])
+    assert {row["name"] for row in seen["elsewhere"]} == {node_of(name) for name in ORGANISATIONS}
+    assert [row["problem"] for row in seen["elsewhere"]] == [None] * len(ORGANISATIONS)
+
+
 PASSING_ON = """
 import asyncio, sys
 

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from clients.robot.hiding.silhouette_parts import PART_CUES, measure_parts
 from clients.robot.sensing.sensor_events import Depth, Mask
 from consensus.bounded_text import read_json_text
 
@@ -52,6 +53,7 @@ CUES = (
     "plan_short_m",
     "chest_long_m",
     "chest_short_m",
+    *PART_CUES,
 )
 
 Floats = npt.NDArray[np.float64]
@@ -124,6 +126,7 @@ def trees_of(table: Table, cues: Sequence[str] = CUES) -> Trees:
 def measure(inside: Mask, depth: Depth, left: int, top: int, shape: tuple[int, int], focal_px: float) -> Floats:
     """Return a non-empty silhouette's cues; `focal_px` of the whole image."""
     cut_below, cut_aside = _cut_off(inside, left, top, shape)
+    parts = measure_parts(inside, depth, focal_px)
     step = 2 if np.count_nonzero(inside) > PIXELS_MAX_COUNT else 1
     inside, depth = inside[::step, ::step], depth[::step, ::step]
     rows, columns = np.nonzero(inside)
@@ -164,6 +167,7 @@ def measure(inside: Mask, depth: Depth, left: int, top: int, shape: tuple[int, i
             _footprint(chest_x, chest_z, middle),
             *_plan(x, z),
             *_plan(chest_x, chest_z),
+            *parts,
         ],
         dtype=np.float64,
     )

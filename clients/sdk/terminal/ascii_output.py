@@ -10,16 +10,7 @@ from collections.abc import Mapping
 from encodings import ascii as ascii_encoding
 from typing import TextIO
 
-from consensus.visible_text import escape_controls
-
 PLAIN_ENCODING = "blockrobot-plain"
-STRANGE_MAX_CHARS = 1_000
-_SPACES = dict.fromkeys(map(ord, "\n\r\t"), " ")
-
-
-def printable(text: str, max_chars: int = STRANGE_MAX_CHARS) -> str:
-    """One line, no controls, limited length."""
-    return escape_controls(text[:max_chars].translate(_SPACES), "")[:max_chars]
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:

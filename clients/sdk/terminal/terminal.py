@@ -20,9 +20,10 @@ import click
 from rich.text import Text
 
 from clients.sdk.new_files import read_given_text
+from clients.sdk.node_hints import HINTS
 from clients.sdk.terminal.ascii_output import is_utf8
 from clients.sdk.terminal.safe_output import SafeConsole, keep_own_tags, overwrite_line, write_trusted
-from clients.sdk.terminal.told_nodes import note_genesis_place
+from clients.sdk.terminal.told_nodes import note_genesis_place, say_once, told_nodes
 from consensus import exit_codes
 from consensus.errors import BlockRobotError
 from consensus.visible_text import escape_controls, one_entry
@@ -216,6 +217,9 @@ def say_error(error: BlockRobotError) -> str:
     context = click.get_current_context(silent=True)
     saying = None if context is None else context.meta.get(_SAYING_KEY)
     return saying(error) if saying else f"{one_entry(error.detail)}\n  {error.code}. Next step: {error.next_step}"
+
+
+HINTS.read, HINTS.tell = told_nodes, lambda refusal: say_once(say_error(refusal))
 
 
 def problem_json(error: BlockRobotError) -> dict[str, str]:

@@ -15,14 +15,15 @@ from rich.table import Table
 from rich.text import Text
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import command_output, console, print_answer
+from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, load_genesis, print_answer
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_answers import DownAnswer, LogLine, LogsAnswer
 from network.cli.cluster.cluster_options import dir_words, folder_option, network_folder
-from network.cli.cluster.remote_table import ask_elsewhere, print_elsewhere
+from network.cli.cluster.remote_table import ask_elsewhere, ask_from_outside, print_elsewhere
 from network.cli.cluster.status_answers import NodeStatus, StatusAnswer
 from network.cluster import Cluster, NodeStatusReport
 from network.cluster_monitor import accusers_of, kept_lines
+from network.doctor.findings import Finding
 from network.notices.notice_publishing import publish_demo_notice
 from network.provisioning.network_files import require_own
 from network.provisioning.network_layout import FIRST_PORT, create_network
@@ -168,16 +169,25 @@ def down(folder: Path | None, as_json: bool) -> None:
     "--watch", "is_watching", is_flag=True, help="Go on showing what happens; q quits. With --json: JSON lines."
 )
 @click.option("--seconds", type=click.FloatRange(0, 86_400), help="With --watch: end after so long.")
+@click.option("--genesis", "outside", type=EXISTING_FILE, help="Ask the nodes of this genesis file, from outside.")
 @command_output
-def status(folder: Path | None, is_watching: bool, seconds: float | None, as_json: bool) -> None:
+def status(folder: Path | None, is_watching: bool, seconds: float | None, outside: Path | None, as_json: bool) -> None:
     """Show each node's height, finalized height, round, peers and custody checkpoint.
 
-    Nodes of the network that are not in this folder are asked what they tell everybody.
+    Nodes of the network that are not in this folder are asked what they tell everybody. A host without a node needs the
+    network's genesis file, which each of its organisations hands out.
 
-    Examples: blockrobot status --json; blockrobot status --watch
+    Examples: blockrobot status --watch; blockrobot --node https://ward-1.example:7273 status --genesis genesis.json
     """
     place = network_folder(folder)
+    if outside is not None:
+        if is_watching or folder is not None:
+            raise click.UsageError("--genesis asks from outside: without --dir and --watch.")
+        report([], outside.parent, ask_from_outside(load_genesis(outside), quiet=as_json), as_json=as_json)
+        return
     if is_watching:
+        if not Cluster(place).names:
+            raise click.UsageError(f"--watch looks into nodes of this machine, and none is in {place}.")
         from network.cli.cluster.status_watch import watch  # noqa: PLC0415 - only when it is needed
 
         with contextlib.suppress(KeyboardInterrupt):
@@ -185,12 +195,13 @@ def status(folder: Path | None, is_watching: bool, seconds: float | None, as_jso
         return
     cluster = Cluster(place)
     rows = asyncio.run(cluster.status())
-    elsewhere = ask_elsewhere(cluster)
+    elsewhere = ask_elsewhere(cluster, quiet=as_json)
     report(rows, place, elsewhere, as_json=as_json)
     if as_json:
         return
-    if not any(row.running for row in rows):
-        console.print(f"Nothing runs. Next: blockrobot up{dir_words(place)}", soft_wrap=True)
+    if rows and not any(row.running for row in rows):
+        start = f"node run {rows[0].name}{dir_words(place)} --detach" if elsewhere else f"up{dir_words(place)}"
+        console.print(f"Nothing runs here. Next: blockrobot {start}", soft_wrap=True)
     elif any(config.faults_enabled for config in cluster.configs.values()):
         _tell_faults(cluster, place)
 
@@ -236,6 +247,8 @@ def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
         return "no answer"
     if not row.status.get("ready"):
         return "waiting"
+    if not (row.status.get("lockout") or {}).get("can_end", True):
+        return "locked out"
     if row.status.get("finality", {}).get("late"):
         return "stuck"
     suspended = "suspended" if row.status.get("suspended_height") is not None else ""
@@ -263,7 +276,12 @@ def report(
     if as_json:
         nodes = [_status_answer(row) for row in reports]
         answer = StatusAnswer(directory=str(folder), nodes=nodes, elsewhere=list(elsewhere))
-        print_answer(answer, ok=all(row.status for row in reports))
+        is_answered = all(row.status for row in reports) if reports else any(node.problem is None for node in elsewhere)
+        print_answer(answer, ok=is_answered)
+        return
+    if not reports:
+        console.print(f"No node of the network is in {escape(str(folder))}.", soft_wrap=True)
+        print_elsewhere(elsewhere)
         return
     table = Table(
         title=f"Network in {escape(str(folder))}", title_justify="left", pad_edge=False, collapse_padding=True
@@ -312,6 +330,8 @@ def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:
     told = []
     if status.get("lockout"):
         told.append(f"{name} signs nothing ({status['lockout']['reason']}) until {status['lockout']['until']}.")
+        if not status["lockout"]["can_end"]:
+            told.append(Finding("LOCKED_OUT_FOR_GOOD", name, "").next_step)
     finality = status.get("finality", {})
     if finality.get("late"):
         work = f", and transactions wait ({status.get('mempool')})" if status.get("mempool") else ""

@@ -14,6 +14,14 @@ import click
 from clients.sdk.terminal.terminal import FOLDER, home_folder
 
 
+def genesis_steps(network: Path, data_dir: Path) -> list[str]:
+    """How commands on a member's host come to know its network, if they do not yet."""
+    if (network / "genesis.json").is_file():
+        return []
+    source, target = (shlex.quote(str(place / "genesis.json")) for place in (data_dir, network))
+    return [f"mkdir -p {shlex.quote(str(network))} && cp {source} {target}"]
+
+
 def network_folder(folder: Path | None) -> Path:
     return folder or home_folder() / "network"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import EXIT_FAILED, FOLDER, command_output, console, print_answer
+from clients.sdk.terminal.terminal import EXIT_FAILED, FOLDER, command_output, console, print_answer, show_progress
 from network.cli.cluster.cluster_answers import DoctorAnswer, DoctorFinding
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import plain_table
@@ -25,7 +25,10 @@ def doctor(data_dir: Path | None, folder: Path | None, as_json: bool) -> None:
 
     Example: blockrobot doctor --json
     """
-    examination = examine_node(data_dir) if data_dir is not None else examine_network(network_folder(folder))
+    if data_dir is not None:
+        examination = examine_node(data_dir)
+    else:
+        examination = examine_network(network_folder(folder), show_progress(quiet=as_json))
     if as_json:
         answer = DoctorAnswer(
             nodes=list(examination.nodes),
@@ -53,8 +56,8 @@ def _finding_answer(finding: Finding) -> DoctorFinding:
 def _print(examination: Examination) -> None:
     looked_at = ", ".join(examination.nodes)
     if examination.elsewhere:
-        asked = ", ".join(node.name for node in examination.elsewhere)
-        looked_at = f"{looked_at}, and what {asked} say to everybody" if looked_at else asked
+        asked = f"what {', '.join(node.name for node in examination.elsewhere)} say to everybody"
+        looked_at = f"{looked_at}, and {asked}" if looked_at else asked
     for line in examination.blocks_kept:
         console.print(escape(line), soft_wrap=True)
     if not examination.findings:

@@ -9,17 +9,24 @@ from rich.table import Table
 from rich.text import Text
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import console
+from clients.sdk.terminal.terminal import console, show_progress
+from consensus.chain.genesis import Genesis
 from network.cluster import Cluster
 from network.provisioning.node_joining import newest_directory, of_chain
 from network.remote_nodes import RemoteNode, ask_remote_nodes
+from node.directory.node_directory import content_of_genesis
 
 
-def ask_elsewhere(cluster: Cluster) -> list[RemoteNode]:
+def ask_elsewhere(cluster: Cluster, *, quiet: bool) -> list[RemoteNode]:
     """Ask the nodes that the chain names and the folder does not hold."""
     genesis = cluster.genesis
     directory = newest_directory(genesis, of_chain(cluster.configs.values(), genesis.chain_id))
-    return asyncio.run(ask_remote_nodes(genesis, directory, cluster.names))
+    return asyncio.run(ask_remote_nodes(genesis, directory, cluster.names, show_progress(quiet=quiet)))
+
+
+def ask_from_outside(genesis: Genesis, *, quiet: bool) -> list[RemoteNode]:
+    """Ask the nodes of a genesis file, and those that the user named."""
+    return asyncio.run(ask_remote_nodes(genesis, content_of_genesis(genesis), (), show_progress(quiet=quiet)))
 
 
 def print_elsewhere(nodes: Sequence[RemoteNode]) -> None:

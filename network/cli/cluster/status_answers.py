@@ -56,6 +56,7 @@ class ProducerLockout(Answer, frozen=True, kw_only=True):
 
     reason: Annotated[str, doc("Why")]
     until: Annotated[str, doc("Until when")]
+    can_end: Annotated[bool, doc("Whether that can come: not while more are locked out than the chain tolerates")]
 
 
 class FinalityState(Answer, frozen=True, kw_only=True):
@@ -191,7 +192,7 @@ class NodeStatus(Answer, frozen=True, kw_only=True):
 
 
 class StatusAnswer(Answer, frozen=True, kw_only=True):
-    """The nodes of a network. `ok` is false if one is stopped or does not answer."""
+    """The nodes of a network. `ok` is false if one here is stopped or silent, or, with none here, if nobody answers."""
 
     directory: Annotated[str, doc("The network's folder")]
     nodes: Annotated[list[NodeStatus], doc("Each node of this folder")]

@@ -57,11 +57,11 @@ def custody() -> None:
     """
 
 
-def _custodians(node: str | None, folder: Path | None) -> list[NodeConfig]:
-    """Raises CLUSTER_NOT_RUNNING, CUSTODY_ELSEWHERE, NOT_FOUND."""
+def _custodians(node: str | None, folder: Path | None, *, may_lack: bool = False) -> list[NodeConfig]:
+    """Raises CLUSTER_NOT_RUNNING, NOT_FOUND, and CUSTODY_ELSEWHERE unless without a name there `may_lack` any."""
     configs = [get_node_config(node, folder)] if node else list(Cluster(network_folder(folder)).configs.values())
     found = [config for config in configs if config.custodian_key_path is not None]
-    if not found:
+    if not found and (node or not may_lack):
         named = f"{configs[0].name} keeps no clips." if node else "No node here keeps clips."
         raise BlockRobotError("CUSTODY_ELSEWHERE", named)
     return found
@@ -74,16 +74,20 @@ def _custodians(node: str | None, folder: Path | None) -> list[NodeConfig]:
 def status(node: str | None, folder: Path | None, as_json: bool) -> None:
     """Show how far each custodian is behind the chain, what it holds and lacks, and which erasures are overdue.
 
-    Exits 0 if every custodian answers, is up to date and owes no overdue erasure; 1 otherwise.
+    Custodians that are not in this folder are listed with what they tell everybody.
+    Exits 0 if every custodian here answers, is up to date and owes no overdue erasure; 1 otherwise.
 
     Example: blockrobot custody status --json
     """
-    configs = _custodians(node, folder)
+    configs = _custodians(node, folder, may_lack=True)
     answers = asyncio.run(ask_all(configs))
     if len(configs) == 1 and isinstance(answers[0], BlockRobotError):
         raise answers[0]
-    members = {each.custodian_key.hex(): each.name for each in load_genesis(configs[0]).custodians}
-    elsewhere = [] if node else [other for other in ask_elsewhere(Cluster(network_folder(folder))) if other.custodian]
+    elsewhere = []
+    if not node:
+        cluster = Cluster(network_folder(folder))
+        elsewhere = [other for other in ask_elsewhere(cluster, quiet=as_json) if other.custodian is not False]
+    members = {each.custodian_key.hex(): each.name for each in load_genesis(configs[0]).custodians} if configs else {}
     sentences = status_sentences([config.name for config in configs], answers, members)
     if as_json:
         rows = [
@@ -93,7 +97,10 @@ def status(node: str | None, folder: Path | None, as_json: bool) -> None:
         document = {"custodians": msgspec.to_builtins(rows), "elsewhere": msgspec.to_builtins(elsewhere)}
         print_json({"ok": not sentences, **document, "problems": sentences})
     else:
-        _print_status(configs, answers)
+        if configs:
+            _print_status(configs, answers)
+        else:
+            console.print("No node here keeps clips.")
         print_elsewhere(elsewhere)
         if elsewhere:
             console.print("What those hold they say on their own machines: blockrobot custody status.")

@@ -84,6 +84,23 @@ class GenesisNode(Answer, frozen=True, kw_only=True):
     is_custodian: Annotated[bool, doc("Whether it keeps off-chain data")]
 
 
+class GenesisOrganisation(Answer, frozen=True, kw_only=True):
+    """An organisation that founds a network."""
+
+    name: Annotated[str, doc("Its name")]
+    nodes: Annotated[list[str], doc("Its nodes")]
+    custodians: Annotated[list[str], doc("Those that keep off-chain data")]
+    admins: Annotated[list[Hex], doc("Keys that speak for it where the network is governed")]
+    registrars: Annotated[list[Hex], doc("Keys that let people in")]
+
+
+class GenesisWarning(Answer, frozen=True, kw_only=True):
+    """What founders may not have meant."""
+
+    code: Annotated[str, doc("Its code")]
+    detail: Annotated[str, doc("What there is to see")]
+
+
 class GenesisAnswer(Answer, frozen=True, kw_only=True):
     """A genesis file that was made or checked."""
 
@@ -91,9 +108,15 @@ class GenesisAnswer(Answer, frozen=True, kw_only=True):
     network: Annotated[str, doc("What the network is called")]
     chain_id: Annotated[Hex, doc("The network's id, which follows from the file")]
     fingerprint: Annotated[str, doc("What all parties have to see alike")]
-    organisations: Annotated[list[str], doc("The founding organisations")]
+    begins_ms: Annotated[TimeMs, doc("When it begins: no block is earlier")]
+    settings: Annotated[dict[str, int | str], doc("Each setting by its name")]
+    changed_settings: Annotated[list[str], doc("Those that are not the default")]
+    purposes: Annotated[list[str], doc("For what people may be recorded and recordings looked at")]
+    organisations: Annotated[list[GenesisOrganisation], doc("The founding organisations")]
     nodes: Annotated[list[GenesisNode], doc("Their nodes")]
+    warnings: Annotated[list[GenesisWarning], doc("What founders may not have meant")]
     adopted: Annotated[list[str], doc("Nodes here that begin with it")]
+    replaced: Annotated[bool, doc("Whether they had another genesis file, by which none had started")]
 
 
 class EpochView(Answer, frozen=True, kw_only=True):

@@ -31,6 +31,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from network.cli.cluster.cluster_options import as_one, folder_option, network_folder
 from network.cli.governance.governance_answers import DecisionAnswer, OpenProposal
+from network.cluster import no_network
 from pages.time_format import format_date, format_time
 
 ADMIN_KEY_FILE = "admin.key"
@@ -73,7 +74,7 @@ def open_network(folder: Path | None) -> tuple[Path, Genesis]:
     """Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
     place = network_folder(folder)
     if not (place / "genesis.json").exists():
-        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {place}.")
+        raise no_network(place)
     return place, load_genesis(place / "genesis.json")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ import click
 
 from clients.sdk.chain.governance import MembershipView, read_membership
 from clients.sdk.network_client import NetworkClient
+from clients.sdk.node_places import check_place, parse_place
 from clients.sdk.terminal.json_answers import convert_row
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer
@@ -43,7 +45,7 @@ from network.provisioning.exchange_files import (
     read_node_entry,
     read_organisation_entry,
 )
-from network.provisioning.new_node import NewNode, check_api_url, parse_place
+from network.provisioning.new_node import NewNode
 from network.provisioning.new_organisation import create_organisation, enter_organisation
 
 
@@ -125,10 +127,17 @@ def new(name: str, certificate: Path | None, folder: Path | None, as_json: bool)
     console.print(
         f"The organisation {escape(name)} has its keys in {escape(str(path))}. Keep its folder secret and safe."
     )
+    where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
+    console.print(f"Others need {ORGANISATION_ENTRY_FILE} from there: nothing in it is secret. Next step,")
     console.print(
-        f"Hand {ORGANISATION_ENTRY_FILE} from there to an organisation of the network: nothing in it is secret."
+        f"  to found a network: blockrobot node init NODE --founding --organisation {name}{escape(where)}",
+        soft_wrap=True,
     )
-    console.print(f"Next step, there: blockrobot org propose add-org --from {ORGANISATION_ENTRY_FILE} --as ORG")
+    console.print(
+        "  to join one that runs, where an organisation of it is: blockrobot org propose add-org --from "
+        f"{ORGANISATION_ENTRY_FILE} --as ORG",
+        soft_wrap=True,
+    )
 
 
 async def _check(
@@ -263,7 +272,8 @@ def add_node(source: Path, admin: AdminOptions, as_json: bool) -> None:
     Example: blockrobot org propose add-node --from node-5/node-entry.json --as hospital
     """
     arguments = read_node_entry(source)
-    check_api_url(str(arguments["name"]), str(arguments["api_url"]))
+    name, host, port, url = (arguments[field] for field in ("name", "host", "p2p_port", "api_url"))
+    check_place(str(name), str(host), port if isinstance(port, int) else 0, str(url))
     _propose("add_node", arguments, admin, as_json=as_json)
 
 

@@ -256,7 +256,7 @@ def flood_command(kind: str, identity: Any, seconds: float, lists: bool, as_json
 )
 @command_output
 def proxy_command(members: int, count: int, seconds: float, nodes: int, apart: Any, as_json: bool) -> None:
-    """Measure whether members behind one proxy are refused because of each other. Uses nginx, on one node of four.
+    """Measure whether members behind one proxy are refused because of each other. Runs nginx before one node.
 
     Exits 1 if anybody was refused by a budget that is not their own, or not answered.
 

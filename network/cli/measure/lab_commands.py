@@ -7,7 +7,8 @@ import sys
 import click
 import msgspec
 
-from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_json
+from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_answer
+from network.cli.measure.lab_answers import HostStoriesAnswer, HostStoryAnswer
 
 
 @click.group()
@@ -36,7 +37,7 @@ def hosts(story: str | None, as_json: bool) -> None:
 
     if story is None:
         if as_json:
-            print_json({"ok": True, "stories": {name: each.summary for name, each in STORIES.items()}})
+            print_answer(HostStoriesAnswer(stories={name: each.summary for name, each in STORIES.items()}))
         else:
             click.echo("\n".join(f"{name:10} {each.summary}" for name, each in STORIES.items()))
         return
@@ -45,7 +46,13 @@ def hosts(story: str | None, as_json: bool) -> None:
     with leave_by_exit():
         result = play_story(story, lambda line: click.echo(line, err=True))
     if as_json:
-        print_json(msgspec.to_builtins(result))
+        answer = HostStoryAnswer(
+            name=result.name,
+            failures=result.failures,
+            figures=msgspec.to_builtins(result.figures),
+            conditions=dict(result.conditions),
+        )
+        print_answer(answer, ok=result.ok)
     else:
         console.print(f"{result.name}: {'all went as it should' if result.ok else 'FAILED'}")
         for failure in result.failures:

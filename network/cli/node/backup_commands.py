@@ -8,11 +8,13 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import FOLDER, command_output, console, print_answer
-from network.cli.cluster.cluster_options import folder_option
+from clients.sdk.terminal.terminal import EXISTING_FILE, FOLDER, command_output, console, load_genesis, print_answer
+from network.cli.cluster.cluster_options import folder_option, genesis_steps, network_folder
+from network.cli.governance.governance_signer import plain_table
 from network.cli.node.node_answers import NodeBackupAnswer, NodeRestoreAnswer
 from network.cli.node.node_commands import get_node_config
-from network.provisioning.node_backup import CUSTODY, KEYS, Tell, back_up
+from network.provisioning.founding import fingerprint
+from network.provisioning.node_backup import CUSTODY, KEYS, Tell, back_up, shown_settings, unusual_settings
 from network.provisioning.node_backup import restore as restore_node
 
 
@@ -55,17 +57,29 @@ def backup(node: str, out: Path, with_keys: bool, folder: Path | None, as_json: 
 @click.option("--data-dir", required=True, type=FOLDER, help="The data directory to make: a new folder.")
 @click.option("--keys", type=FOLDER, help="The node's keys, if they are not in the backup.")
 @click.option("--erase-keys", type=FOLDER, help="The newest folder erase-keys that is left of the node.")
+@click.option("--genesis", type=EXISTING_FILE, help="The network's genesis file, of which the backup has to be.")
 @command_output
-def restore(place: Path, data_dir: Path, keys: Path | None, erase_keys: Path | None, as_json: bool) -> None:
+def restore(
+    place: Path, data_dir: Path, keys: Path | None, erase_keys: Path | None, genesis: Path | None, as_json: bool
+) -> None:
     """Make a node of a backup, on a host where nothing of it is left. The ledger is proved first.
+
+    A backup that lay elsewhere may have been changed. Paths that leave the node's folder are refused; look at the other
+    settings, which are shown, and compare the fingerprint of the network, or name its genesis file.
 
     A custodian whose erase keys are lost begins without clips, and fetches them from the other custodians.
 
     Example: blockrobot node restore /backup/node-2 --data-dir /srv/node-2 --keys /safe/node-2/keys
     """
     made = restore_node(
-        place.resolve(), data_dir.resolve(), keys=keys, erase_keys=erase_keys, tell=_teller(as_json=as_json)
+        place.resolve(),
+        data_dir.resolve(),
+        keys=keys,
+        erase_keys=erase_keys,
+        genesis=None if genesis is None else load_genesis(genesis),
+        tell=_teller(as_json=as_json),
     )
+    changed = unusual_settings(made.config)
     run = f"blockrobot node run {shlex.quote(str(data_dir))} --restored"
     if as_json:
         answer = NodeRestoreAnswer(
@@ -73,11 +87,24 @@ def restore(place: Path, data_dir: Path, keys: Path | None, erase_keys: Path | N
             data_dir=str(data_dir),
             height=made.height,
             has_custody=made.has_custody,
+            fingerprint=fingerprint(made.genesis),
+            settings=shown_settings(made.config),
+            changed_settings=list(changed),
             next_step=run,
+            warning=made.warning,
         )
         print_answer(answer)
         return
     console.print(f"{escape(made.config.name)} is in {escape(str(data_dir))}, up to block {made.height}.")
+    table = plain_table("Its settings that are not the default", ["setting", "value"])
+    for name, value in changed.items():
+        table.add_row(name, escape(", ".join(value) if isinstance(value, list) else str(value)))
+    console.print(table)
+    console.print(f"Fingerprint of its network: {fingerprint(made.genesis)}")
+    for step in genesis_steps(network_folder(None), data_dir.resolve()):
+        console.print(f"So that `status` and other commands find its network here: {escape(step)}", soft_wrap=True)
+    if made.warning:
+        console.print(made.warning, style="red", soft_wrap=True)
     console.print(f"Make sure that it runs nowhere else. Next step: {escape(run)}", soft_wrap=True)
 
 

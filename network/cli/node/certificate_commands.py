@@ -44,9 +44,15 @@ from network.cli.node.node_answers import (
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from network.provisioning.certificate_authority import NODE_LIFETIME_DAYS, certified_hosts
-from network.provisioning.certificate_requests import check_certificate, make_request, sign_request
+from network.provisioning.certificate_requests import check_certificate, check_fit, make_request, sign_request
 from network.provisioning.exchange_files import read_authority_certificates, read_certificate, read_public_text
-from network.provisioning.new_node import NODE_ENTRY_FILE, Founder, certify_founder, hosts_of, read_founding_entry
+from network.provisioning.new_node import (
+    NODE_ENTRY_FILE,
+    Founder,
+    certify_founder,
+    hosts_of,
+    read_founding_entry,
+)
 from network.provisioning.node_certificates import (
     AUTHORITY_CERTIFICATE_FILE,
     CertificateReport,
@@ -240,8 +246,9 @@ def sign(
 def install(node: str, certificate_file: Path, authority: Path | None, folder: Path | None, as_json: bool) -> None:
     """Give a node the certificate that was issued for its request. A running node takes it within a second.
 
-    It is refused if it is not for the node's key and name, or not of the authority that the network knows. Of a node
-    that founds a network (node init --founding) the entry is signed then.
+    It is refused, and the old one stays, if it is not for the node's key, its name and the addresses at which others
+    reach it, or not of the authority that the network knows. Of a node that founds a network (node init --founding)
+    the entry is signed then.
 
     Example: blockrobot certificate install node-7 node-7.crt.pem
     """
@@ -251,6 +258,7 @@ def install(node: str, certificate_file: Path, authority: Path | None, folder: P
     if founding is None:
         known = newest_directory(load_genesis(config.genesis_path), [config])
         made = check_certificate(config, pem, known, now_ms())
+        check_fit(made, (config.name, *hosts_of(known.nodes[config.name])))
         install_certificate(config, made)
     else:
         home = authority or network_folder(folder) / "organisations" / founding.organisation
@@ -270,7 +278,10 @@ def install(node: str, certificate_file: Path, authority: Path | None, folder: P
 @click.argument("node")
 @click.option("--new-key", is_flag=True, help="Make a new key too: after a theft, or a revocation.")
 @click.option(
-    "--host", "hosts", multiple=True, help="An address that it names; may be repeated. Else those of the old one."
+    "--host",
+    "hosts",
+    multiple=True,
+    help="An address that it names; may be repeated. Else those of the old one. Those in use have to be among them.",
 )
 @days_option
 @authority_option
@@ -292,6 +303,8 @@ def renew_certificate(
     config = get_node_config(node, folder)
     organisation = _organisation(config, folder)
     ca = get_authority(network_folder(folder), organisation, authority)
+    if hosts:
+        _require_advertised(config, hosts)
     serial = renew(config, ca, days=days, new_key=new_key, hosts=hosts)
     report = read_report(config)
     expires = "" if report.facts is None else report.facts.expires
@@ -336,6 +349,17 @@ def revoke(
     arguments = {"organisation": owner, "serial": serial_bytes(number)}
     submitted = propose_once(signer, "membership", "revoke_certificate", arguments)
     report_decision(submitted, f"revoke certificate {number:x} of {owner}", "org", as_json=as_json)
+
+
+def _require_advertised(config: NodeConfig, hosts: tuple[str, ...]) -> None:
+    """Whether peers and clients would still find the node that they look for. Raises CERTIFICATE_UNFIT."""
+    entry = read_founding_entry(config.data_dir) or newest_directory(
+        load_genesis(config.genesis_path), [config]
+    ).nodes.get(config.name)
+    missing = [] if entry is None else sorted({*hosts_of(entry)} - {*hosts})
+    if missing:
+        detail = f"Others reach {config.name} at {', '.join(missing)} now: name that too, until it has moved."
+        raise BlockRobotError("CERTIFICATE_UNFIT", detail)
 
 
 def _organisation(config: NodeConfig, folder: Path | None) -> str:

@@ -140,7 +140,13 @@ class NodeRestoreAnswer(Answer, frozen=True, kw_only=True):
     data_dir: Annotated[str, doc("Its data directory")]
     height: Annotated[Height, doc("The block up to which its ledger is there")]
     has_custody: Annotated[bool, doc("Whether what it kept as a custodian is there")]
+    fingerprint: Annotated[str, doc("Of its network's genesis file, as `genesis check` shows it")]
+    settings: Annotated[dict[str, str | int | bool | list[str]], doc("What its node.toml says, but for paths")]
+    changed_settings: Annotated[list[str], doc("Those that are not the default, or have none")]
     next_step: Annotated[str, doc("The command that starts it")]
+    warning: Annotated[
+        str, doc("What to know before: of two or three producers one would stop the network; else empty")
+    ]
 
 
 class CertificateEntry(Answer, frozen=True, kw_only=True):

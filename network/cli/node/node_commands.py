@@ -71,5 +71,5 @@ def get_node_config(text: str, folder: Path | None) -> NodeConfig:
         founding = network / "nodes" / text
         if (founding / CONFIG_FILE).is_file():
             return load_config(founding.resolve())
-        raise BlockRobotError("NOT_FOUND", f"{text} is no data directory, and there is no network in {network}.")
+        raise BlockRobotError("NOT_FOUND", f"{text} is no data directory, and {network} has no genesis.json.")
     return Cluster(network).config(text)

@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 from clients.sdk.new_files import read_given_file, write_new_file
+from clients.sdk.node_places import parse_place
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
@@ -22,7 +23,7 @@ from clients.sdk.terminal.terminal import (
 )
 from consensus.bounded_text import JSON_MAX_BYTES, read_json_as
 from consensus.chain.genesis import Genesis, NodeEntry
-from network.cli.cluster.cluster_options import folder_option, network_folder
+from network.cli.cluster.cluster_options import folder_option, genesis_steps, network_folder
 from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table, read_private_key
 from network.cli.node.node_answers import NodeDirectoryAnswer, NodeInitAnswer
 from network.cli.node.node_commands import get_node_config
@@ -30,7 +31,7 @@ from network.cluster import Cluster
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding import NETWORK_NAME
 from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
-from network.provisioning.new_node import NODE_ENTRY_FILE, REQUEST_FILE, Founder, NewNode, create_node, parse_place
+from network.provisioning.new_node import NODE_ENTRY_FILE, REQUEST_FILE, Founder, NewNode, create_node
 from network.provisioning.node_certificates import AUTHORITY_CERTIFICATE_FILE, AUTHORITY_KEY_FILE, get_authority
 from network.provisioning.node_joining import init_node, newest_directory, next_base_port, of_chain
 from node.config import CONFIG_FILE, load_config
@@ -142,6 +143,7 @@ def init(
     entry = init_node(place, new, beginning, get_authority(network, organisation, authority), known)
     speaker = _speaker(organisation, None if is_elsewhere else network, authority)
     steps = next_steps(name, speaker, place, None if data_dir is not None else network, folder)
+    steps[:0] = [f"{step}   (commands look there)" for step in genesis_steps(network, place)]
     _show_made(entry, place, steps, as_json=as_json)
 
 

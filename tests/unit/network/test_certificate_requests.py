@@ -71,14 +71,14 @@ def test_a_request_goes_and_a_certificate_comes_and_both_keys_stay(folder: Path,
     key, secrets = config.tls_key_path.read_bytes(), (away / "ca.key.pem").read_bytes()
     asked, made = tmp_path / "node-1.csr", tmp_path / "node-1.crt.pem"
     home = ("--dir", str(folder))
-    hosts = ("--host", "10.0.0.7", "--host", "node-1.clinic.example")
+    hosts = ("--host", "127.0.0.1", "--host", "node-1.clinic.example")
     assert run("request", "node-1", "--out", str(asked), *hosts, *home).exit_code == 0
     said = run(
         *("sign", str(asked), "--organisation", "hospital", "--out", str(made), "--days", "90"),
         *("--authority", str(away), *home, "--json"),
     )
     assert said.exit_code == 0, said.output
-    assert json.loads(said.stdout)["hosts"] == ["10.0.0.7", "node-1.clinic.example"]
+    assert json.loads(said.stdout)["hosts"] == ["127.0.0.1", "node-1.clinic.example"]
     assert run("install", "node-1", str(made), *home).exit_code == 0
     report = read_report(config)
     assert report.state(now_ms()) == "valid"
@@ -94,6 +94,33 @@ def test_a_request_goes_and_a_certificate_comes_and_both_keys_stay(folder: Path,
 def test_a_request_names_what_the_certificate_named_unless_told_otherwise(config: NodeConfig) -> None:
     request = x509.load_pem_x509_csr(make_request(config, "hospital", ["127.0.0.1"]))
     assert certified_hosts(request) == ("127.0.0.1",)
+
+
+def test_a_certificate_that_does_not_name_where_a_node_is_reached_leaves_the_old_one(
+    folder: Path, config: NodeConfig, authority: Authority
+) -> None:
+    old = config.tls_certificate_path.read_bytes()
+    path = folder.parent / "made.crt.pem"
+    for hosts, is_fit in ((["10.0.0.7"], False), (["10.0.0.7", "127.0.0.1"], True)):
+        path.write_bytes(pem_of(sign_request(authority, make_request(config, "hospital", hosts), 90)))
+        said = run("install", config.name, str(path), "--dir", str(folder))
+        assert ("CERTIFICATE_UNFIT" in said.stderr) == (not is_fit)
+        assert (config.tls_certificate_path.read_bytes() == old) == (not is_fit)
+    assert read_report(config).state(now_ms()) == "valid"
+
+
+def test_a_certificate_is_not_renewed_without_the_address_at_which_its_node_is_reached(
+    folder: Path, config: NodeConfig
+) -> None:
+    old = config.tls_certificate_path.read_bytes()
+    said = run("renew", "node-1", "--host", "10.0.0.7", "--dir", str(folder))
+    assert "CERTIFICATE_UNFIT" in said.stderr
+    assert config.tls_certificate_path.read_bytes() == old
+    assert run("renew", "node-1", "--host", "10.0.0.7", "--host", "127.0.0.1", "--dir", str(folder)).exit_code == 0
+    assert certified_hosts(x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())) == (
+        "10.0.0.7",
+        "127.0.0.1",
+    )
 
 
 def request_of(key: Any, organisation: str = "hospital", name: str = "node-1", *, hosts: bool = True) -> bytes:

@@ -117,6 +117,34 @@ def test_wrong_usage_is_told_in_json_too(network: Path, arguments: tuple[str, ..
     assert named in problem["detail"]
 
 
+def test_a_host_with_a_genesis_file_and_no_node_looks_from_outside_and_is_not_told_to_start_one(
+    network: Path, home: Path
+) -> None:
+    client = home / "client" / "network"
+    client.mkdir(parents=True)
+    genesis = client / "genesis.json"
+    genesis.write_bytes((network / "genesis.json").read_bytes())
+    for words in (("--dir", str(client)), ("--genesis", str(genesis))):
+        told = run("status", *words)
+        assert told.exit_code == 0
+        assert "No node of the network is in" in told.stdout
+        assert "Elsewhere, as they prove" in told.stdout
+        assert "Nothing runs" not in told.stdout
+        answer = json.loads(run("status", *words, "--json").stdout)
+        assert (answer["ok"], answer["nodes"]) == (False, [])
+        assert [node["problem"]["code"] for node in answer["elsewhere"]] == ["NODE_UNREACHABLE"]
+        assert "node run NAME --detach" in answer["elsewhere"][0]["problem"]["next_step"]
+    answer = json.loads(run("custody", "status", "--dir", str(client), "--json").stdout)
+    assert (answer["custodians"], [node["name"] for node in answer["elsewhere"]]) == ([], ["node-1"])
+    assert run("status", "--watch", "--dir", str(client)).exit_code == 2
+    assert run("status", "--watch", "--genesis", str(genesis)).exit_code == 2
+
+
+def test_a_host_whose_network_is_not_founded_yet_is_told_what_to_adopt(network: Path) -> None:
+    (network / "genesis.json").unlink()
+    assert "genesis check FILE --adopt" in problem_of(run("status", "--json"))["detail"]
+
+
 @pytest.mark.parametrize("command", [("status",), ("down",), ("logs",)])
 def test_where_there_is_no_network_that_is_said(home: Path, command: tuple[str, ...]) -> None:
     result = run(*command, "--json")

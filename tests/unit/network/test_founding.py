@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import json
 import random
-from collections.abc import Callable
+import shutil
+import stat
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +19,20 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
-from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
+from clients.sdk.trust_pin import PIN_FILE
+from consensus.chain.genesis import ChainSettings, Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import encode
 from contracts.execution.genesis import complete_genesis
 from network.cli.governance.genesis_commands import genesis as genesis_group
 from network.cli.governance.governance_signer import read_private_key
 from network.cli.governance.org_commands import org
 from network.cli.node.node_setup_commands import init
-from network.provisioning import founding
+from network.provisioning import founding, new_organisation
 from network.provisioning.founding import find_differences, fingerprint, make_genesis
-from network.provisioning.founding_entries import NODE_TAG, FoundingNode, read_offers
+from network.provisioning.founding_entries import node_entry_to_json, read_offers
 from node.config import load_config, load_genesis
+from node.storage.directory_lock import DirectoryLock
+from node.storage.lmdb_store import LmdbStore
 
 PARTIES = {"hospital": ("ward-1", "ward-10"), "university": ("lab-1",), "clinic": ("ward-2",)}
 """Who founds, and with which nodes."""
@@ -34,7 +40,7 @@ Change = Callable[[dict[str, Any]], None]
 
 
 def run(command: Any, *arguments: str) -> Result:
-    return CliRunner().invoke(command, list(arguments))
+    return CliRunner(env={"COLUMNS": "160"}).invoke(command, list(arguments))
 
 
 @pytest.fixture(scope="module")
@@ -156,6 +162,9 @@ def put(field: str, value: Any) -> Change:
         ("ward-1", put("custodian_key", "")),
         ("ward-1", put("signature", "")),
         ("ward-1", put("admin", "00")),
+        ("ward-1", put("custodian_proof", "")),
+        ("ward-1", put("custodian_proof", None)),
+        ("ward-1", lambda document: document.pop("custodian_proof")),
     ],
 )
 def test_an_entry_that_was_changed_on_the_way_is_refused_by_its_name(
@@ -167,21 +176,17 @@ def test_an_entry_that_was_changed_on_the_way_is_refused_by_its_name(
 
 
 def sign_anew(path: Path, owner: Path, **fields: Any) -> Path:
-    """As a hostile party would that has an admin's key: its own."""
+    """As a hostile party would that has its own admin's and its own custodian's key."""
     (offer,) = read_offers([path])[1]
     entry = msgspec.structs.replace(offer.entry, **fields)
-    admin = read_private_key(owner / "admin.key")
-    signature = admin.sign_compact(NODE_TAG, encode(FoundingNode(entry=entry, made_at_ms=offer.made_at_ms)))
-    shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in fields.items()}
-    proof = {"admin": admin.public_key.hex(), "signature": signature.hex()}
-    return change(path, lambda document: document.update({**shown, **proof}))
+    admin = read_private_key(owner / "organisations" / owner.name / "admin.key")
+    custodian = read_private_key(owner / "nodes" / offer.entry.name / "keys" / "custodian.key")
+    path.write_text(node_entry_to_json(entry, offer.made_at_ms, admin, custodian))
+    return path
 
 
-@pytest.mark.parametrize(
-    "what", ["another's node", "address", "url", "custodian key", "producer key", "name", "plain url"]
-)
+@pytest.mark.parametrize("what", ["another's node", "address", "url", "custodian key", "producer key", "name"])
 def test_a_hostile_party_enters_nothing_of_somebody_elses(world: Path, handed: dict[str, Path], what: str) -> None:
-    owner = world / "university" / "organisations" / "university"
     (ward,) = read_offers([handed["ward-1"]])[1]
     fields: dict[str, dict[str, Any]] = {
         "another's node": {"organisation": "hospital"},
@@ -193,12 +198,64 @@ def test_a_hostile_party_enters_nothing_of_somebody_elses(world: Path, handed: d
             "producer_possession": ward.entry.producer_possession,
         },
         "name": {"name": "ward-1"},
-        "plain url": {"api_url": "http://10.0.2.1:7273"},
-        "broken url": {"api_url": "https://10.0.2.1\n:7273"},
-        "host": {"host": "10.0.2.1\x1b[2J"},
     }
-    sign_anew(handed["lab-1"], owner, **fields[what])
+    sign_anew(handed["lab-1"], world / "university", **fields[what])
     with pytest.raises(BlockRobotError, match=r"^(FOUNDING_ENTRY_INVALID|GENESIS_INVALID): .*(lab-1|ward-1)"):
+        made_of(*handed.values())
+
+
+def test_a_custodian_key_that_was_stolen_without_its_secret_half_is_entered_by_nobody(
+    world: Path, handed: dict[str, Path]
+) -> None:
+    """Also where its owner is not among the entries, so that no key is named twice."""
+    (ward,) = read_offers([handed.pop("ward-1")])[1]
+    sign_anew(handed["lab-1"], world / "university", custodian_key=ward.entry.custodian_key)
+    with pytest.raises(
+        BlockRobotError, match=r"^FOUNDING_ENTRY_INVALID: .*lab-1.json does not prove .* the custodian key"
+    ):
+        made_of(*handed.values())
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"api_url": "http://10.0.2.1:7273"},
+        {"api_url": "https://10.0.2.1\n:7273"},
+        {"api_url": "https://10.0.2.1:7273/node"},
+        {"api_url": "https://10.0.2.1:7273/"},
+        {"api_url": "https://10.0.2.1:7273?"},
+        {"api_url": "https://10.0.2.1:7273#"},
+        {"api_url": "https://who@10.0.2.1:7273"},
+        {"api_url": "https://10.0.2.1:07273"},
+        {"api_url": "https://lab.example:443"},
+        {"api_url": "https://LAB.example"},
+        {"api_url": "https://lab.example."},
+        {"api_url": "https://lab..example"},
+        {"api_url": "https://[fd00:0:0::2]:7273"},
+        {"api_url": "https://[::ffff:10.0.2.1]:7273"},
+        {"host": "10.0.2.1\x1b[2J"},
+        {"host": "Lab.example"},
+        {"host": "lab.example."},
+        {"host": "lab..example"},
+        {"host": f"{'l' * 64}.example"},
+        {"host": "-lab.example"},
+        {"host": "xn--zz.example"},
+        {"host": "10.2.1"},
+        {"host": "0x0a.0x1"},
+        {"host": "fd00:0:0::2"},
+        {"host": "FD00::2"},
+        {"host": "::ffff:10.0.2.1"},
+        {"host": "fe80::1%eth0"},
+        {"p2p_port": 65_536},
+        {"p2p_port": 7273},
+    ],
+    ids=str,
+)
+def test_an_address_has_one_form_so_that_no_place_is_two(
+    world: Path, handed: dict[str, Path], fields: dict[str, Any]
+) -> None:
+    sign_anew(handed["lab-1"], world / "university", **fields)
+    with pytest.raises(BlockRobotError, match=r"^FOUNDING_ENTRY_INVALID: \S*lab-1.json "):
         made_of(*handed.values())
 
 
@@ -258,6 +315,30 @@ def test_an_organisation_is_not_swapped_where_only_its_node_is(
     assert (tmp_path / "desk" / "genesis.json").read_bytes() == path.read_bytes()
 
 
+def test_an_organisation_is_made_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However far the making came, the next try begins anew."""
+    written = new_organisation.write_secret
+    for reached in range(3):
+        left = iter([True] * reached)
+
+        def write(path: Path, data: bytes, left: Iterator[bool] = left) -> None:
+            if not next(left, False):
+                raise OSError(errno.ENOSPC, "No space left on device")
+            written(path, data)
+
+        monkeypatch.setattr(new_organisation, "write_secret", write)
+        with pytest.raises(OSError, match="No space left"):
+            new_organisation.create_organisation(tmp_path, "clinic")
+        assert list((tmp_path / "organisations").iterdir()) == []
+    monkeypatch.undo()
+    new_organisation.create_organisation(tmp_path, "clinic")
+    (made,) = (tmp_path / "organisations").iterdir()
+    assert stat.S_IMODE(made.stat().st_mode) == 0o700
+    assert {stat.S_IMODE(path.stat().st_mode) for path in made.glob("*key*")} == {0o600}
+    files = ["admin.key", "ca.crt.pem", "ca.key.pem", "organisation-entry.json", "registrar.key"]
+    assert sorted(path.name for path in made.iterdir()) == files
+
+
 def test_names_that_differ_in_leading_zeros_have_one_order(handed: dict[str, Path]) -> None:
     true = made_of(*handed.values())
     first, second = (msgspec.structs.replace(true.nodes[0], name=name) for name in ("x-1", "x-01"))
@@ -276,17 +357,105 @@ def test_a_network_that_would_begin_in_the_future_is_not_founded(
     assert "the clock of whoever made the last node's entry is wrong" in " ".join(said.stderr.split())
 
 
-def test_a_node_that_has_begun_takes_no_other_file(world: Path, handed: dict[str, Path], tmp_path: Path) -> None:
-    first, second = tmp_path / "first.json", tmp_path / "second.json"
+def checked(genesis: Genesis, place: Path, *options: str) -> Result:
+    path = place / "shown.json"
+    path.write_text(genesis_to_json(complete_genesis(genesis)))
+    return run(genesis_group, "check", str(path), "--dir", str(place / "nobody"), *options)
+
+
+def test_a_founder_sees_all_that_is_agreed_to(handed: dict[str, Path], tmp_path: Path) -> None:
     true = made_of(*handed.values())
-    first.write_text(genesis_to_json(true))
-    second.write_text(genesis_to_json(make_genesis(*read_offers(list(handed.values())), network="other")))
-    assert run(genesis_group, "check", str(first), "--adopt", "--dir", str(world / "clinic")).exit_code == 0
-    assert run(genesis_group, "check", str(first), "--adopt", "--dir", str(world / "clinic")).exit_code == 0, (
-        "once more"
-    )
-    said = run(genesis_group, "check", str(second), "--adopt", "--dir", str(world / "clinic"))
-    assert "GENESIS_DIFFERS" in said.stderr
-    assert 'network: "blockrobot" here, "other" there' in said.stderr
+    said = checked(true, tmp_path)
+    assert "Settings: all are the default." in said.output
+    assert "Purposes: care, companionship" in said.output
+    assert "Begins: 20" in said.output
+    (hospital,) = [owner for owner in true.organisations if owner.name == "hospital"]
+    assert all(key.hex()[:16] in said.output for key in (*hospital.admins, *hospital.registrars))
+    answer = json.loads(checked(true, tmp_path, "--json").stdout)
+    assert answer["settings"] == msgspec.structs.asdict(ChainSettings())
+    assert answer["changed_settings"] == answer["warnings"] == []
+    assert answer["begins_ms"] == true.created_at_ms
+    assert answer["purposes"] == list(true.purposes)
+    (seen,) = [owner for owner in answer["organisations"] if owner["name"] == "hospital"]
+    assert seen["admins"] == [key.hex() for key in hospital.admins]
+    assert seen["registrars"] == [key.hex() for key in hospital.registrars]
+    assert seen["nodes"] == seen["custodians"] == ["ward-1", "ward-10"]
+
+
+def test_a_setting_that_somebody_slipped_in_is_seen(handed: dict[str, Path], tmp_path: Path) -> None:
+    true = made_of(*handed.values())
+    slow = ChainSettings(production="manual", max_clock_drift_ms=60_000)
+    false = msgspec.structs.replace(true, settings=slow, purposes=("care",))
+    said = checked(false, tmp_path).output
+    assert "Settings that are not the default" in said
+    for name, here, default in (("production", "manual", "on-demand"), ("max_clock_drift_ms", "60000", "5000")):
+        (line,) = [line for line in said.splitlines() if name in line]
+        assert here in line
+        assert default in line
+    assert "heartbeat_ms" not in said
+    assert "Purposes: care\n" in said
+    answer = json.loads(checked(false, tmp_path, "--json").stdout)
+    assert answer["changed_settings"] == ["max_clock_drift_ms", "production"]
+    assert answer["settings"]["production"] == "manual"
+
+
+def test_an_organisation_whose_nodes_entry_was_left_out_is_warned_of(handed: dict[str, Path], tmp_path: Path) -> None:
+    del handed["ward-2"]
+
+    def make(name: str, *options: str) -> Result:
+        return run(genesis_group, "make", *map(str, handed.values()), "--out", str(tmp_path / name), *options)
+
+    said = make("1.json")
+    assert said.exit_code == 0
+    assert "warning FOUNDER_WITHOUT_NODE: clinic founds without a node" in said.output
+    (warning,) = json.loads(make("2.json", "--json").stdout)["warnings"]
+    assert warning["code"] == "FOUNDER_WITHOUT_NODE"
+    assert "warning" not in make("3.json", "--without-node", "clinic").output
+    assert make("4.json", "--without-node", "nobody").exit_code == 2
+    assert not (tmp_path / "4.json").exists()
+
+
+def test_a_file_that_was_adopted_too_early_is_replaced_until_a_node_has_started(
+    world: Path, handed: dict[str, Path], tmp_path: Path
+) -> None:
+    early, true = made_of(*(handed[name] for name in ("clinic", "ward-2"))), made_of(*handed.values())
+    home, files = tmp_path / "home", {"early": tmp_path / "early.json", "true": tmp_path / "true.json"}
+    shutil.copytree(world / "clinic", home)
+    node, here = home / "nodes" / "ward-2", [home / "genesis.json", home / "nodes" / "ward-2" / "genesis.json"]
+    for path in here:
+        path.unlink(missing_ok=True)
+    for name, genesis in (("early", early), ("true", true)):
+        files[name].write_text(genesis_to_json(genesis))
+
+    def adopt(name: str) -> Result:
+        return run(genesis_group, "check", str(files[name]), "--adopt", "--dir", str(home), "--json")
+
+    for name, is_replaced in (("early", False), ("early", False), ("true", True), ("early", True)):
+        said = adopt(name)
+        assert said.exit_code == 0, said.output
+        assert json.loads(said.stdout)["replaced"] is is_replaced
+        assert {path.read_text() for path in here} == {files[name].read_text()}
+
+    def refused(code: str, *words: str) -> None:
+        said = adopt("true")
+        assert said.exit_code == 1
+        assert all(word in said.stdout for word in (code, *words)), said.stdout
+        assert {path.read_text() for path in here} == {files["early"].read_text()}
+        assert adopt("early").exit_code == 0, "the same one is no other"
+
+    running = DirectoryLock(node)
+    refused("DATA_DIRECTORY_IN_USE")
+    running.release()
+    (home / PIN_FILE).write_text("{}")
+    refused("GENESIS_IN_USE", PIN_FILE)
+    (home / PIN_FILE).unlink()
+    asyncio.run(LmdbStore.create(load_config(node).ledger_dir).close())
+    refused("GENESIS_IN_USE", "ward-2 has started by it", "nodes.lab-1")
+
+
+def test_two_files_that_differ_are_told_apart(handed: dict[str, Path]) -> None:
+    true = made_of(*handed.values())
+    other = make_genesis(*read_offers(list(handed.values())), network="other")
+    assert 'network: "blockrobot" here, "other" there' in find_differences(true, other)
     assert fingerprint(true).replace(" ", "") == true.chain_id.hex()[:32]
     assert find_differences(true, true) == []

@@ -71,7 +71,7 @@ def test_its_entry_proves_its_key_and_holds_no_secret(folder: Path, genesis: Gen
     ("wanted", "code"),
     [
         (newcomer(name="node-1"), "NODE_EXISTS"),
-        (newcomer(organisation="clinic"), "NOT_FOUND"),
+        (newcomer(organisation="clinic"), "ORGANISATION_NOT_ADMITTED"),
         (newcomer(name="Node 3"), "CONFIGURATION_INVALID"),
         (newcomer(name="n" * 41), "CONFIGURATION_INVALID"),
     ],

@@ -5,24 +5,30 @@ Of a node that runs: `tests/hosts`.
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
 import shutil
 import sqlite3
 import stat
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 from click.testing import CliRunner
 
+from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
+from network.cli.node import node_run_commands
 from network.cli.node.backup_commands import backup, restore
 from network.cluster import Cluster
 from network.provisioning import node_backup
+from network.provisioning.founding import fingerprint
 from network.provisioning.network_layout import create_network
 from network.provisioning.node_backup import MANIFEST_FILE, BackupManifest, back_up, read_backup
-from node.config import NodeConfig, load_config
+from node.config import NodeConfig, load_config, load_genesis
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME, EraseKeys
 from node.node_process import Node
 from node.storage.lmdb_reader import LedgerFile
@@ -41,7 +47,7 @@ async def config(tmp_path: Path) -> NodeConfig:
     return config
 
 
-def restored_from(place: Path, tmp_path: Path, **options: Path) -> node_backup.Restored:
+def restored_from(place: Path, tmp_path: Path, **options: Any) -> node_backup.Restored:
     return node_backup.restore(place, tmp_path / "anew", **options)
 
 
@@ -114,6 +120,75 @@ def test_a_backup_that_is_not_whole_makes_no_node(config: NodeConfig, tmp_path: 
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
+def forged(out: Path, name: str, content: str) -> None:
+    """As somebody would who can write where backups lie: with the hash that belongs to it."""
+    (out / name).write_text(content)
+    made = read_manifest(out)
+    digest = hashlib.sha256(content.encode()).hexdigest()
+    files = {**made.files, name: digest}
+    (out / MANIFEST_FILE).write_bytes(msgspec.json.encode(msgspec.structs.replace(made, files=files)))
+
+
+def read_manifest(out: Path) -> BackupManifest:
+    return msgspec.json.decode((out / MANIFEST_FILE).read_bytes(), type=BackupManifest)
+
+
+def test_a_backup_names_no_file_outside_of_its_node(config: NodeConfig, tmp_path: Path) -> None:
+    out = tmp_path / "backup"
+    back_up(config, out, with_keys=True)
+    text = (out / "node" / "node.toml").read_text()
+    for field in ("tls_certificate", "tls_key", "producer", "custodian", "genesis"):
+        for path in ("/etc/hostname", "../../elsewhere/file", "keys/../../file"):
+            changed = re.sub(rf'(?m)^{field} = ".*"$', f'{field} = "{path}"', text)
+            assert changed != text
+            forged(out, "node/node.toml", changed)
+            with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .* outside of the node's folder"):
+                restored_from(out, tmp_path)
+            assert not (tmp_path / "anew").exists()
+
+
+def test_a_backup_with_another_networks_genesis_file_makes_no_node(config: NodeConfig, tmp_path: Path) -> None:
+    out = tmp_path / "backup"
+    back_up(config, out, with_keys=True)
+    own, other = load_genesis(config), tmp_path / "other"
+    false = create_network(other, nodes=1, organisations=1, base_port=20_000)
+    restored = restored_from(out, tmp_path, genesis=own)
+    assert restored.genesis == own
+    shutil.rmtree(tmp_path / "anew")
+    with pytest.raises(BlockRobotError, match=r"^GENESIS_DIFFERS"):
+        restored_from(out, tmp_path, genesis=false)
+    forged(out, "node/genesis.json", genesis_to_json(false))
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE"):
+        restored_from(out, tmp_path)
+    manifest = msgspec.structs.replace(read_manifest(out), chain_id=false.chain_id.hex())
+    (out / MANIFEST_FILE).write_bytes(msgspec.json.encode(manifest))
+    with pytest.raises(BlockRobotError, match=r"^SNAPSHOT_OTHER_CHAIN"):
+        restored_from(out, tmp_path)
+    assert not (tmp_path / "anew").exists()
+
+
+def test_settings_that_open_a_restored_node_are_shown(config: NodeConfig, tmp_path: Path) -> None:
+    out = tmp_path / "backup"
+    back_up(config, out, with_keys=True)
+    text = (out / "node" / "node.toml").read_text()
+    opened = text.replace("[listen]\n", '[listen]\ntrusted_proxies = ["0.0.0.0/0"]\n')
+    opened = opened.replace('store = "sqlite"', 'store = "mongodb://me:secret@10.0.0.9/ward"')
+    port = find_base_port(1)
+    forged(out, "node/node.toml", opened + f'\n[metrics]\nhost = "0.0.0.0"\nport = {port}\n[faults]\nenabled = true\n')
+    for number, options in enumerate(([], ["--json"])):
+        said = CliRunner().invoke(restore, [str(out), "--data-dir", str(tmp_path / f"anew-{number}"), *options])
+        assert said.exit_code == 0, said.output
+        assert "secret" not in said.output
+        for name in ("trusted_proxies", "metrics_host", "faults_enabled", "custody_store"):
+            assert name in said.output
+        assert all(value in said.output for value in ("0.0.0.0/0", "0.0.0.0", "mongodb at 10.0.0.9"))
+    answer = json.loads(said.stdout)
+    assert answer["fingerprint"] == fingerprint(load_genesis(config))
+    assert {"trusted_proxies", "metrics_host", "faults_enabled"} <= set(answer["changed_settings"])
+    assert "public_explorer" not in answer["changed_settings"]
+    assert answer["settings"]["public_explorer"] is False
+
+
 def test_both_commands_say_what_they_did_and_what_is_next(config: NodeConfig, tmp_path: Path) -> None:
     out, place = str(tmp_path / "backup"), str(tmp_path / "anew")
     said = CliRunner().invoke(backup, [str(config.data_dir), "--out", out, "--json"])
@@ -128,3 +203,22 @@ def test_both_commands_say_what_they_did_and_what_is_next(config: NodeConfig, tm
     assert f"blockrobot node run {place} --restored" in said.output
     again = CliRunner().invoke(restore, [out, "--data-dir", place, *keys])
     assert "NODE_EXISTS" in again.stderr
+
+
+@pytest.mark.parametrize(("count", "stops"), [(1, False), (3, True), (4, False)])
+async def test_who_restores_one_of_two_or_three_producers_is_told_that_it_stops_the_network(
+    count: int, stops: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    create_network(tmp_path / "network", nodes=count, organisations=1, base_port=find_base_port(count))
+    config = Cluster(tmp_path / "network").config("node-1")
+    async with Node(config):
+        pass
+    back_up(config, tmp_path / "backup", with_keys=True)
+    answer = CliRunner().invoke(restore, [str(tmp_path / "backup"), "--data-dir", str(tmp_path / "anew"), "--json"])
+    warning = json.loads(answer.output)["warning"]
+    assert (f"one of {count} producers" in warning) == stops
+    assert bool(warning) == stops
+    monkeypatch.setattr(node_run_commands, "can_ask", lambda: True)
+    monkeypatch.setattr(node_run_commands, "run_process", lambda *_: 0)
+    started = CliRunner().invoke(node_run_commands.run, [str(tmp_path / "anew"), "--restored"], input="n\n")
+    assert (started.exit_code, "locked out for good" in started.output) == (int(stops), stops)

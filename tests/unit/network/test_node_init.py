@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -11,6 +12,7 @@ from click.testing import CliRunner, Result
 from cryptography import x509
 
 from consensus.chain.genesis import Genesis
+from network.cli.governance.org_commands import org
 from network.cli.node.node_setup_commands import init
 from network.cluster import Cluster
 from network.provisioning.certificate_authority import certified_hosts
@@ -76,6 +78,34 @@ def test_only_nodes_of_one_chain_are_asked_who_is_there(home: Path, other: Path)
     assert of_chain([*ours, *theirs], genesis_of(home).chain_id) == ours
 
 
+def test_an_organisation_that_was_not_let_in_is_told_which_step_is_missing(home: Path, tmp_path: Path) -> None:
+    made = CliRunner().invoke(org, ["new", "clinic"])
+    assert "found a network: blockrobot node init NODE --founding --organisation clinic" in made.output
+    assert "blockrobot org propose add-org --from organisation-entry.json" in made.output
+    said = " ".join(run("node-3", "--organisation", "clinic").stderr.split())
+    assert "ORGANISATION_NOT_ADMITTED" in said
+    assert "org propose add-org" in said
+    assert "--directory" in said
+    assert not (home / "nodes" / "node-3").exists()
+
+
+def test_a_host_that_knows_no_network_yet_is_told_where_its_genesis_file_comes_from(
+    home: Path, other: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path / "new host"))
+    network = tmp_path / "new host" / "network"
+    options = ("--genesis", str(other / "genesis.json"), "--authority", str(other / "organisations" / "hospital"))
+    made = json.loads(run("node-3", "--organisation", "hospital", *options, "--json").stdout)
+    listed = CliRunner().invoke(org, ["list"])
+    assert "has no genesis.json" in " ".join(listed.stderr.split())
+    assert "a node's data directory has it" in " ".join(listed.stderr.split())
+    typed = made["next_steps"][0].split("   ")[0]
+    subprocess.run(typed, shell=True, check=True)
+    assert genesis_of(network).chain_id == genesis_of(other).chain_id
+    again = json.loads(run("node-4", "--organisation", "hospital", *options, "--json").stdout)
+    assert again["next_steps"][0].startswith("blockrobot org propose add-node")
+
+
 def test_faults_are_allowed_only_if_one_says_so(home: Path) -> None:
     for name, flags in (("node-3", ()), ("node-4", ("--faults",))):
         assert run(name, "--organisation", "hospital", *flags).exit_code == 0
@@ -92,6 +122,19 @@ def test_faults_are_allowed_only_if_one_says_so(home: Path) -> None:
         (("--bind", "fd00::7"), "https://[fd00::7]:21501"),
         (("--bind", "0.0.0.0", "--advertise", "node-3.clinic.example"), "https://node-3.clinic.example:21501"),
         (("--bind", "::", "--advertise", "[fd00::7]:443"), "https://[fd00::7]:444"),
+        (("--bind", "::", "--advertise", "[FD00:0::7]:00443"), "https://[fd00::7]:444"),
+        (("--bind", "0.0.0.0", "--advertise", "Node-3.Example.:442"), "https://node-3.example"),
+        (("--bind", "10.0.0.7", "--api-url", "https://Node-3.example.:0443/"), "https://node-3.example"),
+        (("--bind", "10.0.0.7", "--api-url", "https://node-3.example/api"), None),
+        (("--bind", "10.0.0.7", "--api-url", "https://node-3.example?a"), None),
+        (("--bind", "10.0.0.7", "--api-url", "https://node-3.example#a"), None),
+        (("--bind", "10.0.0.7", "--api-url", "https://me:secret@node-3.example"), None),
+        (("--bind", "10.0.0.7", "--api-url", "https://node-3..example"), None),
+        (("--bind", "10.0.0.7:21500"), None),
+        (("--bind", "node-3.example"), None),
+        (("--bind", "10.0.0.999", "--advertise", "10.0.0.7"), None),
+        (("--bind", "10.0.0.7", "--api-bind", "127.0.0.1:80"), None),
+        (("--bind", "10.0.0.7", "--api-bind", "somewhere"), None),
         (("--bind", "10.0.0.7", "--api-url", "https://node-3.clinic.example"), "https://node-3.clinic.example"),
         (("--bind", "10.0.0.7", "--api-url", "http://127.0.0.1:9000"), "http://127.0.0.1:9000"),
         (("--bind", "0.0.0.0"), None),
@@ -109,7 +152,8 @@ def test_a_node_is_entered_only_where_clients_would_talk_to_it(
     place = home / "nodes" / "node-3"
     said = run("node-3", "--organisation", "hospital", "--base-port", "21500", *arguments)
     if url is None:
-        assert "CONFIGURATION_INVALID" in said.stderr
+        assert "CONFIGURATION_INVALID" in said.stderr or "NODE_ADDRESS_UNUSABLE" in said.stderr
+        assert "secret" not in said.stderr
         assert not place.exists()
     else:
         assert said.exit_code == 0, said.output

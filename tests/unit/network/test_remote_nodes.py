@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from consensus.chain import light_client
+from network import remote_nodes
 from network.cli.main import main
 from network.doctor.answers import BEHIND_BLOCKS_COUNT, Answer, check_heights
 from network.remote_nodes import RemoteNode, ask_remote_nodes
@@ -68,6 +70,56 @@ async def test_a_node_of_another_chain_proves_nothing(nodes: CertifiedNodes, tmp
     problem = (await ask(nodes, n0=url))["n0"].problem
     assert problem is not None
     assert problem.code in {"PROOF_INVALID", "CERTIFICATE_INVALID"}
+
+
+async def test_what_one_proves_of_the_epochs_is_not_proved_again_of_another(
+    nodes: CertifiedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    urls = {name: await nodes.serve(name, host="127.0.0.1") for name in ("n0", "n1", "n2")}
+    for _ in range(2):
+        await nodes.ledger.extend()
+        await nodes.ledger.change_epoch()
+    proved = []
+    check = light_client.verify_finality
+    monkeypatch.setattr(light_client, "verify_finality", lambda *given: (proved.append(1), check(*given))[1])
+    assert [node.problem for node in (await ask(nodes, **urls)).values()] == [None] * 3
+    assert len(proved) == 2, "each of two boundaries once, for three nodes"
+
+
+async def test_a_node_that_is_an_epoch_behind_is_shown_with_its_own_height(
+    nodes: CertifiedNodes, tmp_path: Path
+) -> None:
+    behind = CertifiedNodes(tmp_path, nodes.stack, "test")
+    await behind.ledger.start()
+    assert behind.ledger.genesis == nodes.ledger.genesis
+    for ledger in (nodes.ledger, behind.ledger):
+        await ledger.extend()
+    await nodes.ledger.change_epoch()
+    urls = {"n0": await nodes.serve("n0", host="127.0.0.1"), "n1": await behind.serve("n1", host="127.0.0.1")}
+    found = await ask(nodes, **urls)
+    assert [found[name].finalized_height for name in ("n0", "n1")] == [2, 1]
+
+
+async def test_all_nodes_together_have_so_long_and_no_longer(
+    nodes: CertifiedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = await nodes.serve("n0", host="127.0.0.1")
+    monkeypatch.setattr(remote_nodes, "ASK_ALL_REMOTE_MAX_S", 0.0)
+    problem = (await ask(nodes, n0=url))["n0"].problem
+    assert problem is not None
+    assert (problem.code, "within 0 s" in problem.detail) == ("NODE_UNREACHABLE", True)
+
+
+async def test_a_node_that_was_typed_and_is_on_no_list_here_is_asked_too(nodes: CertifiedNodes) -> None:
+    url, told = await nodes.serve("n9"), list[tuple[int, int]]()
+    with main.make_context("blockrobot", ["--node", url, "status"]):
+        found = await ask_remote_nodes(
+            nodes.ledger.genesis, directory_of(nodes), (), lambda _what, done, of: told.append((done, of))
+        )
+    newcomer = found[-1]
+    assert (newcomer.name, newcomer.organisation, newcomer.api_url) == ("n9", "ward", url)
+    assert (newcomer.problem, newcomer.custodian) == (None, None)
+    assert told == [(done, len(found)) for done in range(len(found) + 1)]
 
 
 def remote(name: str, height: int | None) -> RemoteNode:

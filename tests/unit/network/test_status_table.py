@@ -54,6 +54,14 @@ def test_a_stuck_network_is_not_called_ready(capsys: pytest.CaptureFixture[str])
     assert json.loads(said(capsys, as_json=True, finality=late))["nodes"][0]["finality"] == late
 
 
+def test_a_lockout_that_cannot_end_is_told_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    lockout = {"reason": "restored", "until": "later", "can_end": True}
+    assert "Waiting does not help" not in said(capsys, lockout=lockout)
+    text = said(capsys, lockout=lockout | {"can_end": False})
+    assert "locked out" in text
+    assert "Waiting does not help" in text
+
+
 def test_a_suspended_producer_is_told_with_the_way_back(capsys: pytest.CaptureFixture[str]) -> None:
     text = said(capsys, suspended_height=7)
     assert "ready" not in text

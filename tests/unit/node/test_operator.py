@@ -62,7 +62,9 @@ async def test_other_machines_are_told_whether_it_lives_and_with_a_token_its_fig
             assert (await client.get(path, headers=elsewhere | {"Origin": "https://evil.example"})).status == 403
         assert await (await client.get("/metrics", headers=elsewhere | READING)).text() == "figure 1\n"
         for shown in ({}, OPERATOR, {"Authorization": "Bearer "}):
-            assert (await client.get("/metrics", headers=elsewhere | shown)).status == 401
+            answer = await client.get("/metrics", headers=elsewhere | shown)
+            assert answer.status == 401
+            assert "operator-read.token" in (await answer.json())["detail"]
         for path in ("/status", "/faults", "/custody", "/nothing"):
             assert (await client.get(path, headers=elsewhere | READING)).status == 404
     unarmed = create_metrics_listener(Status(), None, reading_token="")

@@ -18,8 +18,8 @@ from clients.robot.sensing.sensor_events import NS_PER_MS, RefusedMessage, Sight
 from clients.robot.sources.live.live_feed import CLOSE_MAX_S, Feed, Listener
 from clients.robot.sources.live.llrp_readings import GATHER_MS, LlrpReadings
 from clients.robot.sources.messages.topics import LLRP_PORT, LlrpReader, load_topics
-from clients.sdk.terminal.ascii_output import printable
 from consensus.errors import BlockRobotError
+from consensus.visible_text import printable
 
 OPEN_MAX_S = 5.0
 ANSWER_MAX_S = 3.0

@@ -14,7 +14,6 @@ from msgspec import UNSET
 from shamir_mnemonic import Share
 
 from clients.sdk.new_files import read_given_text
-from clients.sdk.terminal.ascii_output import printable
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
@@ -53,6 +52,7 @@ from clients.wallet.store.keystore import GuardianSet, Keystore
 from clients.wallet.store.member_keys import derive_keys
 from clients.wallet.store.wallet_lock import claim_place
 from consensus.errors import BlockRobotError
+from consensus.visible_text import printable
 
 MEMBER, NOBODY, NOT_ASKED = "member", "nobody", "not_asked"
 """What the network says of the words: a registered member's, nobody's (yet, or any more), or it did not answer."""

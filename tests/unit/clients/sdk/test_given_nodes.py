@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -13,6 +15,7 @@ from aiohttp import web
 from aiohttp.test_utils import TestServer
 from click.testing import CliRunner
 
+from clients.sdk.connections import NodeAddress
 from clients.sdk.given_nodes import (
     NODES_FILE_MAX_BYTES,
     GivenNode,
@@ -29,7 +32,7 @@ from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow, OrganisationRow
 from network.cli.main import main
-from network.provisioning.certificate_authority import create_authority
+from network.provisioning.certificate_authority import Authority, create_authority
 from node.api import create_api
 from tests.unit.clients.sdk.certified_nodes import WARD, CertifiedNodes
 from tests.unit.clients.sdk.conftest import DEAD_URL
@@ -101,6 +104,32 @@ async def test_another_server_is_refused(town: CertifiedNodes) -> None:
         assert (await refused(client, url.replace("http:", "https:"), name)).code == "NODE_ADDRESS_WRONG"
 
 
+@pytest.mark.parametrize(
+    ("host", "shows", "authority"),
+    [("n1.example", "n1", WARD), ("n0.example", "n0", OTHER), ("n0.example", "n0", WARD)],
+    ids=["another node of the organisation", "somebody else under its name", "the node itself"],
+)
+async def test_a_name_that_dns_leads_elsewhere_is_believed_only_with_the_certificate_that_the_chain_names(
+    town: CertifiedNodes, monkeypatch: pytest.MonkeyPatch, host: str, shows: str, authority: Authority
+) -> None:
+    url = await town.serve("n0", shows=shows, host=host, authority=authority)
+    loop = asyncio.get_running_loop()
+    look_up = loop.getaddrinfo
+
+    async def mislead(name: str, *arguments: Any, **options: Any) -> Any:
+        assert name == "n0.example"
+        return await look_up("127.0.0.1", *arguments, **options)
+
+    monkeypatch.setattr(loop, "getaddrinfo", mislead)
+    listed = NodeAddress("n0", url.replace("127.0.0.1", "n0.example"), WARD.certificate_pem)
+    client = await town.client()
+    if (shows, authority) == ("n0", WARD):
+        assert b"state_root" in await client.ask_node(listed, "GET", "/v1/genesis")
+        return
+    with pytest.raises(BlockRobotError, match=r"^NODE_UNREACHABLE.*Certificate"):
+        await client.ask_node(listed, "GET", "/v1/genesis")
+
+
 async def test_where_nobody_answers_that_is_said(town: CertifiedNodes) -> None:
     client = await town.client()
     for name in ("", "n0"):
@@ -164,7 +193,10 @@ async def test_the_refusal_of_a_node_that_no_list_names_counts_for_nothing(town:
     ("url", "because"),
     [
         ("https://user:hunter2@node.example:7273", "a password"),
-        ("http://192.0.2.1:7273", "needs HTTPS"),
+        (
+            "http://192.0.2.1:7273",
+            "^NODE_ADDRESS_UNUSABLE: The address of the node is not on loopback, so it needs HTTPS",
+        ),
         ("https://node.example:7273/v1", "more than a host and a port"),
         ("https://node.example:7273?token=hunter2", "more than a host and a port"),
         ("ftp://node.example", "no HTTP address"),

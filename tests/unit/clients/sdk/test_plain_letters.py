@@ -10,10 +10,10 @@ import msgspec
 import pytest
 
 from clients.sdk.node_answers import read_problem
-from clients.sdk.terminal.ascii_output import PLAIN_ENCODING, STRANGE_MAX_CHARS, is_utf8, prepare_output
+from clients.sdk.terminal.ascii_output import PLAIN_ENCODING, is_utf8, prepare_output
 from clients.sdk.terminal.terminal import print_json
 from consensus.api_documents import Problem
-from consensus.visible_text import escape_controls
+from consensus.visible_text import STRANGE_MAX_CHARS, escape_controls
 
 
 class Terminal(io.StringIO):

@@ -17,6 +17,7 @@ from tests.unit.contracts.system.consortium import (
 )
 
 OPEN_COUNT = 112
+LONG_URL = "https://" + "u." * 123 + "u"
 LONG_CERTIFICATE = CERTIFICATE + "A" * (4096 - len(CERTIFICATE))
 
 
@@ -81,7 +82,7 @@ def test_no_entry_comes_near_the_limit_of_a_call(chain: Consortium) -> None:
         ("add_node", node_fields("node-99", "org-04", custodian=True)),
         ("remove_node", {"name": "node-07"}),
         ("rekey_producer", rekeyed),
-        ("move_node", {"name": "node-08", "host": "h" * 253, "p2p_port": 65535, "api_url": "https://" + "u" * 248}),
+        ("move_node", {"name": "node-08", "host": "h." * 126 + "h", "p2p_port": 65535, "api_url": LONG_URL}),
         ("revoke_certificate", {"organisation": "org-02", "serial": bytes(20)}),
         ("remove_org", {"name": "org-32"}),
         ("remove_org", {"name": "org-02"}),

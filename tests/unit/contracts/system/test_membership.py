@@ -242,6 +242,29 @@ def test_a_node_must_prove_its_producer_key_and_share_none(consortium: Consortiu
         ("NAME_WRONG", {"name": "n" * 41}),
         ("HOST_WRONG", {"host": ""}),
         ("HOST_WRONG", {"host": "node\x1b]0;mine\x07"}),
+        ("HOST_WRONG", {"host": "node..example"}),
+        ("HOST_WRONG", {"host": "node.example."}),
+        ("HOST_WRONG", {"host": "h" * 64 + ".example"}),
+        ("HOST_WRONG", {"host": "-node.example"}),
+        ("HOST_WRONG", {"host": "node-.example"}),
+        ("HOST_WRONG", {"host": "[fd00::1]"}),
+        ("HOST_WRONG", {"host": "fe80::1%eth0"}),
+        ("HOST_WRONG", {"host": "h." * 126 + "hh"}),
+        ("URL_WRONG", {"api_url": "https://" + "h" * 64}),
+        ("URL_WRONG", {"api_url": "https://node..example"}),
+        ("URL_WRONG", {"api_url": "https://"}),
+        ("URL_WRONG", {"api_url": "https://node.example/"}),
+        ("URL_WRONG", {"api_url": "https://node.example/path"}),
+        ("URL_WRONG", {"api_url": "https://node.example?q"}),
+        ("URL_WRONG", {"api_url": "https://node.example#f"}),
+        ("URL_WRONG", {"api_url": "https://who@node.example"}),
+        ("URL_WRONG", {"api_url": "https://node.example:"}),
+        ("URL_WRONG", {"api_url": "https://node.example:4x"}),
+        ("URL_WRONG", {"api_url": "https://node.example:123456"}),
+        ("URL_WRONG", {"api_url": "https://[fd00::1"}),
+        ("URL_WRONG", {"api_url": "https://[node]:1"}),
+        ("URL_WRONG", {"api_url": "https://[fd00::1]x"}),
+        ("URL_WRONG", {"api_url": "https://fd00::1"}),
         ("URL_WRONG", {"api_url": "https://node\x1b[2J"}),
         ("URL_WRONG", {"api_url": "https://node\u202e"}),
         ("PORT_WRONG", {"p2p_port": 65_536}),
@@ -292,6 +315,7 @@ def test_an_organisation_moves_its_own_node_alone_but_no_others(consortium: Cons
         ("NODE_UNKNOWN", {"name": "node-77"}),
         ("HOST_WRONG", {"host": ""}),
         ("HOST_WRONG", {"host": "a b"}),
+        ("HOST_WRONG", {"host": "a..b"}),
         ("PORT_WRONG", {"p2p_port": 0}),
         ("URL_WRONG", {"api_url": "ftp://x"}),
         ("URL_WRONG", {"api_url": "http://127.0.0.1:80"}),
@@ -300,6 +324,20 @@ def test_an_organisation_moves_its_own_node_alone_but_no_others(consortium: Cons
         wrong = {"name": "node-01", **place, **change}
         consortium.refused(code, admin_of(owner), "membership", "propose", "move_node", wrong)
     consortium.refused("NOT_AN_ADMIN", key_of("org-01/registrar"), "membership", "propose", "move_node", other)
+
+
+@pytest.mark.parametrize(
+    ("host", "url"),
+    [
+        ("fd00::1", "https://[fd00::1]:7273"),
+        ("10.0.0.7", "https://10.0.0.7"),
+        ("ward_1.example", "http://127.0.0.1:7273"),
+        ("h." * 126 + "h", "https://" + "u" * 63 + ".example:65535"),
+    ],
+)
+def test_a_node_is_entered_where_clients_would_look_for_it(consortium: Consortium, host: str, url: str) -> None:
+    consortium.agree("add_node", {**node_fields("node-05", "org-02"), "host": host, "api_url": url})
+    assert consortium.value("membership", b"node/node-05")["host"] == host
 
 
 def test_an_organisation_revokes_its_own_certificate_alone_but_no_others(consortium: Consortium) -> None:

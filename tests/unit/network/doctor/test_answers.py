@@ -88,9 +88,37 @@ def test_what_nodes_say_of_themselves_and_of_peers_is_passed_on() -> None:
     refusal = {"peer": "c", "code": "PEER_CERTIFICATE_EXPIRED", "detail": "It expired."}
     answers = [
         answer("a", fault="The journal cannot be written.", refused_peers=[refusal]),
-        answer("b", lockout={"since": 1}, refused_peers=[refusal | {"peer": "d", "code": "PEER_REMOVED"}]),
+        answer(
+            "b",
+            lockout={"reason": "restored", "until": "later", "can_end": True},
+            refused_peers=[refusal | {"peer": "d", "code": "PEER_REMOVED"}],
+        ),
     ]
     assert codes(check_words(answers)) == [("NODE_FAULT", "a"), ("PEER_REFUSED", "c"), ("PRODUCER_LOCKED_OUT", "b")]
+
+
+def test_a_lockout_is_waited_out_only_if_it_can_end() -> None:
+    def found(reason: str, *, can_end: bool) -> Finding:
+        [finding] = check_words([answer("b", lockout={"reason": reason, "until": "later", "can_end": can_end})])
+        return finding
+
+    assert found("restored", can_end=True).next_step.startswith("Wait:")
+    lasting = found("restored", can_end=False)
+    assert (lasting.code, lasting.kind.severity) == ("LOCKED_OUT_FOR_GOOD", "problem")
+    assert "the data directory of b's last run" in lasting.next_step
+    asking = found("asking", can_end=True)
+    assert asking.code == "PRODUCER_ASKS"
+    assert "backup" not in asking.kind.meaning
+
+
+def test_of_up_to_three_producers_a_missing_one_is_said_to_stop_all() -> None:
+    def told(names: list[str], quorum: int) -> str:
+        answers = [answer("a", producers=names, quorum=quorum), Answer("b", running=False, status=None)]
+        return check_presence(answers)[0].detail
+
+    assert "Nothing becomes final without it" in told(["a", "b"], 2)
+    assert "Nothing" not in told(["a", "b", "c", "d"], 3)
+    assert "Nothing" not in told(["a", "c"], 2), "b is no producer"
 
 
 def test_a_suspended_producer_is_named_with_the_command_that_brings_it_back() -> None:
@@ -126,6 +154,8 @@ def test_finality_is_stale_after_several_heartbeats_or_at_once_if_nodes_say_so()
     (finding,) = check_late([Answer("node-1", True, late), Answer("node-2", True, well), Answer("node-3", True, late)])
     assert finding.code == "FINALITY_STALE"
     assert finding.detail == "No new final block for 24 s at node-1, node-3, and work has waited for 20 s."
+    (finding,) = check_late([Answer("node-1", True, late | {"producers": ["node-1", "node-2"], "quorum": 2})])
+    assert finding.detail.endswith("Of 2 producers 2 are needed.")
 
 
 def test_each_kind_says_what_to_do_problems_come_first_and_the_how_to_lists_them() -> None:

@@ -84,6 +84,23 @@ def test_a_silhouette_that_the_picture_cuts_off_says_so() -> None:
     assert cues_of(block(140, 40), left=0)["cut_aside"] == 1
 
 
+def test_slivers_of_somebody_right_behind_are_parts_behind_and_a_hand_is_one_before() -> None:
+    depth = np.full((140, 50), 2_500, np.uint16)
+    assert cues_of(block(140, 50), depth)["parts_count"] == 0
+    depth[10:30, :2] = 2_750
+    depth[60:64, 20:40] = 2_350
+    cues = cues_of(block(140, 50), depth)
+    assert cues["parts_count"] == 2
+    assert cues["behind_share"] == pytest.approx(2 * 20 / (140 * 50))
+    assert cues["behind_gap_m"] == pytest.approx(0.25, abs=0.01)
+    assert cues["behind_lower_m"] == pytest.approx(10 * 2.5 / FOCAL_PX)
+    assert cues["behind_head_share"] > 0.01
+    assert cues["before_gap_m"] == pytest.approx(0.15, abs=0.01)
+    assert cues["before_width_m"] == pytest.approx(18 * 2.5 / FOCAL_PX)  # its edge is taken away
+    depth[:, :] = np.linspace(2_400, 3_000, 50)  # a shoulder that is turned away has no step
+    assert cues_of(block(140, 50), depth)["parts_count"] == 0
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (3, 2), (5, 60), (200, 150)])
 def test_any_shape_has_finite_cues(shape: tuple[int, int]) -> None:
     cues = cues_of(block(*shape), left=0, top=0)
