@@ -17,6 +17,7 @@ from node.limits.disk_reserve import RESERVE_DEFAULT_MIB
 from pages.listening import is_loopback
 
 CONFIG_FILE = "node.toml"
+CUSTODY_NAME = "custody"
 KEEP_BLOCKS_MIN_COUNT = 256
 """A node serves at least so many blocks to peers that missed a few."""
 KEEP_BLOCKS_COUNT = 10_000
@@ -124,7 +125,7 @@ class NodeConfig:
 
     @property
     def custody_dir(self) -> Path:
-        return self.data_dir / "custody"
+        return self.data_dir / CUSTODY_NAME
 
     @property
     def erase_keys_dir(self) -> Path:

@@ -61,7 +61,7 @@ def read_place(
     """Raises CONFIGURATION_INVALID."""
     scheme, _, rest = url.partition(":")
     if scheme == "folder":
-        return ClipsPlace(url, folder=data_dir / (rest or f"custody/{FOLDER_DEFAULT_NAME}"))
+        return ClipsPlace(url, folder=data_dir / (rest or FOLDER_DEFAULT_NAME))
     parts, where = urlsplit(url), urlsplit(endpoint)
     if scheme != "s3" or not parts.netloc or "@" in parts.netloc or parts.query or parts.fragment:
         raise _invalid("it is folder, folder:PATH or s3://BUCKET/PREFIX, without keys.")
