@@ -53,7 +53,12 @@ class _ClusterState(msgspec.Struct):
 
 def no_network(folder: Path) -> BlockRobotError:
     """What to raise where there is no genesis file."""
-    if any((folder / "nodes").glob(f"*/{CONFIG_FILE}")):
+    own = [path.parent / "genesis.json" for path in sorted((folder / "nodes").glob(f"*/{CONFIG_FILE}"))]
+    known = next((path for path in own if path.is_file()), None)
+    if known is not None:
+        sentence = f"{folder} has no genesis.json; that of its nodes' network: cp {known} {folder}"
+        return BlockRobotError("CLUSTER_NOT_RUNNING", sentence)
+    if own:
         sentence = f"The nodes in {folder} belong to no network yet: blockrobot genesis check FILE --adopt."
         return BlockRobotError("CLUSTER_NOT_RUNNING", sentence)
     return BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")

@@ -22,6 +22,7 @@ from network.demo.processes import run_command, wallet_arguments
 from network.demo.tampering import drop_databases
 from network.notices.notice_publishing import publish_demo_notice
 from network.provisioning.network_layout import create_network
+from network.provisioning.new_organisation import ADMIN_KEY_FILE
 
 PEERS_MAX_S = 10.0
 NODES_COUNT = 4
@@ -61,7 +62,7 @@ class Stage:
 
     @property
     def approver_file(self) -> Path:
-        return self.network_dir / "organisations" / self.organisation / "admin.key"
+        return self.network_dir / "organisations" / self.organisation / ADMIN_KEY_FILE
 
     @property
     def roster_file(self) -> Path:

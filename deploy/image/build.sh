@@ -4,7 +4,8 @@
 set -eu
 cd "$(dirname "$0")/../.."
 layer=build/image-layer.tar
-image=build/image:0.1.0
+image=build/image:latest
+version=$(basename build/wheelhouse/blockrobot-*.whl | cut -d- -f2)
 rm -rf build/image
 mmdebstrap --quiet --variant=essential --include=python3,python3-venv \
     --dpkgopt='path-exclude=/usr/share/man/*' --dpkgopt='path-exclude=/usr/share/locale/*' \
@@ -31,7 +32,7 @@ umoci config --image "$image" \
     --config.env BLOCKROBOT_HOME=/var/lib/blockrobot \
     --config.env LANG=C.UTF-8 \
     --config.label org.opencontainers.image.title=blockrobot \
-    --config.label org.opencontainers.image.version=0.1.0 \
+    --config.label org.opencontainers.image.version=$version \
     --config.label org.opencontainers.image.licenses=Apache-2.0 \
     --config.label "org.opencontainers.image.revision=$(git rev-parse HEAD)"
 umoci gc --layout build/image

@@ -28,7 +28,6 @@ from network.demo.tampering import drop_databases
 from network.provisioning.certificate_authority import Authority
 from network.provisioning.network_layout import PORTS_PER_NODE, create_network
 from network.provisioning.node_certificates import get_authority
-from node.config import CONFIG_FILE
 
 HOST = "127.0.0.1"
 PURPOSE = "demo"
@@ -139,7 +138,7 @@ class FreshNetwork:
                 (place / "nodes" / entry.name).rename(self.stolen_folder(entry.name))
             if self._proxy:
                 for entry in self._genesis.nodes[: self._nodes_count]:
-                    trust_proxy(place / "nodes" / entry.name / CONFIG_FILE, self._proxy)
+                    trust_proxy(place / "nodes" / entry.name, self._proxy)
             self._cluster = Cluster(place)
             self._cluster.start_all()
             await self._cluster.wait_ready()

@@ -6,11 +6,14 @@ import shutil
 import subprocess
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from clients.sdk.new_files import replace_file
 from consensus.errors import BlockRobotError
+from node.config import CONFIG_FILE, config_to_toml, load_config
 
 SHIPPED = Path(__file__).resolve().parents[2] / "deploy" / "nginx" / "blockrobot.conf"
 START_MAX_S, STOP_MAX_S, POLL_S = 10.0, 10.0, 0.05
@@ -19,7 +22,7 @@ _MAIN = """\
 daemon off;
 user root root;
 pid {place}/nginx.pid;
-error_log {place}/error.log;
+error_log {place}/error.log warn;
 worker_processes 1;
 worker_rlimit_nofile 8192;
 events {{ worker_connections 4096; }}
@@ -43,11 +46,10 @@ def find_nginx() -> str:
     return found
 
 
-def trust_proxy(config: Path, address: str) -> None:
-    """Let a node that does not run believe a proxy's header: a line of its node.toml."""
-    text = config.read_text(encoding="utf-8")
-    line = f'[listen]\ntrusted_proxies = ["{address}"]\n'
-    config.write_text(text.replace("[listen]\n", line, 1), encoding="utf-8")
+def trust_proxy(data_dir: Path, address: str) -> None:
+    """Let a node that does not run believe a proxy's header."""
+    config = replace(load_config(data_dir), trusted_proxies=(address,))
+    replace_file(data_dir / CONFIG_FILE, config_to_toml(config).encode())
 
 
 def configure(node: str, listen: str, name: str, certificates: Path) -> str:
@@ -68,6 +70,11 @@ def configure(node: str, listen: str, name: str, certificates: Path) -> str:
             raise BlockRobotError("CONFIGURATION_INVALID", f"{SHIPPED.name} has no {old!r}.")
         text = text.replace(old, new)
     return text
+
+
+def count_bodies_on_disk(place: Path) -> int:
+    """How often the nginx of this folder wrote a request's body to its disk, by its own warnings: the file has no name."""
+    return (place / "error.log").read_text(encoding="utf-8", errors="replace").count("buffered to a temporary file")
 
 
 class Nginx:

@@ -14,6 +14,7 @@ from consensus.chain.genesis import genesis_from_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.rights.notices import Notice, PublishedNotice, encode_notice, notice_from
+from network.provisioning.new_organisation import ADMIN_KEY_FILE
 
 DEMO_ORGANISATION = "hospital"
 
@@ -50,7 +51,7 @@ async def publish_demo_notice(folder: Path) -> int:
     Raises as `publish_notice`; OSError without the hospital's admin key.
     """
     genesis = genesis_from_json((folder / "genesis.json").read_text(encoding="utf-8"))
-    key = PrivateKey((folder / "organisations" / DEMO_ORGANISATION / "admin.key").read_bytes())
+    key = PrivateKey((folder / "organisations" / DEMO_ORGANISATION / ADMIN_KEY_FILE).read_bytes())
     async with open_pinned_client(genesis, folder / PIN_FILE) as client:
         known = await read_notice(client, DEMO_ORGANISATION)
         if known is None:

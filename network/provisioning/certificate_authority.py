@@ -20,6 +20,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from consensus.errors import BlockRobotError
 from node.config import LOOPBACK
 
+AUTHORITY_KEY_FILE, AUTHORITY_CERTIFICATE_FILE = "ca.key.pem", "ca.crt.pem"
 AUTHORITY_LIFETIME_DAYS = 10 * 365
 NODE_LIFETIME_DAYS = 2 * 365
 _BACKDATED_HOURS = 25  # so that a node whose clock is a day behind takes a new certificate too
@@ -101,8 +102,8 @@ def create_authority(organisation: str) -> Authority:
 def load_authority(folder: Path, organisation: str = "") -> Authority:
     """The name defaults to the folder's. Raises FILE_UNUSABLE."""
     try:
-        key = serialization.load_pem_private_key((folder / "ca.key.pem").read_bytes(), None)
-        certificate = x509.load_pem_x509_certificate((folder / "ca.crt.pem").read_bytes())
+        key = serialization.load_pem_private_key((folder / AUTHORITY_KEY_FILE).read_bytes(), None)
+        certificate = x509.load_pem_x509_certificate((folder / AUTHORITY_CERTIFICATE_FILE).read_bytes())
     except (ValueError, TypeError):
         raise BlockRobotError("FILE_UNUSABLE", f"The authority in {folder} cannot be read.") from None
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():

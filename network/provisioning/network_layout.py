@@ -22,7 +22,7 @@ from network.provisioning.founding import adopt_genesis, find_own_entries, make_
 from network.provisioning.founding_entries import read_offers
 from network.provisioning.network_removal import MAKING_MARK, marked_as_making, remove_abandoned
 from network.provisioning.new_node import Founder, NewNode, create_node
-from network.provisioning.new_organisation import create_organisation
+from network.provisioning.new_organisation import ADMIN_KEY_FILE, create_organisation
 from node.config import LOOPBACK
 
 FIRST_PORT = 7_272
@@ -130,7 +130,9 @@ def _write_network(
             faults=faults,
             archive=f"node-{number + 1}" in archives,
         )
-        admin = PrivateKey(read_given_file(directory / "organisations" / owner / "admin.key", PRIVATE_KEY_SIZE_BYTES))
+        admin = PrivateKey(
+            read_given_file(directory / "organisations" / owner / ADMIN_KEY_FILE, PRIVATE_KEY_SIZE_BYTES)
+        )
         create_node(directory / "nodes" / new.name, new, authorities[owner], network, founder=Founder(admin, now_ms))
     genesis = make_genesis(*read_offers(find_own_entries(directory)), network=network, settings=settings)
     adopt_genesis(genesis, directory, [directory / "nodes" / entry.name for entry in genesis.nodes])

@@ -8,10 +8,19 @@ from tempfile import TemporaryDirectory
 from consensus.chain.genesis import Organisation
 from consensus.errors import BlockRobotError
 from network.provisioning.authority_check import check_authority
-from network.provisioning.certificate_authority import Authority, create_authority, encode_private_key, write_secret
+from network.provisioning.certificate_authority import (
+    AUTHORITY_CERTIFICATE_FILE,
+    AUTHORITY_KEY_FILE,
+    Authority,
+    create_authority,
+    encode_private_key,
+    write_secret,
+)
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding_entries import organisation_entry_to_json
 from network.provisioning.new_node import check_name, new_key
+
+ADMIN_KEY_FILE = "admin.key"
 
 
 def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisation]:
@@ -49,11 +58,11 @@ def _write_organisation(directory: Path, name: str, ca_certificate: str, ca_key:
     with TemporaryDirectory(prefix=f".{name}.", dir=folder.parent) as own:
         making = Path(own, name)
         making.mkdir(mode=0o700)
-        secrets = {"ca.key.pem": ca_key, "admin.key": admin.secret, "registrar.key": registrar.secret}
+        secrets = {AUTHORITY_KEY_FILE: ca_key, ADMIN_KEY_FILE: admin.secret, "registrar.key": registrar.secret}
         for file, secret in secrets.items():
             if secret is not None:
                 write_secret(making / file, secret)
-        (making / "ca.crt.pem").write_text(ca_certificate, encoding="utf-8")
+        (making / AUTHORITY_CERTIFICATE_FILE).write_text(ca_certificate, encoding="utf-8")
         text = organisation_entry_to_json(entry, (admin, registrar))
         (making / ORGANISATION_ENTRY_FILE).write_text(text, encoding="utf-8")
         making.rename(folder)

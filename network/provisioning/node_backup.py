@@ -1,7 +1,8 @@
 """Backs a node up while it runs, and makes it anew from that on a host where nothing of it is left.
 
-A backup has the node's settings, a snapshot of its ledger and its custodian's database. It never has erase keys, which
-would bring erased pictures back, nor the journal, which must not be older than the node's last run; keys only if asked for.
+A backup has the node's settings, a snapshot of its ledger and its custodian's database, if that is not MongoDB's. It never
+has erase keys, which would bring erased pictures back, nor the journal, which must not be older than the node's last run;
+keys only if asked for.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from clients.sdk.new_files import new_file, read_given_file, write_new_file
-from consensus.bounded_text import JSON_MAX_BYTES, TextInvalidError, read_json_as
+from clients.sdk.new_files import new_file, read_given_file, read_given_text, sync_folder, write_new_file
+from consensus.bounded_text import JSON_MAX_BYTES, TextInvalidError, read_json_as, read_toml_text
 from consensus.chain.genesis import Genesis
 from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
@@ -40,6 +41,9 @@ MANIFEST_FILE = "backup.json"
 VERSION = 1
 NODE, LEDGER, CUSTODY, KEYS = "node", "ledger", "custody", "keys"
 FILES_MAX_COUNT = 100_000
+KEEP_MAX_COUNT = 1_000
+_SECRET_OPTIONS = ("password", "authmechanismproperties")
+"""Of a MongoDB address, by the end of their names."""
 Tell = Callable[[str], None]
 
 
@@ -69,9 +73,10 @@ class Restored:
 
 
 def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lambda _step: None) -> BackupManifest:
-    """Make the folder `out`, whole or not at all, of a node that runs or not.
+    """Make the folder `out`, whole or not at all, of a node that runs or not; it is on the disk once this returns.
 
-    Raises FILE_EXISTS, DATA_DIRECTORY_INVALID, STORAGE_*, and FILE_UNUSABLE for a custodian's database elsewhere.
+    The password of a MongoDB server is left out. Raises FILE_EXISTS, DATA_DIRECTORY_INVALID, CONFIGURATION_INVALID,
+    STORAGE_*, FILE_UNUSABLE.
     """
     if out.exists():
         raise BlockRobotError("FILE_EXISTS", f"There is something in {out} already.")
@@ -81,7 +86,8 @@ def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lamb
         making = Path(own, out.name)
         for folder in (making, making / NODE):
             folder.mkdir(mode=0o700)
-        for name in (CONFIG_FILE, "genesis.json", DIRECTORY_FILE):
+        write_new_file(making / NODE / CONFIG_FILE, _settings_without_password(config))
+        for name in ("genesis.json", DIRECTORY_FILE):
             if (config.data_dir / name).is_file():
                 _copy(config.data_dir / name, making / NODE / name)
         if with_keys:
@@ -104,8 +110,70 @@ def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lamb
             files=dict(sorted(files.items())),
         )
         write_new_file(making / MANIFEST_FILE, msgspec.json.format(msgspec.json.encode(manifest)))
+        for path in (making, *making.rglob("*")):
+            sync_folder(path)  # files, too
         making.rename(out)
+        sync_folder(out.parent)
     return manifest
+
+
+def delete_old(out: Path, made: BackupManifest, keep: int) -> list[Path]:
+    """Of this node's backups beside `out`, which was just made, delete the oldest beyond so many, `out` included."""
+    found = [(_read_own(place), place) for place in out.parent.iterdir() if place != out]
+    others = [
+        (other.made_at_ms, place)
+        for other, place in found
+        if other is not None and (other.node, other.chain_id) == (made.node, made.chain_id)
+    ]
+    old = [place for _, place in sorted(others, reverse=True)[keep - 1 :]]
+    for place in old:
+        # By a rename first: what a power cut leaves of it does not look like a backup.
+        with TemporaryDirectory(prefix=f".{place.name}.", dir=place.parent) as leaving:
+            place.rename(Path(leaving, place.name))
+    sync_folder(out.parent)
+    return sorted(old)
+
+
+def _read_own(place: Path) -> BackupManifest | None:
+    """None unless the folder has what a backup's manifest says, and nothing else."""
+    if place.is_symlink() or place.name.startswith(".") or not (place / MANIFEST_FILE).is_file():
+        return None
+    try:
+        manifest = read_json_as(read_given_file(place / MANIFEST_FILE, JSON_MAX_BYTES), BackupManifest)
+        names = {path.relative_to(place).as_posix() for path in _files_of(place)}
+    except (TextInvalidError, BlockRobotError, OSError):
+        return None
+    return manifest if names == {MANIFEST_FILE, *manifest.files} else None
+
+
+def without_password(store: str) -> str:
+    """The address of a custodian's store as a backup may hold it. Raises CONFIGURATION_INVALID."""
+    scheme, mark, rest = store.partition("://")
+    if not mark:
+        return store
+    place, question, options = rest.partition("?")
+    server, slash, database = place.partition("/")
+    user, at, hosts = server.rpartition("@")
+    if "@" in database + options:
+        raise BlockRobotError(
+            "CONFIGURATION_INVALID", "[custody] store: write / ? and @ in a password as %2F, %3F, %40."
+        )
+    kept = [each for each in options.split("&") if not each.partition("=")[0].lower().endswith(_SECRET_OPTIONS)]
+    return f"{scheme}://{user.partition(':')[0]}{at}{hosts}{slash}{database}{question}{'&'.join(kept)}"
+
+
+def _settings_without_password(config: NodeConfig) -> str:
+    """node.toml with its comments. Raises CONFIGURATION_INVALID."""
+    text = read_given_text(config.data_dir / CONFIG_FILE)
+    public = without_password(config.custody_store)
+    if public == config.custody_store:
+        return text
+    text = text.replace(config.custody_store, public)
+    if read_toml_text(text)["custody"]["store"] != public:
+        raise BlockRobotError(
+            "CONFIGURATION_INVALID", "[custody] store holds a password: write it without escapes of TOML."
+        )
+    return text
 
 
 def read_backup(place: Path) -> BackupManifest:

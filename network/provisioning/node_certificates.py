@@ -19,6 +19,8 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 
 from consensus.errors import BlockRobotError
 from network.provisioning.certificate_authority import (
+    AUTHORITY_CERTIFICATE_FILE,
+    AUTHORITY_KEY_FILE,
     NODE_LIFETIME_DAYS,
     Authority,
     certified_hosts,
@@ -30,8 +32,6 @@ from node.config import NodeConfig
 from node.p2p.identity import CertificateFacts, read_facts
 from node.p2p.tls import EXPIRY_WARNING_MS, read_private_key
 
-AUTHORITY_KEY_FILE = "ca.key.pem"
-AUTHORITY_CERTIFICATE_FILE = "ca.crt.pem"
 CERTIFICATE_FILE = "tls.crt.pem"
 KEY_FILE = "tls.key.pem"
 SERIAL_SIZE_BYTES = 20

@@ -1,8 +1,10 @@
-"""Manifests for Kubernetes and files for Compose, which cannot be run here: what validators, and BlockRobot itself, say."""
+"""Manifests for Kubernetes, files for Compose and the Containerfile, which cannot be run here: what validators say, and
+BlockRobot itself."""
 
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +17,7 @@ from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
 from network.provisioning.new_node import store_uri_of
 from node.config import NodeConfig
 from tests.architecture.test_commands_in_documents import fault_of
-from tests.deploy.tools import DEPLOY, judge
+from tests.deploy.tools import DEPLOY, ROOT, judge
 
 COMPOSE = sorted((DEPLOY / "compose").glob("*.yaml"))
 KUBERNETES = sorted((DEPLOY / "kubernetes").rglob("*.yaml"))
@@ -33,9 +35,11 @@ def pod_of(stateful_set: Any) -> Any:
 
 @pytest.mark.parametrize("path", [*COMPOSE, *KUBERNETES], ids=lambda path: str(path.relative_to(DEPLOY)))
 def test_every_file_parses_and_says_first_that_it_was_not_run(path: Path) -> None:
-    assert read(path)
+    documents = read(path)
+    assert documents
+    assert all(documents)
     if path.name != "kustomization.yaml":
-        assert "ot run" in path.read_text(encoding="utf-8").splitlines()[0]
+        assert re.search(r"\b[Nn]ot run\b", path.read_text(encoding="utf-8").splitlines()[0])
 
 
 def test_four_services_run_four_nodes_of_the_network_that_the_fifth_makes() -> None:
@@ -82,6 +86,19 @@ def test_a_node_in_a_pod_is_one_that_its_command_and_its_settings_know() -> None
     ports = {port["name"]: port["containerPort"] for port in container["ports"]}
     assert (ports["peers"], ports["clients"]) == (FIRST_PORT, FIRST_PORT + 1)
     assert stateful_set["spec"]["replicas"] == 1, "one key at one place"
+
+
+def test_an_image_is_built_of_what_is_named_and_its_last_stage_of_wheels() -> None:
+    lines = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    patterns = [line for line in lines if not line.startswith("#")]
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        packages = tomllib.load(file)["tool"]["setuptools"]["packages"]["find"]["include"]
+    files = {"LICENSE", "README.md", "pyproject.toml", "requirements/build.txt", "requirements/runtime.txt"}
+    assert patterns[0] == "*"
+    let_in = {pattern[1:] for pattern in patterns if pattern.startswith("!")}
+    assert let_in == files | {package.rstrip("*") for package in packages}
+    *_, last = (DEPLOY / "image" / "Containerfile").read_text(encoding="utf-8").split("\nFROM ")
+    assert not {"COPY", "ADD"} & {line.split(" ")[0] for line in last.splitlines()}
 
 
 @pytest.mark.long

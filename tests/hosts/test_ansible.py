@@ -71,8 +71,8 @@ class Fleet:
         inventory = {"blockrobot_nodes": {"vars": common, "hosts": own}}
         (self.place / "inventory.json").write_text(json.dumps(inventory))
 
-    def play(self, *arguments: str) -> dict[str, int]:
-        """Play it; return how many tasks changed something, by host."""
+    def play(self, *arguments: str, fails: bool | None = False) -> dict[str, int]:
+        """Play it; return how many tasks changed something, by host. `fails`: None for either."""
         environment = {
             **os.environ,
             "HOME": str(self.place),
@@ -89,7 +89,7 @@ class Fleet:
             env=environment, capture_output=True, text=True, timeout=PLAY_MAX_S, check=False,
         )  # fmt: skip
         self.said = done.stdout
-        assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
+        assert fails in (done.returncode != 0, None), (done.stdout + done.stderr)[-6000:]
         recap = done.stdout.partition("PLAY RECAP")[2]
         return {
             name: int(count) for name, count in re.findall(r"^(\S+)\s+: ok=\d+\s+changed=(\d+)", recap, re.MULTILINE)
@@ -103,6 +103,14 @@ class Fleet:
         assert done.returncode == 0, done.stdout + done.stderr
         answer: dict[str, Any] = json.loads(done.stdout)
         return answer
+
+    def bait(self, name: str, path: Path, text: str) -> Path:
+        """Put a link there to a new file of root's."""
+        target = self.hosts[name].home / "etc" / f"bait-{path.name}"
+        target.write_text(text)
+        path.unlink()
+        path.symlink_to(f"/etc/{target.name}")
+        return target
 
     def agree(self, *proposal: str) -> None:
         """The hospital proposes, the university approves."""
@@ -147,13 +155,43 @@ def test_a_fleet_is_founded_grows_and_is_left_alone_once_it_is_as_it_should_be(f
     assert fleet.play("--check", "--limit", "lab-1", level)["lab-1"] > 0
     assert 'level = "warning"' in fleet.said
     assert settings.read_text() == before
+    bait = fleet.bait("lab-1", settings, before)
     fleet.play("--limit", "lab-1", level, "--extra-vars", "blockrobot_renew_days=1000")
+    assert (bait.read_text(), bait.stat().st_uid, settings.is_symlink()) == (before, 0, False), "no link leads root"
     assert 'level = "warning"' in settings.read_text()
     assert certificate.read_bytes() != old, "it is renewed in time"
     assert fleet.type("ward-1", "settings", "propose", "heartbeat_ms", "20000")["height"] > 0, "it goes on"
 
+    # A node that was taken over links to what only root reads or writes.
+    node = settings.parent
+    handed = (fleet.exchange / "node-lab-1.json").read_bytes()
+    entry = node / "node-entry.json"
+    kept = entry.read_text()
+    fleet.bait("lab-1", entry, kept).chmod(0o600)
+    fleet.play("--limit", "lab-1", fails=True)
+    assert "Too many levels of symbolic links" in fleet.said
+    entry.unlink()
+    for wrong in (kept.replace("lab-1", "ward-1"), kept.replace('"admin"', '"key"'), " " * 2**16 + kept):
+        entry.write_text(wrong)
+        fleet.play("--limit", "lab-1", fails=True)
+        assert "Whether it is the node's entry" in fleet.said.rpartition("TASK [")[2]
+    assert (fleet.exchange / "node-lab-1.json").read_bytes() == handed
+    entry.write_text(kept)
+    shared_by_root = fleet.hosts["lab-1"].home / "etc" / "theirs"
+    network = node.parents[1]
+    shutil.move(network, shared_by_root)
+    network.symlink_to("/etc/theirs")
+    os.chown(shared_by_root, 0, 0)
+    fleet.play("--limit", "lab-1", fails=None)
+    assert shared_by_root.stat().st_uid == 0
+    (fleet.exchange / "genesis.json").unlink()
+    (fleet.exchange / "genesis.json").symlink_to(bait)
+    fleet.play("--limit", "lab-1", fails=True)
+    assert "and no link" in fleet.said
+
     # No key of anybody came to the administrator's machine.
-    secrets = [path.read_bytes() for host in fleet.hosts.values() for path in (host.home / "srv").rglob("*.key*")]
+    homes = [host.home / place for host in fleet.hosts.values() for place in ("srv", "etc/theirs")]
+    secrets = [path.read_bytes() for home in homes for path in home.rglob("*.key*")]
     assert len(secrets) >= 4 * len(fleet.hosts)
     handed = [path.read_bytes() for path in fleet.exchange.iterdir()]
     assert not [one for one in secrets if any(one in text or one.hex().encode() in text for text in handed)]

@@ -55,7 +55,7 @@ class Containers:
         self._host = host
         self._place = place
         self.data = self.volume("data")
-        unpacked = ["umoci", "unpack", "--image", f"{IMAGE}:0.1.0", place / "bundle"]
+        unpacked = ["umoci", "unpack", "--image", f"{IMAGE}:latest", place / "bundle"]
         subprocess.run(unpacked, check=True, capture_output=True)
         self._said = json.loads((place / "bundle" / "config.json").read_text())
 

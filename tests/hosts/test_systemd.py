@@ -67,7 +67,7 @@ def system(tmp_path: Path) -> Path:
     packages = "--include=systemd,systemd-sysv,dbus,passwd,python3"
     for command in (
         ["mmdebstrap", "--quiet", "--variant=essential", packages, "bookworm", root],
-        ["umoci", "unpack", "--image", f"{IMAGE}:0.1.0", bundle],
+        ["umoci", "unpack", "--image", f"{IMAGE}:latest", bundle],
         ["cp", "-a", bundle / "rootfs" / "opt" / "blockrobot", root / "opt"],
         ["cp", *(DEPLOY / "systemd").iterdir(), units],
         ["chroot", root, "useradd", "--system", "--home-dir", "/var/lib/blockrobot", "blockrobot"],

@@ -32,9 +32,9 @@ from consensus.primitives.keys import PrivateKey
 from network.cli.cluster.cluster_options import as_one, folder_option, network_folder
 from network.cli.governance.governance_answers import DecisionAnswer, OpenProposal
 from network.cluster import no_network
+from network.provisioning.new_organisation import ADMIN_KEY_FILE
 from pages.time_format import format_date, format_time
 
-ADMIN_KEY_FILE = "admin.key"
 ID_SHOWN_CHARS = 12
 _GROUPS = {"membership": "org", "settings": "settings", "lifecycle": "contract"}
 T = TypeVar("T")

@@ -14,7 +14,17 @@ from network.cli.governance.governance_signer import plain_table
 from network.cli.node.node_answers import NodeBackupAnswer, NodeRestoreAnswer
 from network.cli.node.node_commands import get_node_config
 from network.provisioning.founding import fingerprint
-from network.provisioning.node_backup import CUSTODY, KEYS, Tell, back_up, shown_settings, unusual_settings
+from network.provisioning.node_backup import (
+    CUSTODY,
+    KEEP_MAX_COUNT,
+    KEYS,
+    Tell,
+    back_up,
+    delete_old,
+    shown_settings,
+    unusual_settings,
+    without_password,
+)
 from network.provisioning.node_backup import restore as restore_node
 
 
@@ -22,9 +32,14 @@ from network.provisioning.node_backup import restore as restore_node
 @click.argument("node")
 @click.option("--out", required=True, type=FOLDER, help="The backup: a new folder.")
 @click.option("--with-keys", is_flag=True, help="Its keys too: then who has the backup is the node.")
+@click.option(
+    "--keep",
+    type=click.IntRange(1, KEEP_MAX_COUNT),
+    help="Afterwards delete the node's oldest backups beside it, beyond so many.",
+)
 @folder_option
 @command_output
-def backup(node: str, out: Path, with_keys: bool, folder: Path | None, as_json: bool) -> None:
+def backup(node: str, out: Path, with_keys: bool, keep: int | None, folder: Path | None, as_json: bool) -> None:
     """Back a node up, while it runs or not: its settings, its ledger, and what it keeps as a custodian.
 
     Erase keys are never in it, since they would bring erased pictures back, and keys only with --with-keys.
@@ -33,6 +48,9 @@ def backup(node: str, out: Path, with_keys: bool, folder: Path | None, as_json: 
     """
     config = get_node_config(node, folder)
     made = back_up(config, out.resolve(), with_keys=with_keys, tell=_teller(as_json=as_json))
+    deleted = [] if keep is None else delete_old(out.resolve(), made, keep)
+    store_elsewhere = config.custodian_key_path is not None and config.custody_store != "sqlite"
+    password_left_out = without_password(config.custody_store) != config.custody_store
     if as_json:
         answer = NodeBackupAnswer(
             node=made.node,
@@ -41,6 +59,9 @@ def backup(node: str, out: Path, with_keys: bool, folder: Path | None, as_json: 
             files=len(made.files),
             has_keys=made.has(KEYS),
             has_custody=made.has(CUSTODY),
+            store_elsewhere=store_elsewhere,
+            password_left_out=password_left_out,
+            deleted=[str(place) for place in deleted],
         )
         print_answer(answer)
         return
@@ -50,6 +71,14 @@ def backup(node: str, out: Path, with_keys: bool, folder: Path | None, as_json: 
     )
     if not made.has(KEYS):
         console.print("Its keys are not in it: keep a copy of its folder keys/ elsewhere, once.")
+    if store_elsewhere:
+        console.print(
+            "What it keeps as a custodian is in MongoDB, and not in it. Next step: back that up by mongodump."
+        )
+    if password_left_out:
+        console.print("The password of MongoDB is not in it: put that into node.toml again after a restore.")
+    for place in deleted:
+        console.print(f"Deleted: {escape(str(place))}.")
 
 
 @click.command()

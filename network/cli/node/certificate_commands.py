@@ -25,7 +25,6 @@ from clients.sdk.terminal.terminal import (
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
-    ADMIN_KEY_FILE,
     AdminOptions,
     governing_options,
     plain_table,
@@ -43,7 +42,7 @@ from network.cli.node.node_answers import (
 )
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
-from network.provisioning.certificate_authority import NODE_LIFETIME_DAYS, certified_hosts
+from network.provisioning.certificate_authority import AUTHORITY_CERTIFICATE_FILE, NODE_LIFETIME_DAYS, certified_hosts
 from network.provisioning.certificate_requests import check_certificate, check_fit, make_request, sign_request
 from network.provisioning.exchange_files import read_authority_certificates, read_certificate, read_public_text
 from network.provisioning.new_node import (
@@ -53,8 +52,8 @@ from network.provisioning.new_node import (
     hosts_of,
     read_founding_entry,
 )
+from network.provisioning.new_organisation import ADMIN_KEY_FILE
 from network.provisioning.node_certificates import (
-    AUTHORITY_CERTIFICATE_FILE,
     CertificateReport,
     get_authority,
     issue_into,

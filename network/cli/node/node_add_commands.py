@@ -22,6 +22,7 @@ from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import admin_keys, read_private_key
 from network.cli.node.node_answers import NodeAddAnswer, NodeAddStep
 from network.cluster import Cluster
+from network.provisioning.certificate_authority import AUTHORITY_KEY_FILE
 from network.provisioning.new_node import NewNode
 from network.provisioning.node_adding import NodeAddition, Step
 from network.provisioning.node_certificates import get_authority
@@ -140,8 +141,10 @@ def _free_name(cluster: Cluster, known: DirectoryContent, membership: Membership
 
 def _smallest(folder: Path, membership: MembershipView, voices: list[str]) -> str:
     """Raises AUTHORITY_NOT_HERE."""
-    able = [name for name in voices if (folder / "organisations" / name / "ca.key.pem").is_file()]
+    able = [name for name in voices if (folder / "organisations" / name / AUTHORITY_KEY_FILE).is_file()]
     if not able:
-        raise BlockRobotError("AUTHORITY_NOT_HERE", f"No organisation's ca.key.pem is in {folder / 'organisations'}.")
+        raise BlockRobotError(
+            "AUTHORITY_NOT_HERE", f"No organisation's {AUTHORITY_KEY_FILE} is in {folder / 'organisations'}."
+        )
     counts = {name: sum(node.organisation == name for node in membership.nodes) for name in able}
     return min(able, key=lambda name: counts[name])

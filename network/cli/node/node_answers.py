@@ -131,6 +131,9 @@ class NodeBackupAnswer(Answer, frozen=True, kw_only=True):
     files: Annotated[Count, doc("How many files it has")]
     has_keys: Annotated[bool, doc("Whether the node's keys are in it")]
     has_custody: Annotated[bool, doc("Whether what it keeps as a custodian is in it")]
+    store_elsewhere: Annotated[bool, doc("Whether it keeps that in MongoDB, which needs a backup of its own")]
+    password_left_out: Annotated[bool, doc("Whether node.toml holds a password of MongoDB, which is not in the backup")]
+    deleted: Annotated[list[str], doc("The older backups that `--keep` deleted")]
 
 
 class NodeRestoreAnswer(Answer, frozen=True, kw_only=True):

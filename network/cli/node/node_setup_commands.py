@@ -24,15 +24,17 @@ from clients.sdk.terminal.terminal import (
 from consensus.bounded_text import JSON_MAX_BYTES, read_json_as
 from consensus.chain.genesis import Genesis, NodeEntry
 from network.cli.cluster.cluster_options import folder_option, genesis_steps, network_folder
-from network.cli.governance.governance_signer import ADMIN_KEY_FILE, admin_keys, plain_table, read_private_key
+from network.cli.governance.governance_signer import admin_keys, plain_table, read_private_key
 from network.cli.node.node_answers import NodeDirectoryAnswer, NodeInitAnswer
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
+from network.provisioning.certificate_authority import AUTHORITY_CERTIFICATE_FILE, AUTHORITY_KEY_FILE
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.founding import NETWORK_NAME
 from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
 from network.provisioning.new_node import NODE_ENTRY_FILE, REQUEST_FILE, Founder, NewNode, create_node
-from network.provisioning.node_certificates import AUTHORITY_CERTIFICATE_FILE, AUTHORITY_KEY_FILE, get_authority
+from network.provisioning.new_organisation import ADMIN_KEY_FILE
+from network.provisioning.node_certificates import get_authority
 from network.provisioning.node_joining import init_node, newest_directory, next_base_port, of_chain
 from node.config import CONFIG_FILE, load_config
 from node.directory.directory_file import DIRECTORY_FILE, decode_directory, encode_directory

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import network
 from clients.registrar.registrar import Registrar
@@ -16,15 +16,18 @@ from consensus.bounded_text import read_json_as
 from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.errors import BlockRobotError
 from network.lab.hosts.namespaces import Host, Hosts
+from network.provisioning.network_layout import FIRST_PORT
+from node.config import LOOPBACK
 
 ORGANISATIONS = ("clinic", "hospital", "lab", "university")
 HOSTS = (*ORGANISATIONS, "visitor", "stranger")
 COMMAND_MAX_S = 120
 WAIT_MAX_S = 90
 POLL_S = 0.2
-_READ_STATUS = """
+_READ_STATUS = f"""
 import sys, urllib.request
-asked = urllib.request.Request("http://127.0.0.1:7274/status", headers={"Authorization": "Bearer " + sys.stdin.read()})
+headers = {{"Authorization": "Bearer " + sys.stdin.read()}}
+asked = urllib.request.Request("http://{LOOPBACK}:{FIRST_PORT + 2}/status", headers=headers)
 sys.stdout.write(urllib.request.urlopen(asked, timeout=5).read().decode())
 """
 PROGRAM = Path(network.__file__).resolve().parents[1]
@@ -43,7 +46,9 @@ class FoundedNetwork:
         self.visitor = self.hosts["visitor"]
         self.programs: dict[str, Path] = {}
 
-    def spawn(self, host: Host, module: str, *arguments: str) -> subprocess.Popen[str]:
+    def spawn(
+        self, host: Host, module: str, *arguments: str, stderr: int | IO[str] = subprocess.PIPE
+    ) -> subprocess.Popen[str]:
         """Start `python -m module` there, with its input and output open to us."""
         return subprocess.Popen(
             [*host.prefix, sys.executable, "-m", module, *arguments],
@@ -51,7 +56,7 @@ class FoundedNetwork:
             env=self._environment(host),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stderr=stderr,
             text=True,
         )
 

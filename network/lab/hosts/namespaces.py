@@ -95,6 +95,11 @@ class Hosts:
 
 
 def _run(*command: str) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, timeout=COMMAND_MAX_S, check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=COMMAND_MAX_S, check=False)
+    except subprocess.TimeoutExpired:
+        raise BlockRobotError(
+            "HOSTS_UNAVAILABLE", f"`{' '.join(command)}` did not end within {COMMAND_MAX_S} s."
+        ) from None
     if done.returncode != 0:
         raise BlockRobotError("HOSTS_UNAVAILABLE", f"`{' '.join(command)}` failed: {done.stderr.strip()}")

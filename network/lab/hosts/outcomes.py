@@ -33,7 +33,7 @@ class Outcome(Struct, kw_only=True):
 
 
 def end_clients(clients: SteadyClients, tell: Tell) -> Kept:
-    kept = clients.end()
+    kept = clients.stop()
     tell(f"Of {kept.acknowledged} records that clients were told are final, nodes lack: {kept.missing}.")
     return kept
 

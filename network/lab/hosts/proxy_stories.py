@@ -10,19 +10,21 @@ from pathlib import Path
 from msgspec import Struct
 
 from consensus.bounded_text import read_json_as
-from network.bench.nginx import Nginx, configure, trust_proxy
+from network.bench.nginx import Nginx, configure, count_bodies_on_disk, trust_proxy
 from network.lab.hosts.founded_network import HOSTS, ORGANISATIONS, FoundedNetwork, node_of
 from network.lab.hosts.namespaces import SUBNET, Hosts
 from network.lab.hosts.outcomes import Outcome, Tell, describe, end_clients
 from network.lab.hosts.steady_clients import SteadyClients
 from network.lab.hosts.visits import Crowd, Held, Slow, Told, Visit
+from network.provisioning.network_layout import FIRST_PORT
 from node.api.access.request_rate_limiter import ADDRESS_ALLOWANCE
+from node.config import LOOPBACK
 from node.limits.work_costs import ROUTE_DEFAULT_US
 
 PROXIED = ("clinic", "hospital", "university")
 DIRECT = "lab"
 """Clients reach this one without a proxy."""
-PROXY_PORT, API_PORT, PEER_PORT = 443, 7273, 7272
+PROXY_PORT, API_PORT, PEER_PORT = 443, FIRST_PORT + 1, FIRST_PORT
 NEIGHBOUR = f"{SUBNET}.51"
 HELLOS_COUNT = 48
 """Half-open handshakes of one stranger at each port, and as many requests that never end."""
@@ -46,11 +48,14 @@ class SlowStrangers(Outcome, kw_only=True):
     """Stretches: before, and while the stranger was there."""
 
     strangers: Held
+    bodies_on_disk: int
+    """How often a proxy began to keep a body on its disk."""
 
     def failures(self) -> list[str]:
         found = super().failures() + self.unconnected()
         slow_ms = max(seen.connect_p95_ms for seen in self.seen)
         found += [f"a new connection took {slow_ms:g} ms (p95)"] if slow_ms > CONNECT_MAX_MS else []
+        found += [f"proxies kept {self.bodies_on_disk} bodies on their disks"] if self.bodies_on_disk else []
         return found + ([] if self.strangers.held else ["the stranger held no connection"])
 
 
@@ -71,7 +76,7 @@ def proxied_network(place: Path, tell: Tell) -> Iterator[FoundedNetwork]:
     with Hosts(place, HOSTS) as hosts, ExitStack() as running:
         network = FoundedNetwork(hosts)
         behind = {
-            name: ("--api-bind", "127.0.0.1", "--api-url", f"https://{hosts.hosts[name].address}") for name in PROXIED
+            name: ("--api-bind", LOOPBACK, "--api-url", f"https://{hosts.hosts[name].address}") for name in PROXIED
         }
         network.found(init=behind, before_start=_trust_own_proxy)
         for name in PROXIED:
@@ -80,14 +85,14 @@ def proxied_network(place: Path, tell: Tell) -> Iterator[FoundedNetwork]:
             issued = ("--organisation", name, "--host", host.address, "--out", str(certificates))
             network.run(host, "certificate", "issue", f"{name}-proxy", *issued)
             listen = f"{host.address}:{PROXY_PORT}"
-            configuration = configure(f"127.0.0.1:{API_PORT}", listen, host.address, certificates)
+            configuration = configure(f"{LOOPBACK}:{API_PORT}", listen, host.address, certificates)
             running.enter_context(Nginx(host.home / "nginx", configuration, host.prefix))
         tell("Each proxy has a certificate of its organisation; clients know its address from the genesis file.")
         yield network
 
 
 def _trust_own_proxy(network: FoundedNetwork, organisation: str) -> None:
-    trust_proxy(network.data_dir(organisation) / "node.toml", "127.0.0.1")
+    trust_proxy(network.data_dir(organisation), LOOPBACK)
 
 
 def tell_clients_apart(network: FoundedNetwork, tell: Tell) -> ToldApart:
@@ -98,7 +103,7 @@ def tell_clients_apart(network: FoundedNetwork, tell: Tell) -> ToldApart:
         codes = [network.issue_card(secrets.token_hex(8), "robot") for _ in range(2)]
         genesis = network.genesis_path.read_text(encoding="utf-8")
         with Visit(network, network.visitor, Crowd(genesis, node_of(name), codes, NEIGHBOUR)) as visit:
-            told[name] = read_json_as(visit.end(), Told)
+            told[name] = visit.go(Told)
         tell(f"  the address that asks too much: {told[name].flood}")
         tell(f"  another address: {told[name].neighbour}; a member's session behind the first: {told[name].member}")
         tell(f"  a member who asks too much: {told[name].greedy}; another beside: {told[name].fellow}")
@@ -115,8 +120,10 @@ def bear_slow_strangers(network: FoundedNetwork, tell: Tell) -> SlowStrangers:
         seen = [clients.see(WATCH_S)]
         tell(f"Before: {describe(seen[-1])}")
         with Visit(network, network.hosts["stranger"], Slow(places, HELLOS_COUNT)) as visit:
-            tell(f"A stranger keeps {HELLOS_COUNT} half handshakes and as many half requests open at each of 8 ports.")
-            tell(f"It holds {visit.settle().held} connections.")
+            tell(
+                f"A stranger keeps {HELLOS_COUNT} half handshakes and half requests, some with bodies, at each of 8 ports."
+            )
+            tell(f"It holds {visit.go(Held).held} connections.")
             clients.see()
             seen.append(clients.see(WATCH_S))
             tell(f"Meanwhile: {describe(seen[-1])}")
@@ -127,4 +134,5 @@ def bear_slow_strangers(network: FoundedNetwork, tell: Tell) -> SlowStrangers:
             strangers = read_json_as(visit.end(), Held)
         kept = end_clients(clients, tell)
     tell(f"The stranger opened {strangers.opened} connections, of which {strangers.held} were open at the end.")
-    return SlowStrangers(seen=seen, kept=kept, strangers=strangers)
+    bodies = sum(count_bodies_on_disk(network.hosts[name].home / "nginx") for name in PROXIED)
+    return SlowStrangers(seen=seen, kept=kept, strangers=strangers, bodies_on_disk=bodies)

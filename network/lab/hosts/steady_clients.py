@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-import subprocess
 import sys
 import time
 from collections import Counter
-from types import TracebackType
 from typing import Self
 
 import msgspec
@@ -29,6 +27,7 @@ from network.bench.conditions import percentile
 from network.bench.finality_probe import longest_gap_s
 from network.bench.fresh_network import LoadRobot, enrol_robot
 from network.lab.hosts.founded_network import FoundedNetwork
+from network.lab.hosts.remote_program import RemoteProgram
 
 PAUSE_S, CONNECT_EVERY_S = 0.3, 0.4
 """So that all clients of this host together stay within one address's budget at a node."""
@@ -177,60 +176,30 @@ def _print(told: Struct) -> None:
     sys.stdout.flush()
 
 
-class SteadyClients:
+class SteadyClients(RemoteProgram):
     """Clients at work on the visitor's host for as long as `with` lasts."""
 
     def __init__(self, network: FoundedNetwork, count: int = 4) -> None:
         codes = [network.issue_card(secrets.token_hex(8), "robot") for _ in range(count)]
         self._orders = Orders(genesis=network.genesis_path.read_text(encoding="utf-8"), codes=codes)
-        self._process = network.spawn(network.visitor, _MODULE)
+        super().__init__(network, network.visitor, _MODULE)
 
     def __enter__(self) -> Self:
         try:
-            self._ask(msgspec.json.encode(self._orders).decode())
-        except BaseException:
-            self._process.kill()
+            self.ask(self._orders)
+        except BaseException as error:
+            self.__exit__(type(error), error, None)
             raise
         return self
-
-    def _ask(self, line: str) -> str:
-        assert self._process.stdin is not None
-        self._process.stdin.write(line + "\n")
-        self._process.stdin.flush()
-        return self._answer()
-
-    def _answer(self) -> str:
-        """Raises HOSTS_STORY_FAILED."""
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            _, said = self._process.communicate()
-            raise BlockRobotError("HOSTS_STORY_FAILED", f"The clients on the visitor's host stopped: {said.strip()}")
-        return line
 
     def see(self, seconds: float = 0.0) -> Seen:
         """Let them work so long, then tell what they saw since they were asked last."""
         time.sleep(seconds)
-        return read_json_as(self._ask("{}"), Seen)
+        return read_json_as(self.ask(), Seen)
 
-    def end(self) -> Kept:
+    def stop(self) -> Kept:
         """Let them stop, and look for all that they were told is final, at each node."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        return read_json_as(self._answer(), Kept)
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._process.poll() is None:
-            try:
-                self._process.wait(0.1 if error else 30)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
-            if stream is not None:
-                stream.close()
+        return read_json_as(self.end(), Kept)
 
 
 if __name__ == "__main__":

@@ -9,12 +9,10 @@ import asyncio
 import contextlib
 import itertools
 import ssl
-import subprocess
 import sys
 import time
 from collections import Counter
-from types import TracebackType
-from typing import Self
+from typing import TypeVar
 from urllib.parse import urlsplit
 
 import aiohttp
@@ -30,15 +28,23 @@ from consensus.members.vouchers import decode_card_code
 from network.bench.fresh_network import LoadRobot, enrol_robot
 from network.lab.hosts.founded_network import FoundedNetwork
 from network.lab.hosts.namespaces import Host
+from network.lab.hosts.remote_program import RemoteProgram
 from network.lab.hosts.steady_clients import addresses
 
 FLOOD_S, CALLERS_COUNT, FEW_COUNT = 4.0, 24, 20
-REQUEST_MAX_S, VISIT_MAX_S = 10.0, 120.0
+REQUEST_MAX_S = 10.0
 DRIP_S, SETTLE_S = 1.0, 3.0
 HELLO_HEAD = b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"
 """How a ClientHello of TLS begins."""
 REQUEST_HEAD = b"GET /v1/genesis HTTP/1.1\r\nHost: node\r\nX-Slow: "
+BODY_FIRST_BYTES = 96 * 1024
+"""So much comes at once of a body that never ends: more than a proxy keeps in memory, and little to a node."""
+BODY_HEAD = (
+    b"POST /v1/transactions HTTP/1.1\r\nHost: node\r\nContent-Type: application/msgpack\r\n"
+    b"Content-Length: 1000000\r\n\r\n" + b"x" * BODY_FIRST_BYTES
+)
 _MODULE = "network.lab.hosts.visits"
+V = TypeVar("V")
 
 
 class Crowd(Struct, tag=True):
@@ -72,7 +78,7 @@ class Slow(Struct, tag=True):
 
     places: list[str]
     hellos: int
-    """Of each place: so many that stop within the TLS handshake, and as many requests that never end."""
+    """Of each place: so many that stop within the TLS handshake, and as many requests that never end, half with a body."""
 
 
 class Held(Struct):
@@ -163,7 +169,7 @@ async def _crowd(orders: Crowd) -> Told:
 # Slow ones
 
 
-async def _hold(place: str, context: ssl.SSLContext | None, held: Counter[str]) -> None:
+async def _hold(place: str, context: ssl.SSLContext | None, begin: bytes, held: Counter[str]) -> None:
     """Open again whatever the other side closes; without a context stop within the handshake."""
     parts = urlsplit(f"//{place}")
     while True:
@@ -175,7 +181,7 @@ async def _hold(place: str, context: ssl.SSLContext | None, held: Counter[str]) 
         held["opened"] += 1
         held["held"] += 1
         try:
-            writer.write(REQUEST_HEAD if context else HELLO_HEAD)
+            writer.write(begin)
             while not reader.at_eof():
                 await writer.drain()
                 with contextlib.suppress(TimeoutError):
@@ -195,10 +201,10 @@ async def _be_slow(orders: Slow) -> Held:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # a stranger does not care whom it disturbs
     tasks = [
-        asyncio.create_task(_hold(place, each, held))
+        asyncio.create_task(_hold(place, tls, begin, held))
         for place in orders.places
-        for each in (None, context)
-        for _ in range(orders.hellos)
+        for number in range(orders.hellos)
+        for tls, begin in ((None, HELLO_HEAD), (context, BODY_HEAD if number % 2 else REQUEST_HEAD))
     ]
     await asyncio.sleep(SETTLE_S)
     _print(Held(held["opened"], held["held"]))
@@ -210,40 +216,16 @@ async def _be_slow(orders: Slow) -> Held:
     return told
 
 
-class Visit:
+class Visit(RemoteProgram):
     """One visit on a host; a slow one lasts until `end`. `with` ends it in any case."""
 
     def __init__(self, network: FoundedNetwork, host: Host, orders: Crowd | Slow) -> None:
-        self._process = network.spawn(host, _MODULE)
         self._orders = orders
+        super().__init__(network, host, _MODULE)
 
-    def __enter__(self) -> Self:
-        assert self._process.stdin is not None
-        self._process.stdin.write(msgspec.json.encode(self._orders).decode() + "\n")
-        self._process.stdin.flush()
-        return self
-
-    def settle(self) -> Held:
-        """Wait until a slow one has opened what it can."""
-        assert self._process.stdout is not None
-        return read_json_as(self._process.stdout.readline() or "null", Held)
-
-    def end(self) -> bytes:
-        """Return what it saw, as JSON. Raises HOSTS_STORY_FAILED."""
-        try:
-            output, said = self._process.communicate(timeout=VISIT_MAX_S)
-        except subprocess.TimeoutExpired:
-            raise BlockRobotError("HOSTS_STORY_FAILED", f"A visit did not end within {VISIT_MAX_S} s.") from None
-        if self._process.returncode != 0:
-            raise BlockRobotError("HOSTS_STORY_FAILED", f"A visit ended early: {said.strip()}")
-        return output.encode()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._process.poll() is None:
-            self._process.kill()
-            self._process.communicate()
+    def go(self, kind: type[V]) -> V:
+        """What a crowd was told; of a slow one, what it opened at first."""
+        return read_json_as(self.ask(self._orders), kind)
 
 
 async def _run() -> Told | Held:

@@ -19,6 +19,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
+from clients.sdk.terminal.terminal import console
 from clients.sdk.trust_pin import PIN_FILE
 from consensus.chain.genesis import ChainSettings, Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
@@ -363,7 +364,10 @@ def checked(genesis: Genesis, place: Path, *options: str) -> Result:
     return run(genesis_group, "check", str(path), "--dir", str(place / "nobody"), *options)
 
 
-def test_a_founder_sees_all_that_is_agreed_to(handed: dict[str, Path], tmp_path: Path) -> None:
+def test_a_founder_sees_all_that_is_agreed_to(
+    handed: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "_width", 200)
     true = made_of(*handed.values())
     said = checked(true, tmp_path)
     assert "Settings: all are the default." in said.output

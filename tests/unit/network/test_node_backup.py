@@ -67,6 +67,79 @@ def test_a_backup_holds_its_ledger_and_clips_and_no_secret(config: NodeConfig, t
         back_up(config, out, with_keys=False)
 
 
+def test_older_backups_of_the_same_node_are_deleted_once_the_new_one_is_there(
+    config: NodeConfig, tmp_path: Path
+) -> None:
+    folder = tmp_path / "backups"
+
+    def earlier(name: str, **said: Any) -> Path:
+        made = msgspec.structs.replace(back_up(config, folder / name, with_keys=False), **said)
+        (folder / name / MANIFEST_FILE).write_bytes(msgspec.json.encode(made))
+        return folder / name
+
+    for number in range(3):
+        earlier(f"made-{number}", made_at_ms=10 - number)  # by what they say, not by name
+    (earlier("with-more", made_at_ms=1) / "mine.txt").write_text("no backup wrote this")
+    (earlier("incomplete", made_at_ms=1) / "node" / "genesis.json").unlink()
+    earlier("of-another", made_at_ms=1, node="node-2")
+    (folder / "link").symlink_to(folder / "made-0")
+    arguments = [str(config.data_dir), "--out", str(folder / "new"), "--json", "--keep", "2"]
+    answer = json.loads(CliRunner().invoke(backup, arguments).stdout)
+    assert answer["deleted"] == [str(folder / "made-1"), str(folder / "made-2")]
+    left = {path.name for path in folder.iterdir()}
+    assert left == {"made-0", "with-more", "incomplete", "of-another", "link", "new"}
+
+
+@pytest.mark.parametrize(
+    ("store", "public"),
+    [
+        ("sqlite", "sqlite"),
+        ("mongodb://h:27017/db?replicaSet=rs", "mongodb://h:27017/db?replicaSet=rs"),
+        ("mongodb://u:hunter%2F2@a:1,b:2/db?tls=true", "mongodb://u@a:1,b:2/db?tls=true"),
+        ("mongodb+srv://u:hunter2@h", "mongodb+srv://u@h"),
+        ("mongodb://u:hunter2@h?tlsCertificateKeyFilePassword=hunter2&w=1", "mongodb://u@h?w=1"),
+        ("mongodb://u:hunter/2@h/db", None),
+        ("mongodb://u:hunter?2@h/db", None),
+    ],
+)
+def test_the_password_of_a_store_is_in_no_backup(
+    config: NodeConfig, tmp_path: Path, store: str, public: str | None
+) -> None:
+    path = config.data_dir / "node.toml"
+    path.write_text("# mine\n" + path.read_text().replace('store = "sqlite"', f'store = "{store}"'))
+    said = CliRunner().invoke(backup, [str(config.data_dir), "--out", str(tmp_path / "backup"), "--json"])
+    assert "hunter" not in said.output
+    if public is None:
+        assert json.loads(said.stdout)["error"]["code"] == "CONFIGURATION_INVALID"
+        assert not (tmp_path / "backup").exists()
+        return
+    answer = json.loads(said.stdout)
+    assert (answer["store_elsewhere"], answer["password_left_out"]) == (store != "sqlite", store != public)
+    text = (tmp_path / "backup" / "node" / "node.toml").read_text()
+    assert text == path.read_text().replace(store, public)
+    spoken = CliRunner().invoke(backup, [str(config.data_dir), "--out", str(tmp_path / "again")]).stdout
+    assert ("mongodump" in spoken, "password of MongoDB" in spoken) == (store != "sqlite", store != public)
+
+
+def test_a_password_behind_escapes_is_refused(config: NodeConfig, tmp_path: Path) -> None:
+    path = config.data_dir / "node.toml"
+    path.write_text(path.read_text().replace('store = "sqlite"', 'store = "mongodb://u:hunter\\u0032@h/db"'))
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID.*escapes"):
+        back_up(load_config(config.data_dir), tmp_path / "backup", with_keys=False)
+
+
+def test_a_backup_is_on_the_disk_before_it_has_its_name(
+    config: NodeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[tuple[Path, bool]] = []
+    out = tmp_path / "backup"
+    monkeypatch.setattr(node_backup, "sync_folder", lambda path: synced.append((path, out.exists())))
+    back_up(config, out, with_keys=True)
+    before = {path.name for path, named in synced if not named}
+    assert before >= {path.name for path in (out, *out.rglob("*"))}
+    assert synced[-1] == (tmp_path, True)
+
+
 async def test_a_node_is_made_anew_with_its_keys_from_elsewhere_and_starts(config: NodeConfig, tmp_path: Path) -> None:
     out, safe = tmp_path / "backup", tmp_path / "safe"
     back_up(config, out, with_keys=False)
