@@ -12,7 +12,7 @@ from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.chain.genesis import Genesis, genesis_from_json, require_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
-from node.custody.blobs.clips_place import REGION_DEFAULT, ClipsPlace, read_place
+from node.clips_place import REGION_DEFAULT, ClipsPlace, read_place
 from node.limits.disk_reserve import RESERVE_DEFAULT_MIB
 from pages.listening import is_loopback
 

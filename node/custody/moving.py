@@ -6,8 +6,8 @@ import dataclasses
 from pathlib import Path
 
 from consensus.errors import BlockRobotError
+from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, CUSTODY_NAME, NodeConfig, config_to_toml
-from node.custody.blobs.clips_place import ClipsPlace
 from node.custody.stores.copying import Tell, copy_store
 from node.custody.stores.custody_store import StoreCounts
 from node.custody.stores.open_store import open_store

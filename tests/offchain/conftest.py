@@ -12,7 +12,7 @@ from urllib.parse import urlsplit, urlunsplit
 import pytest
 from pymongo import MongoClient
 
-from node.custody.blobs.clips_place import ClipsPlace, read_place
+from node.clips_place import ClipsPlace, read_place
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.open_store import open_store
 from node.custody.stores.sqlite_store import SqliteStore

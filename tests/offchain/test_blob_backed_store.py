@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
+from node.clips_place import read_place
 from node.custody.blobs.blob_backed_store import OWNER_NAME, BlobBackedStore
 from node.custody.blobs.blob_names import BlobNames, new_generation
-from node.custody.blobs.clips_place import PLACE_FILE_NAME, read_place
+from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.open_store import open_store
 from node.custody.stores.share_store import ShareStore

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from consensus.errors import BlockRobotError
+from node.clips_place import ClipsPlace, read_place
 from node.config import NodeConfig, config_to_toml, load_config
 from node.custody import moving
-from node.custody.blobs.clips_place import ClipsPlace, read_place
 from node.custody.moving import MOVED_NAME, finish_move, move_custody, require_no_move
 from node.custody.stores.open_store import open_store
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
@@ -114,8 +115,7 @@ async def test_from_rows_to_a_folder_and_back(life: Life) -> None:
     assert moved == dataclasses.replace(config, clips=there)
     with pytest.raises(BlockRobotError, match="delete it"):
         await move_custody(moved, "sqlite", None)
-    (life.data_dir / MOVED_NAME / "custody.sqlite3").unlink()
-    (life.data_dir / MOVED_NAME).rmdir()
+    shutil.rmtree(life.data_dir / MOVED_NAME)
     await move_custody(moved, "sqlite", None)
     assert load_config(life.data_dir) == config
     await life.check()
@@ -128,8 +128,7 @@ async def test_from_sqlite_to_mongodb_and_an_s3_bucket_and_back(
     await move_custody(config, mongo_database, s3_place)
     async with life.house.open() as custodian:
         assert read_all(life.kept, await custodian.export(life.kept.record_id)) == list(life.kept.plaintexts)
-    (life.data_dir / MOVED_NAME / "custody.sqlite3").unlink()
-    (life.data_dir / MOVED_NAME).rmdir()
+    shutil.rmtree(life.data_dir / MOVED_NAME)
     moved = load_config(life.data_dir)
     with pytest.raises(BlockRobotError, match="name a new database"):
         await move_custody(moved, mongo_database, None)

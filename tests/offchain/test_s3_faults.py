@@ -14,8 +14,8 @@ from aiohttp import web
 from botocore.exceptions import ClientError
 
 from consensus.errors import BlockRobotError
+from node.clips_place import ClipsPlace
 from node.custody.blobs import s3_blobs
-from node.custody.blobs.clips_place import ClipsPlace
 from node.custody.blobs.s3_blobs import S3Blobs
 from node.custody.stores.open_store import open_store
 from tests.offchain.house import CustodianHarness, refused

@@ -14,7 +14,7 @@ from aiobotocore.session import get_session
 from botocore.exceptions import BotoCoreError, ClientError
 
 from consensus.errors import BlockRobotError
-from node.custody.blobs.clips_place import ClipsPlace
+from node.clips_place import ClipsPlace
 
 log = structlog.get_logger(__name__)
 

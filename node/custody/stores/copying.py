@@ -19,8 +19,8 @@ OUTBOX_STATUSES: tuple[OutboxStatus, ...] = ("ready", "erasing")
 async def copy_store(source: CustodyStore, target: CustodyStore, tell: Tell = lambda _done, _all: None) -> StoreCounts:
     """Copy and compare; the checkpoint is written last, so a copy that was cut off is begun again.
 
-    Nobody else may use the two. Raises FILE_EXISTS if the target is another custodian's or newer, STORE_UNAVAILABLE, also for
-    what does not read back as it was written.
+    Nobody else may use the two. Raises FILE_EXISTS if the target is another custodian's or newer, STORE_UNAVAILABLE, also
+    for what does not read back as it was written.
     """
     if await target.checkpoint() not in {None, await source.checkpoint()}:
         raise BlockRobotError("FILE_EXISTS", "The new store holds a custodian's clips already: name an empty one.")

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import cast
 
 from consensus.errors import BlockRobotError
+from node.clips_place import ClipsPlace
 from node.custody.blobs.blob_backed_store import BlobBackedStore
 from node.custody.blobs.blob_store import BlobStore
-from node.custody.blobs.clips_place import ClipsPlace, open_names, require_place
 from node.custody.blobs.folder_blobs import FolderBlobs
+from node.custody.blobs.place_file import open_names, require_place
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.sqlite_store import SqliteStore
 
@@ -22,8 +23,8 @@ def open_store(
 ) -> CustodyStore:
     """Return a store (`sqlite` in `folder`, or MongoDB URI) for `async with`; `clips`: where ciphertexts lie apart from it.
 
-    `require_space` precedes embedded writes and may raise OSError. Raises CONFIGURATION_INVALID, also for clips that are
-    somewhere else.
+    `require_space` precedes embedded writes and may raise OSError. Raises EXTRA_MISSING, and
+    CONFIGURATION_INVALID, also for clips that are somewhere else.
     """
     index = _open_index(uri, folder, require_space)
     require_place(folder, clips)
@@ -49,6 +50,6 @@ def _open_blobs(place: ClipsPlace) -> BlobStore:
     try:
         from node.custody.blobs.s3_blobs import S3Blobs  # noqa: PLC0415 - the optional extra, only when used
     except ImportError:
-        detail = "Clips in S3 need the extra s3: pip install 'blockrobot[s3]'."
-        raise BlockRobotError("CONFIGURATION_INVALID", detail) from None
+        detail = "Clips in S3 need the package aiobotocore: `make install-s3` in your clone."
+        raise BlockRobotError("EXTRA_MISSING", detail) from None
     return S3Blobs(place)
