@@ -99,33 +99,21 @@ class BlobBackedStore:
     async def frames(self, record_id: bytes) -> list[FrameRow]:
         """A ciphertext that the blob store has lost is empty."""
         rows = await self._index.frames(record_id)
-        found = await self._with_ciphertexts(record_id, rows)
+        found = await self._resolve(record_id, rows)
         if any(not row.ciphertext for row in found):  # written anew while it was read
             rows_now = await self._index.frames(record_id)
             if rows_now != rows:
-                return await self._with_ciphertexts(record_id, rows_now)
+                return await self._resolve(record_id, rows_now)
         return found
 
-    async def _with_ciphertexts(self, record_id: bytes, rows: Sequence[FrameRow]) -> list[FrameRow]:
-        blobs: dict[bytes, bytes] = {}
-        found = []
-        for row in rows:
-            if len(row.ciphertext) != REFERENCE.size:
-                found.append(row)
-                continue
-            generation, start, length = REFERENCE.unpack(row.ciphertext)
-            if generation not in blobs:
-                name = self._names.name(record_id, generation)
-                blobs[generation] = await self._blobs.get(name, CLIP_SIZE_MAX_BYTES) or b""
-            text = blobs[generation][start : start + length]
-            found.append(replace(row, ciphertext=text if len(text) == length else b""))
-        return found
+    async def _resolve(self, record_id: bytes, rows: Sequence[FrameRow]) -> list[FrameRow]:
+        return await with_ciphertexts(self._blobs, self._names, record_id, rows)
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
         rows = await self._index.frames(record_id)
         kept = [row for row in rows if row.index not in indexes]
         if kept and len(kept) < len(rows):
-            await self.replace_frames(record_id, await self._with_ciphertexts(record_id, kept))
+            await self.replace_frames(record_id, await self._resolve(record_id, kept))
             return
         await self._index.erase_frames(record_id, indexes)
         await self._delete_all(record_id, self._named_by(record_id, kept))
@@ -173,3 +161,21 @@ class BlobBackedStore:
             if await self._blobs.has(name):
                 detail = "The store of clips still has a blob after it was deleted."
                 raise BlockRobotError("STORE_UNAVAILABLE", detail)
+
+
+async def with_ciphertexts(
+    blobs: BlobStore, names: BlobNames, record_id: bytes, rows: Sequence[FrameRow]
+) -> list[FrameRow]:
+    """Rows with the ciphertexts that they refer to; empty where a blob is lost or cut short."""
+    read: dict[bytes, bytes] = {}
+    found = []
+    for row in rows:
+        if len(row.ciphertext) != REFERENCE.size:
+            found.append(row)
+            continue
+        generation, start, length = REFERENCE.unpack(row.ciphertext)
+        if generation not in read:
+            read[generation] = await blobs.get(names.name(record_id, generation), CLIP_SIZE_MAX_BYTES) or b""
+        text = read[generation][start : start + length]
+        found.append(replace(row, ciphertext=text if len(text) == length else b""))
+    return found

@@ -31,7 +31,7 @@ def open_store(
     if clips is None:
         return index
     # What it does not define is the index's.
-    return cast("CustodyStore", BlobBackedStore(index, _open_blobs(clips), open_names(folder, clips)))
+    return cast("CustodyStore", BlobBackedStore(index, open_blobs(clips), open_names(folder, clips)))
 
 
 def _open_index(uri: str, folder: Path, require_space: Callable[[], None]) -> CustodyStore:
@@ -44,7 +44,8 @@ def _open_index(uri: str, folder: Path, require_space: Callable[[], None]) -> Cu
     raise BlockRobotError("CONFIGURATION_INVALID", "The custody store is sqlite or the URI of a MongoDB database.")
 
 
-def _open_blobs(place: ClipsPlace) -> BlobStore:
+def open_blobs(place: ClipsPlace) -> BlobStore:
+    """Raises EXTRA_MISSING."""
     if place.folder is not None:
         return FolderBlobs(place.folder)
     try:
