@@ -12,10 +12,12 @@ from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.chain.genesis import Genesis, genesis_from_json, require_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from node.clips_place import REGION_DEFAULT, ClipsPlace, read_place
 from node.limits.disk_reserve import RESERVE_DEFAULT_MIB
 from pages.listening import is_loopback
 
 CONFIG_FILE = "node.toml"
+CUSTODY_NAME = "custody"
 KEEP_BLOCKS_MIN_COUNT = 256
 """A node serves at least so many blocks to peers that missed a few."""
 KEEP_BLOCKS_COUNT = 10_000
@@ -38,7 +40,9 @@ SECTIONS: dict[str, frozenset[str]] = {
     "listen": frozenset({"host", "api_host", "api_tls", "trusted_proxies", "p2p_port", "api_port", "operator_port"}),
     "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
     "metrics": frozenset({"host", "port"}),
-    "custody": frozenset({"store", "reserve_mib"}),
+    "custody": frozenset(
+        {"store", "reserve_mib", "clips", "clips_endpoint", "clips_region", "clips_ca", "clips_credentials"}
+    ),
     "log": frozenset({"level", "to"}),
     "faults": frozenset({"enabled"}),
     "storage": frozenset({"archive", "keep_blocks", "snapshot_lag_blocks"}),
@@ -80,6 +84,8 @@ class NodeConfig:
     """Where the log goes: "file", in the data directory, "stdout", or "both"."""
     custody_reserve_mib: int = RESERVE_DEFAULT_MIB
     """Free space below which the node takes no uploads; 0: none."""
+    clips: ClipsPlace | None = None
+    """Where the custodian's ciphertexts lie; None: in its store."""
     faults_enabled: bool = False
     archive: bool = False
     """Whether the node keeps the bodies of all blocks for ever."""
@@ -119,7 +125,7 @@ class NodeConfig:
 
     @property
     def custody_dir(self) -> Path:
-        return self.data_dir / "custody"
+        return self.data_dir / CUSTODY_NAME
 
     @property
     def erase_keys_dir(self) -> Path:
@@ -247,6 +253,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         log_to=log_to,
         metrics_host=metrics_host,
         metrics_port=ports[-1] if metrics_host else 0,
+        clips=_read_clips(custody, data_dir),
         custody_reserve_mib=custody.count("reserve_mib", 1, RESERVE_DEFAULT_MIB),
         faults_enabled=faults.flag("enabled"),
         archive=storage.flag("archive"),
@@ -289,6 +296,7 @@ def config_to_toml(config: NodeConfig) -> str:
         "[custody]",
         f'store = "{config.custody_store}"',
         f"reserve_mib = {config.custody_reserve_mib}",
+        *(_clips_lines(config.clips) if config.clips else []),
         "",
         "[log]",
         f'level = "{config.log_level}"',
@@ -306,6 +314,32 @@ def config_to_toml(config: NodeConfig) -> str:
         *(["", "[explorer]", "public = true"] if config.public_explorer else []),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _read_clips(custody: _Section, data_dir: Path) -> ClipsPlace | None:
+    url = custody.optional_text("clips")
+    if url is None:
+        return None
+    ca, credentials = custody.optional_text("clips_ca"), custody.optional_text("clips_credentials")
+    return read_place(
+        url,
+        data_dir,
+        endpoint=custody.optional_text("clips_endpoint") or "",
+        region=custody.text("clips_region", REGION_DEFAULT),
+        ca_path=data_dir / ca if ca else None,
+        credentials_path=data_dir / credentials if credentials else None,
+    )
+
+
+def _clips_lines(place: ClipsPlace) -> list[str]:
+    fields = {
+        "clips": place.url,
+        "clips_endpoint": place.endpoint,
+        "clips_region": "" if place.region == REGION_DEFAULT else place.region,
+        "clips_ca": place.ca_path,
+        "clips_credentials": place.credentials_path,
+    }
+    return [f"{name} = {json.dumps(str(value))}" for name, value in fields.items() if value]
 
 
 def _metrics_lines(config: NodeConfig) -> list[str]:

@@ -30,6 +30,7 @@ from node.consensus.round_log import LoggingOutbox, RoundLog
 from node.custody.coordination.consent_receipts import ConsentReceipts
 from node.custody.coordination.custody_coordinator import CustodyPlace
 from node.custody.erase_keys import EraseKeys
+from node.custody.moving import require_no_move
 from node.custody.stores.open_store import open_store
 from node.directory.directory_file import newest_beginning
 from node.directory.node_directory import Directory
@@ -257,7 +258,8 @@ class Node:
         if key is None:
             return None
         self._custodian_key = key
-        store = open_store(config.custody_store, config.custody_dir, self._require_custody_space)
+        require_no_move(config.data_dir)
+        store = open_store(config.custody_store, config.custody_dir, self._require_custody_space, config.clips)
         erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
         await self._stack.enter_async_context(store)
         reserve = DiskReserve(config.data_dir, config.custody_reserve_mib)

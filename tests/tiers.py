@@ -1,8 +1,8 @@
 """Sorts the tests into tiers. A plugin of pytest.
 
 The kind of a test follows from its folder and its fixtures. Whatever is slow by its kind (processes, a browser, a
-database server, ROS, typed documents) is in the long tier, unless it is marked `smoke`: `make test` runs the smoke tests
-and everything else, `make test-long` runs all.
+database or object server, ROS, typed documents) is in the long tier, unless it is marked `smoke`: `make test` runs the
+smoke tests and everything else, `make test-long` runs all.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import pytest
 HERE = Path(__file__).parent
 PROCESS_FOLDERS = ("benchmarks", "cluster", "demo", "experiments", "hosts", "install", "robot_live", "security", "ui")
 """Their tests start programs: nodes, robots, wallets, brokers."""
-SLOW_KINDS = ("process", "browser", "mongo", "ros", "docs")
+SLOW_KINDS = ("process", "browser", "stores", "ros", "docs")
 """Kinds that only the long tier runs whole."""
 SLOWEST_FIRST = (
     "demo",
@@ -51,8 +51,8 @@ def find_kinds(item: pytest.Item) -> Iterator[str]:
         yield "hosts"
     if folder == "ui" and "browser" in fixtures:
         yield "browser"
-    if {"mongo_uri", "driver_sockets"} & set(fixtures) or store not in {None, "sqlite"}:
-        yield "mongo"
+    if {"mongo_uri", "driver_sockets", "s3_server"} & set(fixtures) or store not in {None, "sqlite"}:
+        yield "stores"
     if folder == "robot_live" and item.path.name.startswith("test_ros"):
         yield "ros"
 

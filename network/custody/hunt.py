@@ -5,6 +5,7 @@ A MongoDB server's own files are searched only where they are named.
 
 from __future__ import annotations
 
+import asyncio
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -12,11 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from consensus.errors import BlockRobotError
+from consensus.limits import CLIP_SIZE_MAX_BYTES
 from network.cluster import Cluster
 from network.custody.searching import Search
 from network.custody.traces import Trace, mongo_documents, trace_chain, trace_grants, trace_store
+from node.clips_place import ClipsPlace
 from node.config import NodeConfig
-from node.custody.stores.open_store import MONGO_SCHEMES
+from node.custody.stores.open_store import MONGO_SCHEMES, open_blobs
 from node.storage.lmdb_reader import LedgerFile
 
 OnProgress = Callable[[str], None]
@@ -167,7 +170,11 @@ def hunt(
 ) -> HuntReport:
     """`also`: paths beside the network."""
     report, tally = HuntReport(list(traces)), _Tally(traces)
-    places = [(path, place_of(path.relative_to(cluster.folder))) for path in files_below(cluster.folder, report.unread)]
+    clips = [place.folder.resolve() for place in _clips_of(cluster) if place.folder is not None]
+    apart = [folder for folder in clips if not folder.is_relative_to(cluster.folder)]
+    own = files_below(cluster.folder, report.unread)
+    places = [(path, _place_or_clips(path, place_of(path.relative_to(cluster.folder)), clips)) for path in own]
+    places += [(path, "store") for each in apart for path in files_below(each, report.unread)]
     places += [(path, "other") for each in also for path in files_below(each, report.unread)]
     for path, kind in places:
         on_progress(str(path))
@@ -187,7 +194,34 @@ def hunt(
         if config.custody_store.startswith(MONGO_SCHEMES):
             on_progress(f"the database of {config.name}")
             _hunt_documents(config, tally, report)
+    for place in _clips_of(cluster):
+        if place.bucket:
+            on_progress(f"the bucket {place.bucket}")
+            asyncio.run(_hunt_bucket(place, tally, report))
     return report
+
+
+def _clips_of(cluster: Cluster) -> list[ClipsPlace]:
+    return [config.clips for config in _custodians(cluster) if config.clips is not None]
+
+
+def _place_or_clips(path: Path, place: str, clips: Sequence[Path]) -> str:
+    return "store" if any(path.is_relative_to(folder) for folder in clips) else place
+
+
+async def _hunt_bucket(place: ClipsPlace, tally: _Tally, report: HuntReport) -> None:
+    """What the server gives out; not what its volumes still hold."""
+    found: Counter[bytes] = Counter()
+    try:
+        async with open_blobs(place) as blobs:
+            async for name in blobs.names():
+                content = name.encode() + b"\0" + (await blobs.get(name, CLIP_SIZE_MAX_BYTES) or b"")
+                report.documents_count += 1
+                report.size_bytes += len(content)
+                found.update(tally.search.in_bytes(content))
+    except BlockRobotError as error:
+        report.unread.append(f"the bucket {place.bucket}: {error.detail}")
+    report.findings += tally.findings(f"bucket {place.bucket}", "store", found)
 
 
 def _hunt_documents(config: NodeConfig, tally: _Tally, report: HuntReport) -> None:

@@ -5,6 +5,7 @@ Pieces can be taken only while a record is kept, so they can be written to a fil
 
 from __future__ import annotations
 
+import asyncio
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -28,7 +29,10 @@ from consensus.state.access import GRANT
 from consensus.state.records import RECORD
 from consensus.state.rights import QUARANTINE
 from network.custody.searching import PREFIX_BYTES, spread
+from node.clips_place import ClipsPlace
 from node.config import NodeConfig
+from node.custody.blobs.blob_backed_store import with_ciphertexts
+from node.custody.blobs.place_file import open_names
 from node.custody.erase_keys import (
     ERASE_KEY_BYTES,
     ERASE_KEYS_FILE_NAME,
@@ -37,7 +41,8 @@ from node.custody.erase_keys import (
     unwrap_key,
 )
 from node.custody.shares import PART_PLACE, HeldPart
-from node.custody.stores.open_store import MONGO_SCHEMES
+from node.custody.stores.custody_store import FrameRow
+from node.custody.stores.open_store import MONGO_SCHEMES, open_blobs
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.storage.ledger_store import LedgerSnapshot
 
@@ -148,18 +153,12 @@ def trace_grants(trace: Trace, ledger: LedgerSnapshot) -> None:
             trace.ended.add(grant_id)
 
 
-@dataclass(frozen=True)
-class _Frame:
-    index: int
-    slot: int
-    wrapped_key: bytes
-    ciphertext: bytes
-
-
 def trace_store(trace: Trace, config: NodeConfig) -> None:
     """What one custodian keeps. Raises STORE_UNAVAILABLE."""
     is_mongo = config.custody_store.startswith(MONGO_SCHEMES)
     frames, leaves = (_read_mongo if is_mongo else _read_sqlite)(config, trace.record_id)
+    if config.clips is not None:
+        frames = asyncio.run(_with_ciphertexts(config, config.clips, trace.record_id, frames))
     for leaf in leaves:
         trace.add("leaf", leaf)
     for frame in frames:
@@ -174,6 +173,13 @@ def trace_store(trace: Trace, config: NodeConfig) -> None:
         trace.add("sealed-key", sealed_key[-PREFIX_BYTES:])
     for grant, slot, wrapped in (_read_mongo_parts if is_mongo else _read_sqlite_parts)(config, trace.record_id):
         _trace_part(trace, grant, _read_erase_key(config, slot), wrapped)
+
+
+async def _with_ciphertexts(
+    config: NodeConfig, place: ClipsPlace, record_id: bytes, rows: list[FrameRow]
+) -> list[FrameRow]:
+    async with open_blobs(place) as blobs:
+        return await with_ciphertexts(blobs, open_names(config.custody_dir, place), record_id, rows)
 
 
 def _trace_part(trace: Trace, grant: bytes, erase_key: bytes, wrapped: bytes) -> None:
@@ -196,12 +202,12 @@ def _read_erase_key(config: NodeConfig, slot: int) -> bytes:
         return file.read(ERASE_KEY_BYTES)
 
 
-def _read_sqlite(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], list[bytes]]:
+def _read_sqlite(config: NodeConfig, record_id: bytes) -> tuple[list[FrameRow], list[bytes]]:
     path = config.custody_dir / DATABASE_FILE_NAME
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5)) as database:
-            select = "SELECT place, slot, wrapped_key, ciphertext FROM frames WHERE record_id = ?"
-            frames = [_Frame(*row) for row in database.execute(select, (record_id,))]
+            select = "SELECT record_id, place, ciphertext, wrapped_key, slot FROM frames WHERE record_id = ?"
+            frames = [FrameRow(*row) for row in database.execute(select, (record_id,))]
             select = "SELECT commitment_leaves, ciphertext_leaves FROM clips WHERE record_id = ?"
             joined = b"".join(part for row in database.execute(select, (record_id,)) for part in row)
     except sqlite3.Error as error:
@@ -231,13 +237,13 @@ def _read_mongo_parts(config: NodeConfig, record_id: bytes) -> list[tuple[bytes,
         ) from None
 
 
-def _read_mongo(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], list[bytes]]:
+def _read_mongo(config: NodeConfig, record_id: bytes) -> tuple[list[FrameRow], list[bytes]]:
     leaves: list[bytes] = []
     try:
         with MongoClient[dict[str, object]](config.custody_store, serverSelectionTimeoutMS=SERVER_MAX_MS) as client:
             database = client[urlsplit(config.custody_store).path.lstrip("/")]
             frames = [
-                _Frame(row["index"], row["slot"], row["wrapped_key"], row["ciphertext"])  # type: ignore[arg-type]
+                FrameRow(record_id, row["index"], row["ciphertext"], row["wrapped_key"], row["slot"])  # type: ignore[arg-type]
                 for row in database["frames"].find({"record_id": record_id})
             ]
             for row in database["clips"].find({"_id": record_id}):

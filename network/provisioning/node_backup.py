@@ -29,6 +29,7 @@ from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
 from contracts.execution.epochs import read_epoch
 from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, load_config, load_genesis, load_key
+from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.directory.directory_file import DIRECTORY_FILE
@@ -58,7 +59,7 @@ class BackupManifest(msgspec.Struct, frozen=True, kw_only=True):
     files: dict[str, str]
 
     def has(self, part: str) -> bool:
-        return any(name.startswith(f"{part}/") for name in self.files)
+        return part in self.files or any(name.startswith(f"{part}/") for name in self.files)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +97,8 @@ def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lamb
         if config.custodian_key_path is not None and config.custody_store == "sqlite":
             tell("custody")
             _copy_database(config.custody_dir / DATABASE_FILE_NAME, making / CUSTODY / DATABASE_FILE_NAME)
+            if (config.custody_dir / PLACE_FILE_NAME).is_file():
+                _copy(config.custody_dir / PLACE_FILE_NAME, making / CUSTODY / PLACE_FILE_NAME)
         tell("ledger")
         # Last, so that the ledger is not older than what the custodian has followed.
         with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
@@ -231,7 +234,9 @@ def restore(
         if erase_keys is not None and has_custody:
             tell("custody")
             _copy(erase_keys / ERASE_KEYS_FILE_NAME, config.erase_keys_dir / ERASE_KEYS_FILE_NAME)
-            _copy(place / CUSTODY / DATABASE_FILE_NAME, config.custody_dir / DATABASE_FILE_NAME)
+            for name in (DATABASE_FILE_NAME, PLACE_FILE_NAME):
+                if manifest.has(f"{CUSTODY}/{name}"):
+                    _copy(place / CUSTODY / name, config.custody_dir / name)
         making.rename(data_dir)
     config = load_config(data_dir)
     return Restored(config, own_genesis, head.header.height, has_custody, warn_of_restored(config))
@@ -287,6 +292,8 @@ def shown_settings(config: NodeConfig) -> dict[str, str | int | bool | list[str]
     shown = {
         name: value for name, value in _fields_of(config).items() if value is not None and not isinstance(value, Path)
     }
+    if config.clips is not None:
+        shown["clips"] = " at ".join(filter(None, (config.clips.url, config.clips.endpoint)))
     if config.custody_store != "sqlite":
         shown["custody_store"] = f"mongodb at {urlsplit(config.custody_store).hostname}"
     return {name: list(value) if isinstance(value, tuple) else value for name, value in shown.items()}

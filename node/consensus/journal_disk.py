@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Protocol
 
 from consensus.errors import BlockRobotError
-from node.storage.synced_directory import sync_directory
+from node.storage.synced_files import sync_directory
 
 _SYNC_WHOLLY = getattr(fcntl, "F_FULLFSYNC", None)
 """macOS: fsync leaves data in the drive's cache, this does not."""

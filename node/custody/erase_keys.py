@@ -20,7 +20,7 @@ from consensus.primitives.hashing import sha256
 from consensus.records.envelopes import NONCE_BYTES, open_bytes, seal_bytes
 from node.custody.stores.custody_store import FrameRow
 from node.process_memory import wipe
-from node.storage.synced_directory import sync_directory
+from node.storage.synced_files import sync_directory
 
 ERASE_KEYS_FILE_NAME = "erase-keys"
 ERASE_KEY_BYTES = 32

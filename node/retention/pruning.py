@@ -134,7 +134,7 @@ async def prune_stopped_node(config: NodeConfig, keep: int) -> PrunedLedger:
     """
     followed: int | None = None
     if config.custodian_key_path is not None:
-        async with open_store(config.custody_store, config.custody_dir) as store:
+        async with open_store(config.custody_store, config.custody_dir, clips=config.clips) as store:
             checkpoint = await store.checkpoint()
             followed = -1 if checkpoint is None else checkpoint.height
     ledger = LmdbStore.open(config.ledger_dir)

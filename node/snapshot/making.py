@@ -25,7 +25,7 @@ from node.snapshot.snapshot_format import (
     write_manifest,
 )
 from node.storage.ledger_store import LedgerSnapshot, Position
-from node.storage.synced_directory import sync_directory
+from node.storage.synced_files import sync_directory
 
 STATE_ROWS_MAX_COUNT = 1 << 60
 ROW_OVERHEAD_BYTES = 16

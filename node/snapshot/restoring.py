@@ -15,7 +15,7 @@ from node.storage.ledger_store import Position
 from node.storage.lmdb_reader import LedgerFile
 from node.storage.lmdb_restore import LmdbRestore
 from node.storage.lmdb_store import DATA_FILE_NAME
-from node.storage.synced_directory import sync_directory
+from node.storage.synced_files import sync_directory
 
 WHOLE_MARK = "restored.whole"
 

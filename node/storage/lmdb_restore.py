@@ -23,7 +23,7 @@ from node.storage.lmdb_writing import (
     write_kept,
     write_pages,
 )
-from node.storage.synced_directory import sync_directory
+from node.storage.synced_files import sync_directory
 
 
 class _Pages:

@@ -24,7 +24,7 @@ from node.storage.directory_lock import DirectoryLock
 from node.storage.ledger_store import FinalizedBlock, Position, check_order
 from node.storage.lmdb_snapshot import LmdbSnapshot, read_position
 from node.storage.lmdb_writing import forget_old_txids, prune_blocks, write_block
-from node.storage.synced_directory import sync_directory
+from node.storage.synced_files import sync_directory
 
 DATA_FILE_NAME = "data.mdb"
 STORE_SIZE_MAX_BYTES = 1024**4

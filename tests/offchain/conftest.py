@@ -12,12 +12,14 @@ from urllib.parse import urlsplit, urlunsplit
 import pytest
 from pymongo import MongoClient
 
+from node.clips_place import ClipsPlace, read_place
 from node.custody.stores.custody_store import CustodyStore
-from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.open_store import open_store
 from node.custody.stores.sqlite_store import SqliteStore
 from tests.frozen_heap import frozen_heap
-from tests.offchain import secantus
+from tests.offchain import secantus, weed
 from tests.offchain.house import CustodianHarness
+from tests.offchain.weed import S3Server
 
 __all__ = ["frozen_heap"]
 
@@ -50,13 +52,38 @@ def mongo_database(mongo_uri: str, driver_sockets: None) -> Iterator[str]:
         client.drop_database(name)
 
 
-@pytest.fixture(params=["sqlite", "mongo"])
+@pytest.fixture(scope="session")
+def s3_server() -> Iterator[S3Server]:
+    """The server of S3_ENDPOINT if it is set, else one started for the tests."""
+    with weed.given_or_running() as server:
+        yield server
+
+
+@pytest.fixture
+def s3_place(s3_server: S3Server, tmp_path: Path) -> Iterator[ClipsPlace]:
+    """An empty bucket, removed afterwards, and a file of credentials."""
+    bucket, client = f"blockrobot-test-{secrets.token_hex(6)}", s3_server.client()
+    client.create_bucket(Bucket=bucket)
+    credentials = s3_server.write_credentials(tmp_path / "credentials")
+    yield read_place(f"s3://{bucket}/ward", tmp_path, endpoint=s3_server.endpoint, credentials_path=credentials)
+    for page in client.get_paginator("list_objects_v2").paginate(Bucket=bucket):
+        for found in page.get("Contents", ()):
+            client.delete_object(Bucket=bucket, Key=found["Key"])
+    client.delete_bucket(Bucket=bucket)
+    client.close()
+
+
+@pytest.fixture(params=["sqlite", "sqlite+folder", "sqlite+s3", "mongo", "mongo+s3"])
 def make_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], CustodyStore]:
     """A maker of stores over one and the same database: a second one sees what the first left."""
     if request.param == "sqlite":
         return lambda: SqliteStore(tmp_path / "custody")
-    uri = request.getfixturevalue("mongo_database")
-    return lambda: MongoStore(uri)
+    index, _, clips = request.param.partition("+")
+    uri = "sqlite" if index == "sqlite" else request.getfixturevalue("mongo_database")
+    place = request.getfixturevalue("s3_place") if clips == "s3" else None
+    if clips == "folder":
+        place = read_place("folder:blobs", tmp_path)
+    return lambda: open_store(uri, tmp_path / "custody", clips=place)
 
 
 @pytest.fixture

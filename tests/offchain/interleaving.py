@@ -7,6 +7,9 @@ import inspect
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
+from node.custody.blobs.blob_backed_store import BlobBackedStore
+from node.custody.blobs.blob_store import BlobStore
+from node.custody.stores.custody_store import CustodyStore
 from tests.offchain.house import CustodianHarness
 
 NEVER = 1 << 30
@@ -40,7 +43,7 @@ class _Stop:
 
 
 class Interleaving:
-    """Puts stops around every call of an open house's store."""
+    """Puts stops around every call of an open house's store, and of its store of blobs."""
 
     def __init__(self, house: CustodianHarness) -> None:
         self.house = house
@@ -48,9 +51,14 @@ class Interleaving:
         self._news = asyncio.Event()
         self._lock = _CountedLock(self._news)
         house.custodian._writing = self._lock
-        for name, method in inspect.getmembers(house.store, inspect.iscoroutinefunction):
+        self._stop_around(house.store, CustodyStore)
+        if isinstance(house.store, BlobBackedStore):
+            self._stop_around(house.store._blobs, BlobStore)
+
+    def _stop_around(self, store: object, protocol: type) -> None:
+        for name, _ in inspect.getmembers(protocol, inspect.iscoroutinefunction):
             if not name.startswith("_"):
-                setattr(house.store, name, self._stopping(method))
+                setattr(store, name, self._stopping(getattr(store, name)))
 
     def _stopping(self, method: Callable[..., Awaitable[Any]]) -> Callable[..., Awaitable[Any]]:
         async def call(*arguments: Any, **named: Any) -> Any:

@@ -1,14 +1,11 @@
 """A MongoDB-compatible server for the tests: SecantusDB, as a child process in an environment of its own.
 
-The environment is the user's, one for each set of pins and Python, so that clones of the project share it.
 It is beta and GPL, so it is for tests only, and what passes here has not been tested on MongoDB itself. Installing fails
 loudly. `python -m tests.offchain.secantus` starts one, prints its URI, and runs until it is interrupted.
 """
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import os
 import signal
 import subprocess
@@ -23,40 +20,17 @@ from pymongo import MongoClient
 from pymongo.errors import PyMongoError
 
 from tests.cluster.network_under_test import find_base_port
+from tests.offchain.server_environments import installed
 
 ROOT = Path(__file__).resolve().parents[2]
-USER_DATA = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share")
-ENVIRONMENTS = USER_DATA / "blockrobot" / "test-servers"
 REQUIREMENTS = ROOT / "tests" / "requirements-mongo.txt"
+HINT = "Set MONGO_URI to the URI of a MongoDB server to test against that instead."
 START_MAX_S = 60.0
 STOP_MAX_S = 15.0
 
 
 def install() -> Path:
-    """Return the server's command, making its environment from the pinned requirements if they are not in it yet."""
-    pins = [line for line in REQUIREMENTS.read_text().splitlines() if not line.startswith("#")]
-    wanted = hashlib.sha256("\n".join([*pins, sys.version]).encode()).hexdigest()
-    environment = ENVIRONMENTS / f"secantus-{wanted[:16]}"
-    stamp = environment / "requirements.sha256"
-    ENVIRONMENTS.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with (ENVIRONMENTS / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not stamp.exists() or stamp.read_text() != wanted:
-            subprocess.run([sys.executable, "-m", "venv", "--clear", environment], check=True)
-            pip = [environment / "bin" / "python", "-m", "pip", "--quiet", "--disable-pip-version-check", "install"]
-            result = subprocess.run(
-                [*pip, "--require-hashes", "--only-binary", ":all:", "--requirement", REQUIREMENTS],
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-            if result.returncode:
-                raise RuntimeError(
-                    "The MongoDB-compatible server of the tests cannot be installed. Set MONGO_URI to the URI of a "
-                    f"MongoDB server to test against that instead.\n{result.stderr.strip()}"
-                )
-            stamp.write_text(wanted)
-    return environment / "bin" / "secantusd-py"
+    return installed("secantus", REQUIREMENTS, HINT) / "secantusd-py"
 
 
 def choose_port() -> int:

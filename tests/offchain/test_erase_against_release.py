@@ -11,6 +11,7 @@ import pytest
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload
 from consensus.records.sharing import GrantUpload, SharedDownload
+from node.custody.blobs.blob_backed_store import BlobBackedStore
 from node.custody.finalized_events import FinalizedEvents
 from node.custody.stores.custody_store import RecordFacts
 from node.custody.stores.mongo_store import MongoStore
@@ -44,7 +45,8 @@ FRAMES_COUNT = 3
 STEP_MS = 10
 SAMPLED_COUNT = 8
 """How many of all pairs of stops are played in the short tests; a quarter of that on MongoDB."""
-MONGO_PAIRS_COUNT = 100
+SLOW_PAIRS_COUNT = 100
+SLOW = (BlobBackedStore, MongoStore)
 """And in the long ones on MongoDB, where all of them take hours."""
 COMES_LATE = frozenset(("the same upload", "a peer's copy"))
 REFUSALS = (
@@ -152,9 +154,9 @@ async def sweep(
         assert erasing >= 10
         both = [(stop, other) for stop in range(1, places + 1) for other in range(1, erasing + 1)]
         if sampled_count == NEVER:
-            count = MONGO_PAIRS_COUNT if isinstance(house.store, MongoStore) else NEVER
+            count = SLOW_PAIRS_COUNT if isinstance(house.store, SLOW) else NEVER
         else:
-            count = sampled_count // 4 if isinstance(house.store, MongoStore) else sampled_count
+            count = sampled_count // 4 if isinstance(house.store, SLOW) else sampled_count
         step = -(-len(both) // count)
         for stops in [*((stop, NEVER) for stop in range(1, places + 1)), *both[::step]]:
             await race(playing, await prepare(house, **given), work, frames, stops)

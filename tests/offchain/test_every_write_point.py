@@ -11,6 +11,9 @@ from __future__ import annotations
 import sqlite3
 import threading
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from itertools import count, product
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -21,9 +24,14 @@ from pymongo import MongoClient
 from pymongo.errors import NotPrimaryError
 
 from consensus.errors import BlockRobotError
+from node.clips_place import ClipsPlace, read_place
+from node.custody.blobs.blob_backed_store import OWNER_NAME
+from node.custody.blobs.folder_blobs import FolderBlobs
+from node.custody.blobs.s3_blobs import S3Blobs
 from node.custody.erase_keys import EraseKeys
 from node.custody.finalized_events import FinalizedEvents
 from node.custody.stores.mongo_store import MongoStore
+from node.custody.stores.open_store import open_store
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
 from tests.offchain import secantus
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
@@ -86,6 +94,8 @@ class Cutter:
         patches.setattr(EraseKeys, "_write", self.around(EraseKeys._write))
         patches.setattr(SqliteStore, "_write", self.around_async(SqliteStore._write))
         patches.setattr(SqliteStore, "sweep", self.around_async(SqliteStore.sweep))
+        for blobs, name in product((FolderBlobs, S3Blobs), ("put", "delete")):
+            patches.setattr(blobs, name, self.around_async(getattr(blobs, name)))
         for name in ("_bulk", "_delete"):
             patches.setattr(MongoStore, name, self.around_async(getattr(MongoStore, name)))
 
@@ -212,6 +222,42 @@ async def test_a_power_cut_at_every_write_of_the_embedded_store_and_of_the_keys(
             break
         steps = step
     assert 25 < steps < STEPS_MAX_COUNT - 1
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+async def test_a_power_cut_at_every_write_of_a_folder_of_clips(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: bool
+) -> None:
+    await cut_everywhere_with_clips_apart(lambda data: read_place("folder:blobs", data), tmp_path, monkeypatch, after)
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+async def test_a_power_cut_at_every_write_to_an_s3_server(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: bool, s3_place: ClipsPlace
+) -> None:
+    places = (replace(s3_place, prefix=f"{number}/") for number in count())
+    every = 4 + after  # an answer takes its time: the two cuts share the steps
+    await cut_everywhere_with_clips_apart(lambda _data: next(places), tmp_path, monkeypatch, after, every)
+
+
+async def cut_everywhere_with_clips_apart(
+    place_of: Callable[[Path], ClipsPlace], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: bool, every: int = 1
+) -> None:
+    steps = 0
+    for step in range(1, STEPS_MAX_COUNT, every):
+        data = tmp_path / str(step)
+        make = partial(open_store, "sqlite", data / "custody", clips=place_of(data))
+        house = CustodianHarness(make, data / "erase-keys")
+        if not await play(Story, house, Cutter(step, after=after), monkeypatch):
+            break
+        steps = step
+        async with house.open():
+            store: Any = house.store
+            assert await store.sweep_blobs() in {0, 1}
+            left = [store._names.read(name) async for name in store._blobs.names() if name != OWNER_NAME]
+            held = [record_id async for record_id in store.records_with_frames()]
+            assert sorted(meant[0] for meant in left) == sorted(held)
+    assert 30 < steps < STEPS_MAX_COUNT - every
 
 
 @pytest.mark.parametrize(

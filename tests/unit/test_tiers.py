@@ -29,5 +29,5 @@ def test_a_client_that_is_called_browser_is_no_chromium() -> None:
 def test_what_is_slow_by_its_kind_is_sorted_by_folder_and_fixtures() -> None:
     assert kinds_of("robot_live/test_ros1_feed.py") == ["process", "ros"]
     assert kinds_of("ui/test_wallet_page.py", "browser") == ["process", "browser"]
-    assert kinds_of("offchain/test_custodian.py", "mongo_uri") == ["mongo"]
+    assert kinds_of("offchain/test_custodian.py", "mongo_uri") == ["stores"]
     assert kinds_of(str(Path(__file__).relative_to(HERE))) == []

@@ -50,6 +50,7 @@ def backup(node: str, out: Path, with_keys: bool, keep: int | None, folder: Path
     made = back_up(config, out.resolve(), with_keys=with_keys, tell=_teller(as_json=as_json))
     deleted = [] if keep is None else delete_old(out.resolve(), made, keep)
     store_elsewhere = config.custodian_key_path is not None and config.custody_store != "sqlite"
+    clips_elsewhere = "" if config.clips is None else config.clips.url
     password_left_out = without_password(config.custody_store) != config.custody_store
     if as_json:
         answer = NodeBackupAnswer(
@@ -60,6 +61,7 @@ def backup(node: str, out: Path, with_keys: bool, keep: int | None, folder: Path
             has_keys=made.has(KEYS),
             has_custody=made.has(CUSTODY),
             store_elsewhere=store_elsewhere,
+            clips_elsewhere=clips_elsewhere,
             password_left_out=password_left_out,
             deleted=[str(place) for place in deleted],
         )
@@ -75,6 +77,8 @@ def backup(node: str, out: Path, with_keys: bool, keep: int | None, folder: Path
         console.print(
             "What it keeps as a custodian is in MongoDB, and not in it. Next step: back that up by mongodump."
         )
+    if clips_elsewhere:
+        console.print(f"Its clips' ciphertexts are in {escape(clips_elsewhere)}, and not in it.")
     if password_left_out:
         console.print("The password of MongoDB is not in it: put that into node.toml again after a restore.")
     for place in deleted:

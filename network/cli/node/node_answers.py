@@ -87,6 +87,15 @@ class NodePruneAnswer(Answer, frozen=True, kw_only=True):
     held_back_by_custody: Annotated[bool, doc("Whether older blocks stay, since its custodian has not followed them")]
 
 
+class NodeMoveCustodyAnswer(Answer, frozen=True, kw_only=True):
+    """A custodian whose clips are at another place."""
+
+    node: Annotated[str, doc("The node")]
+    clips: Annotated[Count, doc("How many clips were copied")]
+    frames: Annotated[Count, doc("How many pictures these have")]
+    old: Annotated[str, doc("What it kept before, to be deleted")]
+
+
 class SnapshotManifest(Answer, frozen=True, kw_only=True):
     """What a snapshot says of itself."""
 
@@ -132,6 +141,7 @@ class NodeBackupAnswer(Answer, frozen=True, kw_only=True):
     has_keys: Annotated[bool, doc("Whether the node's keys are in it")]
     has_custody: Annotated[bool, doc("Whether what it keeps as a custodian is in it")]
     store_elsewhere: Annotated[bool, doc("Whether it keeps that in MongoDB, which needs a backup of its own")]
+    clips_elsewhere: Annotated[str, doc("Where its clips' ciphertexts are, which are not in it; empty: they are")]
     password_left_out: Annotated[bool, doc("Whether node.toml holds a password of MongoDB, which is not in the backup")]
     deleted: Annotated[list[str], doc("The older backups that `--keep` deleted")]
 
@@ -212,6 +222,7 @@ ANSWERS: AnswersByCommand = {
     "node add": NodeAddAnswer,
     "node run": NodeRunAnswer,
     "node directory": NodeDirectoryAnswer,
+    "node move-custody": NodeMoveCustodyAnswer,
     "node prune": NodePruneAnswer,
     "node snapshot create": SnapshotCreateAnswer,
     "node snapshot restore": SnapshotRestoreAnswer,

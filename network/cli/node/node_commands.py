@@ -40,6 +40,10 @@ _PLACES = {
         "network.cli.node.backup_commands:restore",
         "Make a node of a backup, on a host where nothing of it is left. The ledger is proved first.",
     ),
+    "move-custody": LazyCommand(
+        "network.cli.node.custody_move_commands:move",
+        "Move what a stopped node keeps as a custodian to another store, or its clips to another place. No clip is lost.",
+    ),
     "prune": LazyCommand(
         "network.cli.node.ledger_commands:prune",
         "Drop the bodies and receipts of a node's old blocks; headers, certificates, state and audit stay.",

@@ -367,6 +367,13 @@ class MongoStore(MongoShares, MongoUploads):
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
         return rows(documents.grant_row, await self._many("grants", {"owner": owner}))
 
+    async def all_grants(self) -> AsyncIterator[Grant]:
+        last = b""
+        while found := await self._many("grants", {"_id": {"$gt": last}}, limit=_PAGE_DOCUMENTS_COUNT):
+            for grant in rows(documents.grant_row, found):
+                yield grant
+            last = found[-1]["_id"]
+
     async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         if owners is not None and not owners:
             return {}

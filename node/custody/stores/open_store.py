@@ -4,19 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import cast
 
 from consensus.errors import BlockRobotError
+from node.clips_place import ClipsPlace
+from node.custody.blobs.blob_backed_store import BlobBackedStore
+from node.custody.blobs.blob_store import BlobStore
+from node.custody.blobs.folder_blobs import FolderBlobs
+from node.custody.blobs.place_file import open_names, require_place
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.sqlite_store import SqliteStore
 
 MONGO_SCHEMES = ("mongodb://", "mongodb+srv://")
 
 
-def open_store(uri: str, folder: Path, require_space: Callable[[], None] = lambda: None) -> CustodyStore:
-    """Return a store (`sqlite` in `folder`, or MongoDB URI) for `async with`.
+def open_store(
+    uri: str, folder: Path, require_space: Callable[[], None] = lambda: None, clips: ClipsPlace | None = None
+) -> CustodyStore:
+    """Return a store (`sqlite` in `folder`, or MongoDB URI) for `async with`; `clips`: where ciphertexts lie apart from it.
 
-    `require_space` precedes embedded writes and may raise OSError. Raises CONFIGURATION_INVALID.
+    `require_space` precedes embedded writes and may raise OSError. Raises EXTRA_MISSING, and
+    CONFIGURATION_INVALID, also for clips that are somewhere else.
     """
+    index = _open_index(uri, folder, require_space)
+    require_place(folder, clips)
+    if clips is None:
+        return index
+    # What it does not define is the index's.
+    return cast("CustodyStore", BlobBackedStore(index, open_blobs(clips), open_names(folder, clips)))
+
+
+def _open_index(uri: str, folder: Path, require_space: Callable[[], None]) -> CustodyStore:
     if uri == "sqlite":
         return SqliteStore(folder, require_space)
     if uri.startswith(MONGO_SCHEMES):
@@ -24,3 +42,15 @@ def open_store(uri: str, folder: Path, require_space: Callable[[], None] = lambd
 
         return MongoStore(uri)
     raise BlockRobotError("CONFIGURATION_INVALID", "The custody store is sqlite or the URI of a MongoDB database.")
+
+
+def open_blobs(place: ClipsPlace) -> BlobStore:
+    """Raises EXTRA_MISSING."""
+    if place.folder is not None:
+        return FolderBlobs(place.folder)
+    try:
+        from node.custody.blobs.s3_blobs import S3Blobs  # noqa: PLC0415 - the optional extra, only when used
+    except ImportError:
+        detail = "Clips in S3 need the package aiobotocore: `make install-s3` in your clone."
+        raise BlockRobotError("EXTRA_MISSING", detail) from None
+    return S3Blobs(place)

@@ -8,7 +8,8 @@ from typing import Any
 
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import HASH_SIZE_BYTES
-from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow, OutboxRow, RecordFacts
+from consensus.records.envelopes import RECORD_ID_BYTES
+from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow, Grant, OutboxRow, RecordFacts
 
 
 def split(joined: bytes, size: int) -> tuple[bytes, ...]:
@@ -24,6 +25,11 @@ def read_clip(row: Sequence[Any]) -> ClipRow:
 def read_missing(row: Sequence[Any]) -> RecordFacts:
     """In the order of `MISSING_COLUMNS`."""
     return RecordFacts(row[0], row[1], row[2], row[3], row[4], row[5], row[6], tuple(row[7]))
+
+
+def read_grant(row: Sequence[Any]) -> Grant:
+    """In the order of `GRANT_COLUMNS`."""
+    return Grant(row[0], row[1], split(row[2], RECORD_ID_BYTES), *row[3:])
 
 
 def insert_outbox(database: sqlite3.Connection, rows: Iterable[OutboxRow]) -> None:

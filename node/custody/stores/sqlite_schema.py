@@ -44,4 +44,5 @@ CLIP_COLUMNS = (
     "robot, size_bytes"
 )
 MISSING_COLUMNS = "record_id, txid, owner, commitment_root, ciphertext_root, expires_at_ms, height, erased_frames"
+GRANT_COLUMNS = "access_id, owner, records, height, share"
 OUTBOX_COLUMNS = "kind, subject, part, contract, entry, arguments, height, status, plan"

@@ -37,8 +37,8 @@ from node.custody.stores.sqlite_rows import (
     delete_staged,
     insert_outbox,
     read_clip,
+    read_grant,
     read_missing,
-    split,
     write_clip,
     write_effects,
     write_frames,
@@ -46,6 +46,7 @@ from node.custody.stores.sqlite_rows import (
 from node.custody.stores.sqlite_schema import (
     CLIP_COLUMNS,
     FORMAT_VERSION,
+    GRANT_COLUMNS,
     MISSING_COLUMNS,
     OUTBOX_COLUMNS,
     SCHEMA,
@@ -296,12 +297,20 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return [read_missing(row) for row in await self._read(query, owner)]
 
     async def grant(self, access_id: bytes) -> Grant | None:
-        rows = await self._read("SELECT owner, records, height, share FROM grants WHERE access_id = ?", access_id)
-        return Grant(access_id, rows[0][0], split(rows[0][1], 16), *rows[0][2:]) if rows else None
+        rows = await self._read(f"SELECT {GRANT_COLUMNS} FROM grants WHERE access_id = ?", access_id)  # noqa: S608
+        return read_grant(rows[0]) if rows else None
 
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
-        query = "SELECT access_id, owner, records, height, share FROM grants WHERE owner = ? ORDER BY access_id"
-        return [Grant(row[0], row[1], split(row[2], 16), *row[3:]) for row in await self._read(query, owner)]
+        query = f"SELECT {GRANT_COLUMNS} FROM grants WHERE owner = ? ORDER BY access_id"  # noqa: S608
+        return [read_grant(row) for row in await self._read(query, owner)]
+
+    async def all_grants(self) -> AsyncIterator[Grant]:
+        query = f"SELECT {GRANT_COLUMNS} FROM grants WHERE access_id > ? ORDER BY access_id LIMIT ?"  # noqa: S608
+        last = b""
+        while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
+            for row in rows:
+                yield read_grant(row)
+            last = rows[-1][0]
 
     async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
         def read() -> dict[bytes, VisitRestrictions]:

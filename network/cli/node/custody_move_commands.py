@@ -1,0 +1,87 @@
+"""`blockrobot node move-custody`: moves a stopped node's custodian to another store or its clips to another place."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import click
+
+from clients.sdk.terminal.safe_output import escape
+from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer, status_line
+from consensus.errors import BlockRobotError
+from network.cli.cluster.cluster_options import folder_option
+from network.cli.node.node_answers import NodeMoveCustodyAnswer
+from network.cli.node.node_commands import get_node_config
+from node.clips_place import REGION_DEFAULT, read_place
+from node.config import load_config
+from node.custody.moving import MOVED_NAME, finish_move, move_custody
+from node.storage.directory_lock import DirectoryLock
+
+IN_THE_STORE = "store"
+
+
+@click.command("move-custody")
+@click.argument("node")
+@click.option("--store", help="Its new store: sqlite, or mongodb://... for an empty database. Default: the one it has.")
+@click.option(
+    "--clips",
+    required=True,
+    help="Where its clips' ciphertexts are to lie: store, folder:PATH or s3://BUCKET/PREFIX.",
+)
+@click.option("--clips-endpoint", default="", help="The S3 server's URL. Default: AWS.")
+@click.option("--clips-region", default=REGION_DEFAULT, show_default=True, help="The S3 server's region.")
+@click.option("--clips-ca", type=EXISTING_FILE, help="Certificates that the S3 server's is checked by.")
+@click.option("--clips-credentials", type=EXISTING_FILE, help="A file of credentials, as the AWS tools read it.")
+@folder_option
+@command_output
+def move(
+    node: str,
+    store: str | None,
+    clips: str,
+    clips_endpoint: str,
+    clips_region: str,
+    clips_ca: Path | None,
+    clips_credentials: Path | None,
+    folder: Path | None,
+    as_json: bool,
+) -> None:
+    """Move what a stopped node keeps as a custodian to another store, or its clips to another place. No clip is lost.
+
+    All is copied and compared before node.toml names the new place; cut off, the same command goes on. What it kept
+    before stays in custody.moved until you delete it.
+
+    Example: blockrobot node move-custody node-2 --clips s3://ward/node-2 --clips-endpoint https://s3.hospital.example
+    """
+    config = get_node_config(node, folder)
+    lock = DirectoryLock(config.data_dir)
+    try:
+        if finish_move(config.data_dir):
+            config = load_config(config.data_dir)
+        if config.custodian_key_path is None:
+            raise BlockRobotError("NOT_FOUND", f"{config.name} is no custodian.")
+        place = None
+        if clips != IN_THE_STORE:
+            place = read_place(
+                clips,
+                config.data_dir,
+                endpoint=clips_endpoint,
+                region=clips_region,
+                ca_path=None if clips_ca is None else clips_ca.resolve(),
+                credentials_path=None if clips_credentials is None else clips_credentials.resolve(),
+            )
+        with status_line("Copying", as_json=as_json) as say:
+            tell = lambda done, count: say(f"Copied and compared {done} of {count} clips.")  # noqa: E731
+            counts = asyncio.run(move_custody(config, store or config.custody_store, place, tell))
+    finally:
+        lock.release()
+    old = config.data_dir / MOVED_NAME
+    if as_json:
+        clips_count = counts.staged + counts.confirmed
+        print_answer(NodeMoveCustodyAnswer(node=config.name, clips=clips_count, frames=counts.frames, old=str(old)))
+        return
+    console.print(f"{escape(config.name)} has {counts.staged + counts.confirmed} clips at the new place.")
+    console.print(
+        f"Start it, see that `blockrobot custody scrub` finds all well, and then delete {escape(str(old))}.",
+        soft_wrap=True,
+    )

@@ -1,0 +1,181 @@
+"""A custodian's store whose ciphertexts lie in a blob store: one blob for each clip; the rest stays in the index.
+
+In the index a frame has a reference in place of its ciphertext. A blob is written before the rows that name it, and goes
+before the rows of an erased clip do; what no row names is swept. Rows from before the blob store are read as they are.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Awaitable, Callable, Collection, Sequence
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, Self
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from consensus.limits import CLIP_SIZE_MAX_BYTES
+from node.custody.blobs.blob_names import GENERATION_BYTES, BlobNames, new_generation
+from node.custody.blobs.blob_store import BlobStore
+from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow, Leftovers
+
+Write = Callable[[Sequence[FrameRow]], Awaitable[None]]
+log = structlog.get_logger(__name__)
+
+OWNER_NAME = "custodian"
+OWNER_MAX_BYTES = 256
+REFERENCE = struct.Struct(f">{GENERATION_BYTES}sII")
+"""Generation, offset and length in bytes; shorter than any ciphertext."""
+
+
+class BlobBackedStore:
+    """A `CustodyStore`; what is not of clips' ciphertexts is the index's."""
+
+    def __init__(self, index: CustodyStore, blobs: BlobStore, names: BlobNames) -> None:
+        self._index = index
+        self._blobs = blobs
+        self._names = names
+        self._in_flight: set[str] = set()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._index, name)
+
+    async def __aenter__(self) -> Self:
+        """Raises STORE_UNAVAILABLE, CONFIGURATION_INVALID if the place is another custodian's."""
+        await self._blobs.__aenter__()
+        try:
+            await self._take_place()
+            await self._index.__aenter__()
+        except BaseException as error:
+            await self._blobs.__aexit__(type(error), error, error.__traceback__)
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            await self._index.__aexit__(kind, error, trace)
+        finally:
+            await self._blobs.__aexit__(kind, error, trace)
+
+    async def _take_place(self) -> None:
+        owner = self._names.owner.encode()
+        found = await self._blobs.get(OWNER_NAME, OWNER_MAX_BYTES)
+        if found is None and not await self._blobs.has(OWNER_NAME):
+            await self._blobs.put(OWNER_NAME, owner)
+        elif found != owner:
+            detail = "The place of `clips` is another custodian's. Give this one a bucket, prefix or folder of its own."
+            raise BlockRobotError("CONFIGURATION_INVALID", detail)
+
+    async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
+        await self._write(clip.record_id, frames, lambda rows: self._index.stage(clip, rows))
+
+    async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+        await self._write(record_id, frames, lambda rows: self._index.replace_frames(record_id, rows))
+
+    async def _write(self, record_id: bytes, frames: Sequence[FrameRow], write: Write) -> None:
+        """The new blob, the rows, and only then the end of what they named before."""
+        if not frames:
+            await write([])
+            await self._delete_all(record_id)
+            return
+        is_new = not await self._index.frame_places([record_id])
+        generation, at, rows = new_generation(), 0, []
+        for frame in frames:
+            rows.append(replace(frame, ciphertext=REFERENCE.pack(generation, at, len(frame.ciphertext))))
+            at += len(frame.ciphertext)
+        name = self._names.name(record_id, generation)
+        self._in_flight.add(name)
+        try:
+            await self._blobs.put(name, b"".join(frame.ciphertext for frame in frames))
+            await write(rows)
+        finally:
+            self._in_flight.discard(name)
+        if not is_new:
+            await self._delete_all(record_id, {name})
+
+    async def frames(self, record_id: bytes) -> list[FrameRow]:
+        """A ciphertext that the blob store has lost is empty."""
+        rows = await self._index.frames(record_id)
+        found = await self._resolve(record_id, rows)
+        if any(not row.ciphertext for row in found):  # written anew while it was read
+            rows_now = await self._index.frames(record_id)
+            if rows_now != rows:
+                return await self._resolve(record_id, rows_now)
+        return found
+
+    async def _resolve(self, record_id: bytes, rows: Sequence[FrameRow]) -> list[FrameRow]:
+        return await with_ciphertexts(self._blobs, self._names, record_id, rows)
+
+    async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
+        rows = await self._index.frames(record_id)
+        kept = [row for row in rows if row.index not in indexes]
+        if kept and len(kept) < len(rows):
+            await self.replace_frames(record_id, await self._resolve(record_id, kept))
+            return
+        await self._index.erase_frames(record_id, indexes)
+        await self._delete_all(record_id, self._named_by(record_id, kept))
+
+    async def erase_clip(self, record_id: bytes) -> None:
+        await self._delete_all(record_id)
+        await self._index.erase_clip(record_id)
+
+    async def drop_staged(self, record_id: bytes) -> None:
+        clip = (await self._index.clips([record_id])).get(record_id)
+        await self._index.drop_staged(record_id)
+        if clip is None or clip.status == "staged":
+            await self._delete_all(record_id)
+
+    async def leftovers(self) -> Leftovers:
+        """Sweeps blobs that no row names, too."""
+        await self.sweep_blobs()
+        return await self._index.leftovers()
+
+    async def sweep_blobs(self) -> int:
+        """Delete this custodian's blobs that no row names; return their number."""
+        count = 0
+        async for name in self._blobs.names():
+            meant = self._names.read(name)
+            if meant is None or name in self._in_flight:
+                continue
+            if name not in self._named_by(meant[0], await self._index.frames(meant[0])):
+                await self._blobs.delete(name)
+                count += 1
+        if count:
+            log.info("custody_blobs_swept", count=count)
+        return count
+
+    def _named_by(self, record_id: bytes, rows: Sequence[FrameRow]) -> set[str]:
+        texts = (row.ciphertext for row in rows if len(row.ciphertext) == REFERENCE.size)
+        return {self._names.name(record_id, REFERENCE.unpack(text)[0]) for text in texts}
+
+    async def _delete_all(self, record_id: bytes, besides: Collection[str] = ()) -> None:
+        """Raises STORE_UNAVAILABLE if one is still there."""
+        prefix = self._names.prefix(record_id)
+        gone = [name async for name in self._blobs.names(prefix) if name not in besides]
+        for name in gone:
+            await self._blobs.delete(name)
+        for name in gone:
+            if await self._blobs.has(name):
+                detail = "The store of clips still has a blob after it was deleted."
+                raise BlockRobotError("STORE_UNAVAILABLE", detail)
+
+
+async def with_ciphertexts(
+    blobs: BlobStore, names: BlobNames, record_id: bytes, rows: Sequence[FrameRow]
+) -> list[FrameRow]:
+    """Rows with the ciphertexts that they refer to; empty where a blob is lost or cut short."""
+    read: dict[bytes, bytes] = {}
+    found = []
+    for row in rows:
+        if len(row.ciphertext) != REFERENCE.size:
+            found.append(row)
+            continue
+        generation, start, length = REFERENCE.unpack(row.ciphertext)
+        if generation not in read:
+            read[generation] = await blobs.get(names.name(record_id, generation), CLIP_SIZE_MAX_BYTES) or b""
+        text = read[generation][start : start + length]
+        found.append(replace(row, ciphertext=text if len(text) == length else b""))
+    return found

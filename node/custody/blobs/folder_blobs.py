@@ -1,0 +1,86 @@
+"""Blobs as files of a folder, which it makes with mode 0700."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeVar
+
+from consensus.errors import BlockRobotError
+from node.storage.synced_files import UNFINISHED, sync_directory, write_synced
+
+T = TypeVar("T")
+
+
+class FolderBlobs:
+    """A `BlobStore` on this machine; a name is a file's path below the folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    async def __aenter__(self) -> Self:
+        await self._in_thread(self._open)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def _open(self) -> None:
+        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for path in self._folder.rglob(f"{UNFINISHED}*"):
+            path.unlink()
+
+    async def put(self, name: str, content: bytes) -> None:
+        await self._in_thread(lambda: self._write(self._folder / name, content))
+
+    def _write(self, path: Path, content: bytes) -> None:
+        for folder in (path.parent.parent, path.parent):
+            if not folder.exists():
+                folder.mkdir(mode=0o700, exist_ok=True)
+                sync_directory(folder.parent)
+        write_synced(path, content)
+
+    async def get(self, name: str, max_bytes: int) -> bytes | None:
+        def read() -> bytes | None:
+            try:
+                with (self._folder / name).open("rb") as file:
+                    content = file.read(max_bytes + 1)
+            except FileNotFoundError:
+                return None
+            return content if len(content) <= max_bytes else None
+
+        return await self._in_thread(read)
+
+    async def delete(self, name: str) -> None:
+        def remove() -> None:
+            path = self._folder / name
+            try:
+                path.unlink()
+            except FileNotFoundError:
+                return
+            sync_directory(path.parent)
+
+        await self._in_thread(remove)
+
+    async def has(self, name: str) -> bool:
+        return await self._in_thread((self._folder / name).exists)
+
+    async def names(self, prefix: str = "") -> AsyncIterator[str]:
+        walk = os.walk(self._folder / prefix.rpartition("/")[0])
+        while step := await self._in_thread(lambda: next(walk, None)):
+            parent = Path(step[0]).relative_to(self._folder)
+            for file in step[2]:
+                name = (parent / file).as_posix()
+                if name.startswith(prefix) and not file.startswith(UNFINISHED):
+                    yield name
+
+    async def _in_thread(self, work: Callable[[], T]) -> T:
+        try:
+            return await asyncio.to_thread(work)
+        except OSError as error:
+            detail = f"The folder of clips {self._folder} fails: {error.strerror}."
+            raise BlockRobotError("STORE_UNAVAILABLE", detail) from error

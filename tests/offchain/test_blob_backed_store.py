@@ -1,0 +1,173 @@
+"""Ciphertexts outside the custodian's store: whose they are, what is lost, swapped or left over, what names tell."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from consensus.errors import BlockRobotError
+from node.clips_place import read_place
+from node.custody.blobs.blob_backed_store import OWNER_NAME, BlobBackedStore
+from node.custody.blobs.blob_names import BlobNames, new_generation
+from node.custody.blobs.place_file import PLACE_FILE_NAME
+from node.custody.stores.custody_store import CustodyStore
+from node.custody.stores.open_store import open_store
+from node.custody.stores.share_store import ShareStore
+from node.custody.upload_usage import UploadAccount
+from tests.offchain.desk import CustodyHarness, Peer
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
+from tests.offchain.small_chain import ALICE, RecordedClip, access, erasure, record_clip
+
+KEY = b"k" * 32
+
+
+@pytest.fixture
+async def house(tmp_path: Path) -> AsyncIterator[CustodianHarness]:
+    place = read_place("folder:blobs", tmp_path)
+    house = CustodianHarness(lambda: open_store("sqlite", tmp_path / "custody", clips=place), tmp_path / "erase-keys")
+    async with house.open():
+        yield house
+
+
+async def path_of(house: CustodianHarness, clip: RecordedClip, tmp_path: Path) -> Path:
+    store: Any = house.store
+    (name,) = [name async for name in store._blobs.names(store._names.prefix(clip.record_id))]
+    return tmp_path / "blobs" / name
+
+
+async def test_the_index_holds_no_ciphertext_and_the_folder_nothing_else(
+    house: CustodianHarness, tmp_path: Path
+) -> None:
+    clip = await house.keep()
+    index = b"".join(path.read_bytes() for path in (tmp_path / "custody").glob("custody.sqlite3*"))
+    assert not any(text in index for text in clip.upload.ciphertexts)
+    assert (await path_of(house, clip, tmp_path)).read_bytes() == b"".join(clip.upload.ciphertexts)
+    names = [path.name for path in (tmp_path / "blobs").rglob("*") if path.is_file()]
+    assert len(names) == 2
+    assert not any(clip.record_id.hex() in name for name in names)
+
+
+@pytest.mark.parametrize("how", ["lost", "cut short", "garbage", "another clip's", "an older generation"])
+async def test_what_happened_to_a_blob_is_found_by_the_scrub_and_mended_from_another_custodian(
+    house: CustodianHarness, tmp_path: Path, how: str
+) -> None:
+    desk, clip, other = CustodyHarness(house), record_clip(), record_clip()
+    await desk.hold(clip, other)
+    path = await path_of(house, clip, tmp_path)
+    if how == "lost":
+        path.unlink()
+    elif how == "cut short":
+        path.write_bytes(path.read_bytes()[:-1])
+    elif how == "garbage":
+        path.write_bytes(bytes(path.stat().st_size))
+    elif how == "another clip's":
+        path.write_bytes((await path_of(house, other, tmp_path)).read_bytes())
+    else:
+        old = path.read_bytes()
+        store: Any = house.store
+        await store.replace_frames(clip.record_id, [*reversed(await store.frames(clip.record_id))])
+        (await path_of(house, clip, tmp_path)).write_bytes(old)
+    report = await desk.scrub()
+    assert {record_id for record_id, _ in report.corrupted} == {clip.record_id}
+    rebuilt = await desk.rebuild(Peer(clip))
+    assert rebuilt.is_whole
+    assert await desk.opens(clip)
+    assert (await desk.scrub()).is_clean
+
+
+async def test_an_erased_clip_leaves_no_blob_and_an_erased_picture_no_bytes(
+    house: CustodianHarness, tmp_path: Path
+) -> None:
+    gone, cut = await house.keep(), await house.keep()
+    before, path = await path_of(house, cut, tmp_path), await path_of(house, gone, tmp_path)
+    await house.follow(erasure(ERASURE_ID, gone), erasure(b"\xe2" * 32, cut, frames=(1,)))
+    assert not path.exists()
+    assert not before.exists()
+    texts = cut.upload.ciphertexts
+    assert (await path_of(house, cut, tmp_path)).read_bytes() == texts[0] + texts[2]
+    assert read_all(cut, await house.custodian.export(cut.record_id))[1] is None
+
+
+async def test_blobs_that_no_row_names_are_swept_and_others_names_are_left_alone(
+    house: CustodianHarness, tmp_path: Path
+) -> None:
+    clip, store = await house.keep(), house.store
+    assert isinstance(store, BlobBackedStore)
+    orphans = [store._names.name(record_id, new_generation()) for record_id in (clip.record_id, b"?" * 16)]
+    foreign = BlobNames(KEY).name(b"!" * 16, new_generation())
+    for name in (*orphans, foreign, "ab/notes.txt"):
+        await store._blobs.put(name, b"left")
+    assert await store.sweep_blobs() == 2
+    left = {name async for name in store._blobs.names()}
+    assert {foreign, "ab/notes.txt", OWNER_NAME} < left
+    assert not left & set(orphans)
+    assert read_all(clip, await house.custodian.export(clip.record_id)) == list(clip.plaintexts)
+
+
+async def test_clips_from_before_the_blob_store_are_read_and_erased_as_ever(tmp_path: Path) -> None:
+    keys = tmp_path / "erase-keys"
+    inside = CustodianHarness(lambda: open_store("sqlite", tmp_path / "custody"), keys)
+    async with inside.open():
+        kept, gone = await inside.keep(), await inside.keep()
+    apart = CustodianHarness(
+        lambda: open_store("sqlite", tmp_path / "custody", clips=read_place("folder", tmp_path)), keys
+    )
+    apart.chain = inside.chain
+    async with apart.open() as custodian:
+        await apart.follow(erasure(ERASURE_ID, gone), access(ACCESS_ID, kept))
+        assert read_all(kept, await custodian.download(kept.record_id, ACCESS_ID, ALICE)) == list(kept.plaintexts)
+        await refused("CLIP_ERASED", custodian.export(gone.record_id))
+
+
+async def test_a_place_of_another_custodian_is_refused_and_so_is_an_index_without_its_place(tmp_path: Path) -> None:
+    place = read_place("folder:blobs", tmp_path)
+    async with open_store("sqlite", tmp_path / "one", clips=place):
+        pass
+    with pytest.raises(BlockRobotError, match="another custodian's"):
+        async with open_store("sqlite", tmp_path / "two", clips=place):
+            pass
+    for clips in (None, read_place("folder:elsewhere", tmp_path)):
+        with pytest.raises(BlockRobotError, match="are in folder:blobs"):
+            open_store("sqlite", tmp_path / "one", clips=clips)
+    (tmp_path / "one" / PLACE_FILE_NAME).write_text('{"url": "folder:blobs", "names_key": "00"}')
+    with pytest.raises(BlockRobotError, match="damaged"):
+        open_store("sqlite", tmp_path / "one", clips=place)
+
+
+@pytest.mark.parametrize(
+    ("url", "endpoint"),
+    [
+        ("s3:bucket", ""),
+        ("s3://key:secret@bucket/x", ""),
+        ("s3://bucket/x?versionId=1", ""),
+        ("ftp://bucket", ""),
+        ("", ""),
+        ("s3://bucket/x", "http://storage.example:9000"),
+        ("s3://bucket/x", "https://key:secret@storage.example"),
+        ("s3://bucket/x", "storage.example"),
+    ],
+)
+def test_places_that_are_none_are_refused_without_their_keys(url: str, endpoint: str, tmp_path: Path) -> None:
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID") as refusal:
+        read_place(url, tmp_path, endpoint=endpoint)
+    assert "secret" not in str(refusal.value)
+
+
+@given(record_id=st.binary(min_size=16, max_size=16), generation=st.binary(min_size=8, max_size=8))
+def test_a_name_is_read_back_by_its_key_alone(record_id: bytes, generation: bytes) -> None:
+    name = BlobNames(KEY).name(record_id, generation)
+    assert BlobNames(KEY).read(name) == (record_id, generation)
+    assert BlobNames(b"j" * 32).read(name) is None
+    assert name.startswith(BlobNames(KEY).prefix(record_id))
+    assert BlobNames(KEY).read(name[:-1]) is None
+
+
+def test_the_wrapper_names_no_method_that_a_store_has_not() -> None:
+    own = {name for name in vars(BlobBackedStore) if not name.startswith("_")} - {"sweep_blobs"}
+    protocols = (CustodyStore, ShareStore, UploadAccount)
+    assert all(any(hasattr(protocol, name) for protocol in protocols) for name in own)
