@@ -1,5 +1,5 @@
-"""Four organisations on hosts of their own while clients work: a patient elsewhere, wrong clocks, renewals, an upgrade, a
-liar. One network for all: the liar comes last."""
+"""Four organisations on hosts of their own while clients work: a patient elsewhere, hosts away, wrong clocks, renewals, an
+upgrade, a liar. One network for all: the liar comes last."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from network.lab.hosts.founded_network import ORGANISATIONS, FoundedNetwork, node_of
+from network.lab.hosts.loss_stories import cut_off, lose_for_good
 from network.lab.hosts.node_stories import (
     RENEWALS_COUNT,
     Outcome,
@@ -40,6 +41,18 @@ def test_a_robot_and_a_wallet_on_a_host_without_a_node_need_only_the_others(netw
     patient = record_from_elsewhere(network, print)
     assert patient.failures() == []
     assert patient.records > 0
+
+
+def test_a_host_that_is_cut_off_misses_nothing_once_it_is_back(network: FoundedNetwork) -> None:
+    absence = cut_off(network, print)
+    _require_work(absence)
+    assert absence.node == "lab-1"
+
+
+def test_a_host_that_is_lost_for_good_is_made_anew_from_a_backup_and_nothing_is_missing(
+    network: FoundedNetwork,
+) -> None:
+    _require_work(lose_for_good(network, print))
 
 
 def test_clocks_three_seconds_apart_stop_nobody(network: FoundedNetwork) -> None:

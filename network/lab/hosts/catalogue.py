@@ -14,6 +14,7 @@ from msgspec import Struct
 from consensus.errors import BlockRobotError
 from network.bench.conditions import Condition, measure_conditions
 from network.lab.hosts.founded_network import ORGANISATIONS, FoundedNetwork
+from network.lab.hosts.loss_stories import cut_off, lose_for_good
 from network.lab.hosts.node_stories import (
     catch_a_liar,
     differ_clocks,
@@ -36,6 +37,8 @@ class Story(NamedTuple):
 
 STORIES = {
     "patient": Story("A robot and a wallet work from a host without a node.", plain_network, record_from_elsewhere),
+    "cut": Story("A host is cut off and comes back.", plain_network, cut_off),
+    "lost": Story("A host is lost for good and made anew.", plain_network, lose_for_good),
     "clocks": Story("Clocks are up to three seconds apart.", plain_network, differ_clocks),
     "renewals": Story("Certificates are renewed all day, compressed.", plain_network, renew_all_day),
     "upgrade": Story("One node after another gets a later program.", plain_network, upgrade_one_by_one),
