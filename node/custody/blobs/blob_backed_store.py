@@ -18,7 +18,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from node.custody.blobs.blob_names import GENERATION_BYTES, BlobNames, new_generation
 from node.custody.blobs.blob_store import BlobStore
-from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow, Leftovers
+from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow
 
 Write = Callable[[Sequence[FrameRow]], Awaitable[None]]
 log = structlog.get_logger(__name__)
@@ -128,13 +128,8 @@ class BlobBackedStore:
         if clip is None or clip.status == "staged":
             await self._delete_all(record_id)
 
-    async def leftovers(self) -> Leftovers:
-        """Sweeps blobs that no row names, too."""
-        await self.sweep_blobs()
-        return await self._index.leftovers()
-
     async def sweep_blobs(self) -> int:
-        """Delete this custodian's blobs that no row names; return their number."""
+        """Of this custodian's names only. What is being written is in flight until its rows are there."""
         count = 0
         async for name in self._blobs.names():
             meant = self._names.read(name)

@@ -156,6 +156,8 @@ async def scrub(
     seen = ScrubReport()
     with open_facts() as facts:
         suspects = await _look_through(RecordComparer(custodian, store, facts), store, facts, seen, tell)
+    tell("blobs", 0, 0)
+    await store.sweep_blobs()
     tell("keys", 0, 0)
     async with caught_up(custodian, open_facts) as (facts, in_flight):
         report = ScrubReport(height=facts.point.height, records_count=seen.records_count)

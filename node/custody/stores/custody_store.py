@@ -270,6 +270,10 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         """Clear deleted rows' remains from the store's files, where possible."""
         ...
 
+    async def sweep_blobs(self) -> int:
+        """Delete ciphertexts outside the store that no row names; return their number. Uploads go on meanwhile."""
+        ...
+
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
         """Staged clips with `valid_until_ms <= at_ms`."""
         ...

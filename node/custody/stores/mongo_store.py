@@ -334,6 +334,9 @@ class MongoStore(MongoShares, MongoUploads):
     async def sweep(self) -> None:
         """See `CustodyStore.sweep`; a server's files are its own, so there is nothing to do from here."""
 
+    async def sweep_blobs(self) -> int:
+        return 0
+
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
         """See `CustodyStore.lapsed`; includes clips whose staging was cut off."""
         found: list[Document] = []

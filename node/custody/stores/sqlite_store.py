@@ -274,6 +274,9 @@ class SqliteStore(SqliteShares, SqliteUploads):
             self._close_database()
             self._database = self._connect()
 
+    async def sweep_blobs(self) -> int:
+        return 0
+
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
         due = "status = 'staged' AND valid_until_ms <= ? ORDER BY valid_until_ms, record_id LIMIT ?"
         query = f"SELECT record_id FROM clips WHERE {due}"  # noqa: S608
