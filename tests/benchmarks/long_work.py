@@ -14,3 +14,9 @@ def work_long(folder: str, number: int) -> int:
     (Path(folder) / f"began-{os.getpid()}").touch()
     time.sleep(WORK_MAX_S)
     return number
+
+
+def work_briefly(_number: int) -> int:
+    """Return the process that did it."""
+    time.sleep(0.5)
+    return os.getpid()
