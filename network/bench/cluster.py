@@ -8,6 +8,7 @@ import logging
 import pickle  # of our own calls, and of answers of workers that a certificate admits
 import platform
 import ssl
+import traceback
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
@@ -24,14 +25,14 @@ if TYPE_CHECKING:
     from distributed import Client, Security, Worker
 
 T = TypeVar("T")
-Answer = tuple[bytes, dict[str, str], Any]
+Answer = tuple[bytes, dict[str, str], bytes]
 
 _CONNECT_MAX_S = 10.0
 _FIRST_WORKER_MAX_S = 30.0
 _RESTART_MAX_S = 30.0
 _LOST_WORKERS_MAX_COUNT = 100
 _DIGEST_BYTES = 16
-_QUOTED_MAX_CHARS = 200
+_QUOTED_MAX_CHARS = 2_000
 _PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
 _SOURCES = frozenset({".py", ".json", ".toml"})
 _LIBRARIES = ("msgspec", "numpy", "opencv-python-headless", "scikit-learn", "scipy")
@@ -117,17 +118,34 @@ def do_call(call: bytes, wanted: dict[str, str]) -> Answer:
     cv2.setNumThreads(1)
     here = describe_worker()
     if here != {**wanted, "threads": "1"}:
-        return _digest(call), here, None
-    function, args, kwargs = pickle.loads(call)  # noqa: S301 - whoever may send it may run what they like
-    return _digest(call), here, function(*args, **kwargs)
+        return _digest(call), here, b""
+    return _digest(call), here, _outcome_of(call)
+
+
+def _outcome_of(call: bytes) -> bytes:
+    """Result or error: Dask's client waits for ever for an error whose traceback cannot be unpickled."""
+    try:
+        function, args, kwargs = pickle.loads(call)  # noqa: S301 - whoever may send it may run what they like
+        return pickle.dumps((function(*args, **kwargs), None))
+    except Exception as error:  # noqa: BLE001 - raised where the result is awaited
+        text = "".join(traceback.format_exception(error))[-_QUOTED_MAX_CHARS:]
+        error.add_note(f"On a worker: {text}")
+        with suppress(Exception):
+            outcome = pickle.dumps((None, error.with_traceback(None)))  # Dask lets pickle take tracebacks too
+            pickle.loads(outcome)  # noqa: S301 - our own
+            return outcome
+        return pickle.dumps((None, RuntimeError(text)))
 
 
 def check_answer(call: bytes, answer: Answer) -> Any:
-    """Raises CLUSTER_RESULT_FOREIGN, WORKER_UNLIKE."""
-    digest, worker, result = answer
+    """Raises CLUSTER_RESULT_FOREIGN, WORKER_UNLIKE, and what the call raised."""
+    digest, worker, outcome = answer
     if digest != _digest(call):
         raise BlockRobotError("CLUSTER_RESULT_FOREIGN")
     _refuse_difference("A worker", worker)
+    result, error = pickle.loads(outcome)  # noqa: S301 - of a worker that a certificate admits
+    if error is not None:
+        raise error
     return result
 
 

@@ -6,6 +6,8 @@ import os
 import time
 from pathlib import Path
 
+from consensus.errors import BlockRobotError
+
 WORK_MAX_S = 120.0
 
 
@@ -20,3 +22,7 @@ def work_briefly(_number: int) -> int:
     """Return the process that did it."""
     time.sleep(0.5)
     return os.getpid()
+
+
+def refuse(code: str, detail: str) -> None:
+    raise BlockRobotError(code, detail)

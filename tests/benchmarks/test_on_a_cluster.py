@@ -22,7 +22,7 @@ from consensus.errors import BlockRobotError
 from network.bench.cluster import cluster_pool
 from network.sim.sweep import plan_of, sweep
 from tests.benchmarks.dask_processes import ROOT, START_MAX_S, DaskProcesses, dask_processes, write_configuration
-from tests.benchmarks.long_work import work_briefly
+from tests.benchmarks.long_work import refuse, work_briefly
 
 KILL_EVERY_S = 5.0
 KILLED_MIN_COUNT = 3
@@ -30,8 +30,7 @@ SETTING = "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"
 PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
 OTHER_SEEDS = """
 from network.sim import sweep
-honest = sweep.play
-sweep.play = lambda plan, listener=None: honest(sweep.plan_of(plan.seed + 1, 1, 10, 0))
+sweep.play = lambda plan: sweep.run_seed(sweep.plan_of(plan.seed + 1, 1, 10, 0))
 """
 pytestmark = pytest.mark.timeout(900)
 
@@ -65,7 +64,7 @@ def run_seeds(cluster: DaskProcesses, *options: str, configuration: Path | None 
 
 def test_workers_that_are_killed_lose_nothing(tmp_path: Path, members: Path) -> None:
     """Dask gives up a task whose worker died; it is sent again."""
-    plans = [plan_of(seed, 4, 60, seed % 2) for seed in range(200, 320)]
+    plans = [plan_of(seed, 4, 60, seed % 2) for seed in range(200, 260)]
     killed, over = list[int](), threading.Event()
     with dask_processes(tmp_path / "dask", members, **{SETTING: "0"}) as cluster:
         cluster.start_worker("--nworkers", "2")
@@ -102,6 +101,23 @@ def test_a_worker_that_comes_late_gets_work(cluster: DaskProcesses, watcher: Cli
         cluster.start_worker()
         both = set(cluster.workers(watcher, 2).values())
         assert {job.result() for job in work} == both
+
+
+def test_what_a_call_raises_is_raised_here(cluster: DaskProcesses, watcher: Client) -> None:
+    """However deep it was raised, and if it cannot be sent."""
+    cluster.start_worker()
+    cluster.workers(watcher, 1)
+    with cluster_pool(cluster.address) as pool:
+        with pytest.raises(ValueError, match="invalid literal"):
+            pool.submit(int, "x").result(START_MAX_S)
+        with pytest.raises(RecursionError):
+            pool.submit(eval, "(lambda f: f(f))(lambda f: f(f))").result(START_MAX_S)
+        with pytest.raises(TypeError, match="annot pickle"):
+            pool.submit(eval, "(_ for _ in ())").result(START_MAX_S)
+        with pytest.raises(BlockRobotError, match="NODE_GONE") as refusal:
+            pool.submit(refuse, "CLUSTER_UNREACHABLE", "NODE_GONE").result(START_MAX_S)
+        assert refusal.value.code == "CLUSTER_UNREACHABLE"
+        assert pool.submit(abs, -3).result(START_MAX_S) == 3
 
 
 def test_ctrl_c_leaves_nothing_running(cluster: DaskProcesses, watcher: Client) -> None:
@@ -157,9 +173,14 @@ def test_a_worker_of_another_source_is_refused_when_it_comes(
     changed.write_text(changed.read_text().replace("PLAN_MS_PER_ROUND = 22", "PLAN_MS_PER_ROUND = 23"))
     cluster.start_worker()
     cluster.workers(watcher, 1)
-    with pytest.raises(BlockRobotError, match="has source") as refusal, cluster_pool(cluster.address) as pool:
-        cluster.start_worker(source=tmp_path / "other")
-        list(pool.map(work_briefly, range(200)))
+
+    def work() -> None:
+        with cluster_pool(cluster.address) as pool:
+            cluster.start_worker(source=tmp_path / "other")
+            list(pool.map(work_briefly, range(200)))
+
+    with pytest.raises(BlockRobotError, match="has source") as refusal:
+        work()
     assert refusal.value.code == "WORKER_UNLIKE"
 
 

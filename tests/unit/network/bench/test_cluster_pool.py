@@ -65,7 +65,7 @@ def test_without_the_extra_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch
 
 def test_the_answer_of_its_own_call_is_taken() -> None:
     digest = hashlib.blake2b(CALL, digest_size=16).digest()
-    assert check_answer(CALL, (digest, LIKE, 42)) == 42
+    assert check_answer(CALL, (digest, LIKE, pickle.dumps((42, None)))) == 42
 
 
 @pytest.mark.parametrize("name", sorted(LIKE))
@@ -73,13 +73,13 @@ def test_the_answer_of_a_worker_that_differs_is_refused(name: str) -> None:
     digest = hashlib.blake2b(CALL, digest_size=16).digest()
     for found in ({**LIKE, name: "other"}, {key: value for key, value in LIKE.items() if key != name}):
         with pytest.raises(BlockRobotError, match=f"has {name} (other|none), not") as refusal:
-            check_answer(CALL, (digest, found, None))
+            check_answer(CALL, (digest, found, b""))
         assert refusal.value.code == "WORKER_UNLIKE"
 
 
 def test_the_answer_of_another_call_or_seed_is_refused() -> None:
     with pytest.raises(BlockRobotError) as refusal:
-        check_answer(CALL, (hashlib.blake2b(b"another", digest_size=16).digest(), LIKE, 42))
+        check_answer(CALL, (hashlib.blake2b(b"another", digest_size=16).digest(), LIKE, b""))
     assert refusal.value.code == "CLUSTER_RESULT_FOREIGN"
     check_seeds([1, 2], range(1, 3))
     with pytest.raises(BlockRobotError) as refusal:
