@@ -6,17 +6,18 @@ import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "how-to" / "compute-on-a-cluster.md").read_text(encoding="utf-8")
-START_MAX_S = 120.0
+START_MAX_S, END_MAX_S = 120.0, 20.0
 POLL_S = 0.1
 
 
@@ -67,8 +68,12 @@ class DaskProcesses:
     def end(self) -> None:
         for child in reversed(self._children):
             child.terminate()
-        for child in self._children:
-            child.wait(START_MAX_S)
+        for child in reversed(self._children):
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(END_MAX_S)
+            with suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)  # what a killed worker's nanny was just starting, too
+            child.wait()
 
     def _read(self) -> str:
         path = self._folder / "at.json"
@@ -84,6 +89,7 @@ class DaskProcesses:
                 env=self.environment | {"PYTHONPATH": str(source)},
                 stdout=log,
                 stderr=log,
+                start_new_session=True,
             )
         self._children.append(child)
         return child

@@ -64,7 +64,7 @@ def run_seeds(cluster: DaskProcesses, *options: str, configuration: Path | None 
 
 def test_workers_that_are_killed_lose_nothing(tmp_path: Path, members: Path) -> None:
     """Dask gives up a task whose worker died; it is sent again."""
-    plans = [plan_of(seed, 4, 60, seed % 2) for seed in range(200, 260)]
+    plans = [plan_of(seed, 4, 10, seed % 2) for seed in range(200, 320)]
     killed, over = list[int](), threading.Event()
     with dask_processes(tmp_path / "dask", members, **{SETTING: "0"}) as cluster:
         cluster.start_worker("--nworkers", "2")
