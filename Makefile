@@ -33,7 +33,7 @@ endif
 # How many processes share the tests of `make test`, each file in one of them.
 WORKERS ?= 2
 
-EXTRAS := attack keyring kit llrp s3 zenoh
+EXTRAS := attack cluster keyring kit llrp s3 zenoh
 INSTALLED_EXTRAS := $(EXTRAS:%=install-%)
 HASHED := install --require-hashes --requirement
 

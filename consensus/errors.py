@@ -223,6 +223,10 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("HOSTS_UNAVAILABLE", 501, "Hosts of their own (network namespaces) cannot be made here.", "Run it on Linux, as root, with iproute2 installed: `sudo blockrobot lab hosts STORY`."),
     ErrorEntry("HOSTS_STORY_FAILED", 500, "A story on several hosts did not go as it should.", "Read what the message quotes. If a time ran out, run it again on an idle machine.", retryable=True),
     ErrorEntry("EXTRA_MISSING", 501, "This needs a package that is not installed.", "In your clone of BlockRobot, run the `make install-...` that the message names, e.g. `make install-attack`."),
+    ErrorEntry("CLUSTER_CERTIFICATES", 400, "The certificates for the cluster are missing or cannot be used.", "Name the CA, your certificate and its key in Dask's configuration: docs/how-to/compute-on-a-cluster.md has the file."),
+    ErrorEntry("CLUSTER_UNREACHABLE", 503, "The cluster's scheduler does not answer any more.", "Check the address, that `dask scheduler` and a `dask worker` run, and that your certificate is of their CA.", retryable=True),
+    ErrorEntry("CLUSTER_RESULT_FOREIGN", 502, "A worker answered with the result of another task.", "Nothing of this run was used: restart the cluster's workers, and find out who else changes what they run."),
+    ErrorEntry("WORKER_UNLIKE", 409, "A worker of the cluster does not run what you run.", "Install the same clone of BlockRobot with the same Python and extras there; start it with `dask worker --nthreads 1`, or stop it."),
     ErrorEntry("FRAME_INVALID", 400, "The frame's size, encoding or step is not what it says.", "Check the camera driver's settings."),
     ErrorEntry("FRAME_TIME_WRONG", 400, "The frame's stamp is too far from the time of the stream.", "Set the camera's clock, or have its driver stamp frames with the host's time."),
     ErrorEntry("PAIRING_FULL", 503, "Too many frames wait to be paired.", "Check that the camera's stamps go on: frames of one and the same time wait for ever.", retryable=True),
@@ -313,6 +317,10 @@ class BlockRobotError(Exception):
         self.detail = detail or self.entry.meaning
         self.context = context
         super().__init__(f"{code}: {self.detail}")
+
+    def __reduce__(self) -> tuple[type[BlockRobotError], tuple[str, str], dict[str, object]]:
+        """A worker's refusal reaches whoever asked."""
+        return type(self), (self.code, self.detail), vars(self)
 
     @property
     def next_step(self) -> str:

@@ -12,10 +12,12 @@ import signal
 import sys
 import threading
 from collections.abc import Coroutine, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
+
+from network.bench.cluster import cluster_pool
 
 SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 _EXIT_BY_SIGNAL = 128
@@ -50,8 +52,12 @@ def run_to_end(work: Coroutine[Any, Any, T]) -> T:
 
 
 @contextmanager
-def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Fresh interpreters with one thread each, killed on early exit; SIGTERM exits with 143."""
+def worker_pool(processes: int, on: str = "") -> Iterator[Executor]:
+    """Fresh interpreters with one thread each, killed on early exit, or a cluster's; SIGTERM exits with 143."""
+    if on:
+        with leave_by_exit(), cluster_pool(on) as cluster:
+            yield cluster
+        return
     pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=_one_thread)
     with leave_by_exit():
         try:

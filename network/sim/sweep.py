@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
-import os
 import time
 import traceback
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass, field
 
 import msgspec
 
+from network.bench.cluster import check_seeds
+from network.bench.conditions import count_cores
+from network.bench.processes import worker_pool
 from network.byzantine import BEHAVIOURS
 from network.sim.checkers import Violation
 from network.sim.history import Observation
@@ -97,24 +98,28 @@ def sweep(
     plans: list[Plan],
     *,
     workers: int | None = None,
+    on: str = "",
     on_progress: Callable[[SweepResult, int], None] | None = None,
     on_shrink: Callable[[int], None] | None = None,
 ) -> SweepResult:
-    """Play all plans in `workers` processes (default: all cores); shrink the first failing ones."""
+    """Play all plans in `workers` processes (default: all cores) or on a cluster; shrink the first failing ones.
+
+    Raises CLUSTER_RESULT_FOREIGN.
+    """
     started_s = time.perf_counter()
     total = SweepResult()
     handfuls = [plans[start : start + SEEDS_A_TASK_COUNT] for start in range(0, len(plans), SEEDS_A_TASK_COUNT)]
-    count = min(workers or _cores(), len(handfuls))
-    if count <= 1:
+    count = min(workers or count_cores(), len(handfuls))
+    if count <= 1 and not on:
         for handful in handfuls:
-            _take(total, _play_all(handful), started_s)
+            _take(total, _play_all(handful), handful, started_s)
             if on_progress is not None:
                 on_progress(total, len(plans))
     else:
-        with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool:
-            tasks = [pool.submit(_play_all, handful) for handful in handfuls]
+        with worker_pool(count, on) as pool:
+            tasks = {pool.submit(_play_all, handful): handful for handful in handfuls}
             for task in as_completed(tasks):
-                _take(total, task.result(), started_s)
+                _take(total, task.result(), tasks[task], started_s)
                 if on_progress is not None:
                     on_progress(total, len(plans))
     total.failed.sort(key=lambda result: result.seed)
@@ -128,11 +133,8 @@ def sweep(
     return total
 
 
-def _take(total: SweepResult, results: list[RunResult], started_s: float) -> None:
+def _take(total: SweepResult, results: list[RunResult], plans: list[Plan], started_s: float) -> None:
+    check_seeds([result.seed for result in results], [plan.seed for plan in plans])
     for result in results:
         total.add(result)
     total.elapsed_s = time.perf_counter() - started_s
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -92,3 +92,14 @@ def test_the_list_of_commands_imports_none_of_them(words: list[str]) -> None:
     assert [name for name in loaded if name.split(".")[0] in {"node", "contracts", *NODE_LIBRARIES}] == []
     assert not {"aiohttp", "cv2", "numpy", "msgspec", "structlog"} & set(loaded)
     assert len([name for name in loaded if name.split(".")[0] in PACKAGES]) <= 40
+
+
+def test_work_at_home_loads_nothing_of_a_cluster() -> None:
+    program = (
+        "import sys\nfrom network.sim.sweep import plan_of, sweep\n"
+        "assert sweep([plan_of(1, 1, 10, 0)], workers=1).seeds == 1\nprint('\\n'.join(sys.modules))"
+    )
+    child = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = child.stdout.split()
+    assert "network.bench.cluster" in loaded
+    assert not {"dask", "distributed", "tornado"} & set(loaded)

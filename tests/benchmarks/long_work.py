@@ -6,6 +6,8 @@ import os
 import time
 from pathlib import Path
 
+from consensus.errors import BlockRobotError
+
 WORK_MAX_S = 120.0
 
 
@@ -14,3 +16,13 @@ def work_long(folder: str, number: int) -> int:
     (Path(folder) / f"began-{os.getpid()}").touch()
     time.sleep(WORK_MAX_S)
     return number
+
+
+def work_briefly(_number: int) -> int:
+    """Return the process that did it."""
+    time.sleep(0.5)
+    return os.getpid()
+
+
+def refuse(code: str, detail: str) -> None:
+    raise BlockRobotError(code, detail)

@@ -16,6 +16,7 @@ from clients.sdk.terminal.safe_output import overwrite_line
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, home_folder, print_json
 from network.bench.conditions import Result
 from network.bench.processes import run_to_end
+from network.cli.measure.cluster_option import with_cluster
 
 LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
 HELD_MAX_COUNT = 1_000_000
@@ -287,6 +288,7 @@ def proxy_command(members: int, count: int, seconds: float, nodes: int, apart: A
     "--companion-scenes", default=0, type=click.IntRange(0, 10_000), help="Also judge companions, scenes of each kind."
 )
 @click.option("--processes", default=0, type=click.IntRange(0, 256), help="Processes (0: one for each core).")
+@with_cluster("processes")
 @click.option(
     "--antennas",
     default="0",
@@ -294,9 +296,11 @@ def proxy_command(members: int, count: int, seconds: float, nodes: int, apart: A
     type=click.Choice(["0", "1", "2", "4"]),
     help="A reader with so many, which look to different sides (0: it tells front and back).",
 )
-@click.option("--moving", is_flag=True, help="Judge a robot that drives: --scenes, --seed and --processes count.")
+@click.option(
+    "--moving", is_flag=True, help="Judge a robot that drives: --scenes, --seed and --processes or --on count."
+)
 @command_output
-def hiding(as_json: bool, moving: bool, antennas: str, **options: int) -> None:
+def hiding(as_json: bool, moving: bool, antennas: str, on: str, **options: int) -> None:
     """Judge hiding: what hand-made and learned attackers recover of the people whom a robot hides.
 
     Exits 1 if a goal is missed. Needs the extra `attack` (scikit-learn). A line of progress goes to standard error.
@@ -307,11 +311,11 @@ def hiding(as_json: bool, moving: bool, antennas: str, **options: int) -> None:
         from network.lab.hiding.moving.evaluate_drives import run_drive_benchmark  # noqa: PLC0415 - only when needed
 
         chosen = {name: options[name] for name in ("scenes", "seed", "processes")}
-        _finish(run_drive_benchmark(**chosen, progress=_Teller()), as_json=as_json)
+        _finish(run_drive_benchmark(**chosen, on=on, progress=_Teller()), as_json=as_json)
         return
     from network.lab.hiding.evaluate import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
 
-    _finish(run_hiding_benchmark(HidingOptions(**options, antennas=int(antennas)), _Teller()), as_json=as_json)
+    _finish(run_hiding_benchmark(HidingOptions(**options, antennas=int(antennas), on=on), _Teller()), as_json=as_json)
 
 
 @bench.command("matcher")
@@ -320,8 +324,9 @@ def hiding(as_json: bool, moving: bool, antennas: str, **options: int) -> None:
 )
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0), help="What is drawn.")
 @click.option("--workers", default=None, type=click.IntRange(1, 64), help="Processes at once (all cores).")
+@with_cluster("workers")
 @command_output
-def matcher_command(tracks: int, seed: int, workers: int | None, as_json: bool) -> None:
+def matcher_command(tracks: int, seed: int, workers: int | None, on: str, as_json: bool) -> None:
     """Measure how often the robot would take a tag's bearer for somebody else, and how much it withholds.
 
     Exits 1 if a goal is missed. 10,000 tracks take a few minutes on two cores.
@@ -334,7 +339,7 @@ def matcher_command(tracks: int, seed: int, workers: int | None, as_json: bool) 
         if sys.stderr.isatty():
             overwrite_line(f"drawn and judged: {done} of {of} hundreds", ends=done == of)
 
-    _finish(judge_matcher(tracks, seed, workers=workers, progress=on_progress), as_json=as_json)
+    _finish(judge_matcher(tracks, seed, workers=workers, on=on, progress=on_progress), as_json=as_json)
 
 
 def _tell_line(line: str) -> None:
@@ -362,8 +367,9 @@ class _Teller:
 @click.option("--scenes", default=12, show_default=True, type=click.IntRange(1, 10_000), help="Scenes of each kind.")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**20), help="What is drawn.")
 @click.option("--workers", default=None, type=click.IntRange(1, 64), help="Processes at once (all cores).")
+@with_cluster("workers")
 @command_output
-def companions_command(scenes: int, seed: int, workers: int | None, as_json: bool) -> None:
+def companions_command(scenes: int, seed: int, workers: int | None, on: str, as_json: bool) -> None:
     """Measure how often two people in one silhouette are found, and single people taken for two.
 
     Exits 1 if a goal is missed.
@@ -372,7 +378,7 @@ def companions_command(scenes: int, seed: int, workers: int | None, as_json: boo
     """
     from network.lab.hiding.companions import judge_companions  # noqa: PLC0415 - only when it is needed
 
-    _finish(judge_companions(seed, scenes=scenes, workers=workers), as_json=as_json)
+    _finish(judge_companions(seed, scenes=scenes, workers=workers, on=on), as_json=as_json)
 
 
 @bench.command("pedestrians")

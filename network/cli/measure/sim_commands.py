@@ -13,6 +13,7 @@ from click.core import ParameterSource
 
 from clients.sdk.new_files import write_new_file
 from clients.sdk.terminal.terminal import EXIT_FAILED, FILE, command_output, console, print_json
+from network.cli.measure.cluster_option import with_cluster
 
 if TYPE_CHECKING:
     from network.bench.conditions import Condition
@@ -95,6 +96,7 @@ def calibrate_command(as_json: bool) -> None:
 )
 @click.option("--plan", "plan_file", type=FILE, help="Play this plan instead.")
 @click.option("--workers", default=0, type=click.IntRange(0, 64), help="Processes (0: one a core).")
+@with_cluster("workers")
 @click.option("--trace", is_flag=True, help="Print every observation of a single seed or plan, on standard error.")
 @command_output
 def run_command(
@@ -105,6 +107,7 @@ def run_command(
     byzantine: int,
     plan_file: Path | None,
     workers: int,
+    on: str,
     trace: bool,
     as_json: bool,
 ) -> None:
@@ -134,6 +137,7 @@ def run_command(
       blockrobot sim run --profile grow --seeds 1..20
       blockrobot sim run --seeds 42 --trace
       blockrobot sim run --plan seed-42.toml --trace
+      blockrobot sim run --seeds 1..100000 --on tls://scheduler.example:8786
     """
     from network.bench.conditions import measure_conditions  # noqa: PLC0415 - a node's code, only when it is needed
     from network.sim.plan import max_faulty  # noqa: PLC0415
@@ -157,8 +161,9 @@ def run_command(
         seeds=f"{first.seed}..{plans[-1].seed}",
         rounds_a_seed=first.rounds,
         byzantine=len(first.byzantine),
+        work_on=on or "processes",
     )
-    total = sweep(plans, workers=workers or None, on_progress=_Progress(), on_shrink=_say_shrinking)
+    total = sweep(plans, workers=workers or None, on=on, on_progress=_Progress(), on_shrink=_say_shrinking)
     _report(total, conditions, plan_file, as_json=as_json)
     if total.violations:
         sys.exit(EXIT_FAILED)

@@ -125,7 +125,7 @@ class CompanionsResult(Result[dict[str, float | None]], kw_only=True):
 
 
 def judge_companions(
-    seed: int = 1, *, scenes: int = SCENES_DEFAULT_COUNT, workers: int | None = None
+    seed: int = 1, *, scenes: int = SCENES_DEFAULT_COUNT, workers: int | None = None, on: str = ""
 ) -> CompanionsResult:
     """Return how often companions are found and single people taken for two.
 
@@ -139,7 +139,7 @@ def judge_companions(
         for number, kind in enumerate((*COMPANIONS, *SINGLES))
         for scene in range(scenes * (SINGLE_FACTOR if kind[0] == "single" else 1))
     ]
-    with worker_pool(workers or os.cpu_count() or 1) as pool:
+    with worker_pool(workers or os.cpu_count() or 1, on) as pool:
         seen = list(pool.map(_look, jobs, chunksize=4))
     companions = {kind[0]: rates(kind[0], seen, pairs=True) for kind in COMPANIONS}
     singles = {kind[0]: rates(kind[0], seen, pairs=False) for kind in SINGLES}

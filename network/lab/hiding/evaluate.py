@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass
 
 from msgspec import UNSET
 
+from network.bench.cluster import check_seeds
 from network.bench.conditions import Result, count_cores, measure_conditions
 from network.bench.processes import worker_pool
 from network.lab.hiding.attacks import ON_OURS, ON_RAW, Examples, SceneReport, judge_scene, learn_from
@@ -30,6 +31,7 @@ class HidingOptions:
     seeds: int = 5
     seed: int = 1
     processes: int = 0
+    on: str = ""  # a cluster's scheduler that does the work instead
     people: int = 8  # in each population of the re-identification
     matcher_tracks: int = 0  # also judge the matcher alone on so many drawn tracks
     companion_scenes: int = 0  # also judge the cues for companions on so many scenes of each kind
@@ -37,19 +39,21 @@ class HidingOptions:
 
 
 def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> Result[HidingFigures]:
-    """`ok`: every scene was judged and every goal holds. Raises EXTRA_MISSING."""
+    """`ok`: every scene was judged and every goal holds. Raises CLUSTER_RESULT_FOREIGN, EXTRA_MISSING."""
     require_learning()
     conditions = measure_conditions(nodes=0, seed=options.seed)
     processes = options.processes or count_cores()
     seeds = range(options.seed, options.seed + options.seeds)
     reports: list[SceneReport] = []
     gaits: list[GaitReport] = []
-    with worker_pool(processes) as pool:
+    with worker_pool(processes, options.on) as pool:
         attackers = _train_all(pool, seeds, options.learning_scenes, progress)
         waiting: list[Future[SceneReport | GaitReport]] = []
         waiting += [pool.submit(judge_gait, seed, options.people, attackers[seed]) for seed in seeds]
+        drawn: list[tuple[int, int]] = []
         for seed, count in zip(seeds, _shares(options.scenes, options.seeds), strict=True):
             scenes = draw_scenes(seed, count, JUDGING, antennas=options.antennas)
+            drawn += [(scene.seed, scene.number) for scene in scenes]
             waiting += [pool.submit(judge_scene, scene, attackers[seed]) for scene in scenes]
         for done, future in enumerate(as_completed(waiting), start=1):
             result = future.result()
@@ -60,13 +64,15 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
             progress(f"judged {done} of {len(waiting)}")
     reports.sort(key=lambda report: (report.seed, report.number))
     gaits.sort(key=lambda report: report.seed)
+    check_seeds([(report.seed, report.number) for report in reports], sorted(drawn))
+    check_seeds([gait.seed for gait in gaits], seeds)
     figures = summarise(reports, gaits, seed=options.seed)
     _judge_parts(figures, options, processes, progress)
     conditions |= {
         "scenes": len(reports),
         "seeds": options.seeds,
         "learning_scenes_a_seed": options.learning_scenes,
-        "processes": processes,
+        "processes": options.on or processes,
         "antennas": options.antennas,
         "frame": "640x480",
     }
@@ -85,12 +91,13 @@ def _judge_parts(figures: HidingFigures, options: HidingOptions, processes: int,
             options.matcher_tracks,
             options.seed,
             workers=processes,
+            on=options.on,
             progress=lambda done, of: progress(f"judged {done} of {of} hundreds of the matcher's tracks"),
         )
         figures.matcher = {"ok": matcher.ok, **matcher.figures}
     if options.companion_scenes:
         progress("judging the cues for companions")
-        companions = judge_companions(options.seed, scenes=options.companion_scenes, workers=processes)
+        companions = judge_companions(options.seed, scenes=options.companion_scenes, workers=processes, on=options.on)
         figures.companions = {"ok": companions.ok, **companions.figures}
 
 
@@ -98,9 +105,7 @@ def _shares(total: int, parts: int) -> list[int]:
     return [total // parts + (part < total % parts) for part in range(parts)]
 
 
-def _train_all(
-    pool: ProcessPoolExecutor, seeds: range, scenes: int, progress: Progress
-) -> dict[int, dict[str, LearnedAttacker]]:
+def _train_all(pool: Executor, seeds: range, scenes: int, progress: Progress) -> dict[int, dict[str, LearnedAttacker]]:
     drawn = [scene for seed in seeds for scene in draw_scenes(seed, scenes, LEARNING)]
     learned: dict[int, list[Examples]] = {seed: [] for seed in seeds}
     for done, (scene, examples) in enumerate(zip(drawn, pool.map(learn_from, drawn), strict=True), start=1):

@@ -120,11 +120,11 @@ def _judge_chunk(job: tuple[str, int, int, int]) -> list[Outcome]:
     return [judge(group, draw(settings[i % len(settings)], seed, base + i * stride)) for i in range(first, end)]
 
 
-def _outcomes(jobs: Sequence[tuple[str, int, int, int]], workers: int) -> Iterator[list[Outcome]]:
-    if workers == 1:
+def _outcomes(jobs: Sequence[tuple[str, int, int, int]], workers: int, on: str) -> Iterator[list[Outcome]]:
+    if workers == 1 and not on:
         yield from map(_judge_chunk, jobs)
         return
-    with worker_pool(workers) as pool:
+    with worker_pool(workers, on) as pool:
         yield from pool.map(_judge_chunk, jobs)
 
 
@@ -139,19 +139,20 @@ def judge_matcher(
     seed: int,
     *,
     workers: int | None = None,
+    on: str = "",
     groups: Iterable[str] = tuple(GROUPS),
     progress: Progress | None = None,
 ) -> MatcherResult:
     """Judge `tracks` tracks in each group with facing (fewer in others); independent of `workers`."""
     workers = workers or len(os.sched_getaffinity(0))
-    conditions = measure_conditions(nodes=0, seed=seed, tracks=tracks, workers=workers)
+    conditions = measure_conditions(nodes=0, seed=seed, tracks=tracks, workers=on or workers)
     cost = measure_cost(seed)
     jobs = []
     for group in groups:
         count = max(1, round(tracks * GROUPS[group][1]))
         jobs += [(group, i, min(i + _CHUNK_COUNT, count), seed) for i in range(0, count, _CHUNK_COUNT)]
     outcomes: list[Outcome] = []
-    for done, some in enumerate(_outcomes(jobs, workers), start=1):
+    for done, some in enumerate(_outcomes(jobs, workers, on), start=1):
         outcomes += some
         if progress is not None:
             progress(done, len(jobs))

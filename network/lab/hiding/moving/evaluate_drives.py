@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import as_completed
 
 from clients.robot.synthetic.driving.draws import DRIVE_STRATA, DriveStratum, draw_drive
+from network.bench.cluster import check_seeds
 from network.bench.conditions import Result, count_cores, measure_conditions
 from network.bench.processes import worker_pool
 from network.lab.hiding.moving.drive_figures import MovingFigures, summarise_drives
@@ -17,20 +18,22 @@ Progress = Callable[[str], None]
 
 
 def run_drive_benchmark(
-    scenes: int, seed: int, processes: int = 0, progress: Progress = lambda _: None
+    scenes: int, seed: int, processes: int = 0, on: str = "", progress: Progress = lambda _: None
 ) -> Result[MovingFigures]:
     """Half of the scenes have companions. `ok`: every goal holds."""
     conditions = measure_conditions(nodes=0, seed=seed)
     processes = processes or count_cores()
     played: list[DrivePlayed] = []
-    with worker_pool(processes) as pool:
-        jobs = [pool.submit(_judge, seed * SCENES_A_SEED_MAX_COUNT + n, _stratum(n)) for n in range(scenes)]
+    with worker_pool(processes, on) as pool:
+        seeds = range(seed * SCENES_A_SEED_MAX_COUNT, seed * SCENES_A_SEED_MAX_COUNT + scenes)
+        jobs = [pool.submit(_judge, drive, _stratum(number)) for number, drive in enumerate(seeds)]
         for done, future in enumerate(as_completed(jobs), start=1):
             played.append(future.result())
             progress(f"judged {done} of {scenes}")
     played.sort(key=lambda one: one.seed)
+    check_seeds([one.seed for one in played], seeds)
     figures = summarise_drives(played)
-    conditions |= {"scenes": scenes, "processes": processes, "frame": "640x480", "stands_s": STANDS_S}
+    conditions |= {"scenes": scenes, "processes": on or processes, "frame": "640x480", "stands_s": STANDS_S}
     return Result(name="hiding-moving", ok=all(figures.goals.values()), figures=figures, conditions=conditions)
 
 
