@@ -42,6 +42,7 @@ DELETES_BESIDE = {
     "network/bench/fresh_network.py": "mkdtemp",
     "network/bench/robot/robot_bench.py": "mkdtemp",
     "network/bench/catch_up.py": "a ledger of a network that the bench made",
+    "network/lab/hosts/loss_stories.py": "the data directory of a node on a host that the story made",
     "network/provisioning/network_layout.py": "mkdtemp",
     # what holds nothing but files of the program's own
     "network/provisioning/network_removal.py": "a half-made network, by its mark, without a foreign file",
