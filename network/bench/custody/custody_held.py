@@ -30,7 +30,7 @@ KEPT_SIZES_BYTES = (64, 80)
 """Of a ciphertext, and of a sealed key."""
 ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES = 5, 12_000
 WARM_UP_COUNT = 10
-_AT_ONCE_COUNT = 2_000
+_AT_ONCE_COUNT, _CACHE_KIB = 2_000, 512 * 1024
 START_MS = 1_800_000_000_000
 EXPIRES_MS = START_MS + 30 * 24 * 3_600_000
 
@@ -58,7 +58,7 @@ def fill(
     """`note` is told of the clips, some thousands at a time."""
     folder.mkdir(mode=0o700, parents=True)
     with closing(sqlite3.connect(folder / DATABASE_FILE_NAME, isolation_level=None)) as database:
-        for setting in ("journal_mode = WAL", "synchronous = OFF", "secure_delete = ON"):
+        for setting in ("journal_mode = WAL", "synchronous = OFF", "secure_delete = ON", f"cache_size = -{_CACHE_KIB}"):
             database.execute(f"PRAGMA {setting}").fetchall()
         database.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
         for first in range(0, held, _AT_ONCE_COUNT):

@@ -97,7 +97,7 @@ async def _fill_clips(folder: Path, size: int, on_progress: OnProgress) -> None:
 
 
 AXES: Mapping[str, Axis] = {
-    "clips": Axis("clips held", _decades(3, 6), 3, _fill_clips, (measure_custody,)),
+    "clips": Axis("clips held", _decades(3, 6), 2, _fill_clips, (measure_custody,)),
     "state": Axis("entries of the state", _decades(4, 7), 2, _fill_state, (partial(measure_state, key=record_key),)),
     "chain": Axis("blocks of the chain", _decades(4, 6), 2, _fill_chain, (measure_chain,)),
     "members": Axis("members", _decades(2, 5), 3, _fill_members, (measure_registry, measure_members)),
