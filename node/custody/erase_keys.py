@@ -163,8 +163,11 @@ class EraseKeys:
 
     def reconcile(self, in_use: Iterable[int]) -> int:
         """Destroy and free slots orphaned by a crash; return how many. Call before serving."""
-        kept = set(in_use)
-        orphans = [slot for slot, state in enumerate(self._states) if state != _FREE and slot not in kept]
+        kept = bytearray(len(self._states))
+        for slot in in_use:
+            if self._is_known(slot):
+                kept[slot] = True
+        orphans = [slot for slot, state in enumerate(self._states) if state != _FREE and not kept[slot]]
         self.destroy(orphans)
         self.release(orphans)
         self._wipe_unheld()

@@ -189,8 +189,8 @@ class CustodyGrowth:
         if not report.is_clean:
             raise RuntimeError(f"the custodian of the benchmark is not clean: {report.leftovers}")
 
-    async def start(self, _tell: Tell) -> None:
-        await self.custodian.start()
+    async def start(self, tell: Tell) -> None:
+        await self.custodian.start(lambda _slots: tell())
 
     async def count(self, _tell: Tell) -> None:
         await self._store.counts()

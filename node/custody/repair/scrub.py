@@ -257,5 +257,9 @@ async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple
 
 async def find_unclaimed_keys(store: CustodyStore, keys: ErasableKeys, in_flight: frozenset[int]) -> list[int]:
     """Return keyed slots neither named nor in flight; only at rest."""
-    in_use = {slot async for slot in store.slots_in_use()}
-    return [slot for slot in await asyncio.to_thread(lambda: keys.held) if slot not in in_use and slot not in in_flight]
+    in_use = bytearray(keys.capacity_count)
+    async for slot in store.slots_in_use():
+        if slot < len(in_use):
+            in_use[slot] = True
+    held = await asyncio.to_thread(lambda: keys.held)
+    return [slot for slot in held if not in_use[slot] and slot not in in_flight]
