@@ -55,7 +55,11 @@ class ErasableKeys(Protocol):
     def reconcile(self, in_use: Iterable[int]) -> int: ...
 
     @property
-    def held(self) -> list[int]: ...
+    def held_count(self) -> int: ...
+
+    def find_unclaimed(self, claimed: bytearray) -> list[int]:
+        """Return slots that have a key and no mark, by slot, in `claimed`."""
+        ...
 
     @property
     def capacity_count(self) -> int: ...
@@ -188,8 +192,12 @@ class EraseKeys:
 
     @property
     def held(self) -> list[int]:
+        return self.find_unclaimed(bytearray())
+
+    def find_unclaimed(self, claimed: bytearray) -> list[int]:
         with self._lock:
-            return [slot for slot, state in enumerate(self._states) if state == _HELD]
+            marks = claimed.ljust(len(self._states), b"\x00")
+            return [slot for slot, state in enumerate(self._states) if state == _HELD and not marks[slot]]
 
     @property
     def capacity_count(self) -> int:

@@ -54,11 +54,12 @@ def test_an_operation_may_hardly_grow_and_a_scan_with_what_it_reads() -> None:
     assert judged("operation", (10, 20, 40)).goal == GOALS["operation"]
 
 
-def test_a_scan_that_holds_more_and_more_in_memory_misses_its_goal() -> None:
-    steady, growing = (1_000.0, 1_050.0, 1_100.0), (1_000.0, 10_000.0, 100_000.0)
-    assert judged("scan", (10, 100, 1_000), steady).is_within_goal
-    missed = judged("scan", (10, 100, 1_000), growing)
-    assert (missed.memory_exponent, missed.is_within_goal) == (1.0, False)
+def test_a_scan_that_holds_what_it_reads_misses_its_goal() -> None:
+    a_mark_each, an_item_each = (5_000.0, 5_100.0, 6_000.0), (5_000.0, 10_000.0, 100_000.0)
+    assert judged("scan", (10, 100, 1_000), a_mark_each).is_within_goal
+    missed = judged("scan", (10, 100, 1_000), an_item_each)
+    assert (missed.held_bytes, missed.is_within_goal) == (1024.0, False)
+    assert judged("scan", (10, 100, 1_000), (5_000.0, None, None)).held_bytes is None
 
 
 def test_differences_below_the_machines_noise_are_no_growth() -> None:
