@@ -18,10 +18,11 @@ async def test_every_operation_is_measured_at_each_size_and_a_second_run_fills_n
         assert all(size.cpu_ms > 0 and size.wall_ms > 0 for size in each.sizes), each.operation
         assert each.exponent is not None
     assert first.ok == (not first.figures.missed)
-    assert all(seconds > 0 for seconds in first.figures.filled_s.values())
+    assert set(first.figures.filled_s) == {f"{name} {size}" for name in AXES for size in (10, 20)}
     for operation in ("snapshot", "scrub of all clips"):
         figures = next(each for each in first.figures.operations if each.operation == operation)
         assert all(size.told and size.peak_kib for size in figures.sizes), operation
-    second = await run_growth_benchmark(GrowthOptions(options.cache, {"clips": (10, 20), "state": (10, 20)}))
-    assert set(second.figures.filled_s.values()) == {0.0}
+    filled = {path: path.stat().st_ino for path in options.cache.iterdir()}
+    await run_growth_benchmark(GrowthOptions(options.cache, {"visits": (10, 20), "state": (10,)}))
+    assert {path: path.stat().st_ino for path in options.cache.iterdir()} == filled
     assert any("clips held: 20" in line for line in told)
