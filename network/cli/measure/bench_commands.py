@@ -211,9 +211,7 @@ def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...
 
 
 @bench.command("growth")
-@click.option(
-    "--full", "is_full", is_flag=True, help="Up to the largest sizes too: an hour or more, some 20 GB of disk."
-)
+@click.option("--full", "is_full", is_flag=True, help="Up to the largest sizes too: hours, and some 20 GB of disk.")
 @click.option("--axis", "axes", multiple=True, type=click.Choice(GROWTH_AXES), help="Only this; may be repeated.")
 @command_output
 def growth_command(is_full: bool, axes: tuple[str, ...], as_json: bool) -> None:
