@@ -55,6 +55,7 @@ class ClipFetcher:
                     found = fetched is not None and fetched.record_id == facts.record_id
                     if fetched is not None and found and await self.install(fetched):
                         installed += 1
+                        self._asked_for.discard(facts.record_id)
                         break
                 except BlockRobotError as error:
                     if error.code in {"STORE_UNAVAILABLE", "ERASE_KEYS_DAMAGED"}:
@@ -74,7 +75,8 @@ class ClipFetcher:
         return fetched
 
     async def _choose_missing(self) -> list[RecordFacts]:
-        missing = await self._store.missing(MISSING_READ_COUNT)
+        # So many are due or asked for already: a batch costs what nobody had, not what is missing.
+        missing = await self._store.missing(min(MISSING_READ_COUNT, len(self._asked_for) + FETCH_AT_ONCE_COUNT))
         due = [facts for facts in missing if facts.record_id not in self._asked_for]
         if not due:
             self._asked_for.clear()

@@ -6,6 +6,7 @@ Block effects are idempotent, in chain order, checkpoint last. Data keys are sea
 from __future__ import annotations
 
 import asyncio
+from array import array
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -44,7 +45,13 @@ LAPSED_AT_ONCE_COUNT = 64
 WORDS_DIVISOR = 4
 """What part of what is submitted at once is for words on requests, however many receipts wait."""
 
+_TELL_SLOTS_COUNT = 100_000
+
 log = structlog.get_logger(__name__)
+
+
+def _log_slots(count: int) -> None:
+    log.info("custody_reads_slots", count=count)
 
 
 class Custodian(ShareService, ClipFetcher):
@@ -72,14 +79,22 @@ class Custodian(ShareService, ClipFetcher):
         self._member = member
         self._clock_ms = clock_ms
         self._writing = asyncio.Lock()
+        self._allocating = asyncio.Lock()
         self._asked_for: set[bytes] = set()
         self._waited_s: dict[str, float] = {}
         self._in_flight: set[int] = set()
 
-    async def start(self) -> None:
-        """Finish interrupted erasures, then drop unreferenced keys. Call once, before serving."""
+    async def start(self, tell: Callable[[int], None] = _log_slots) -> None:
+        """Finish interrupted erasures, then drop unreferenced keys. Call once, before serving.
+
+        `tell` is called with how many slots were read of all that are in use.
+        """
         await self._eraser.finish()
-        in_use = [slot async for slot in self._store.slots_in_use()]
+        in_use = array("Q")  # a few bytes for each frame that is held
+        async for slot in self._store.slots_in_use():
+            in_use.append(slot)
+            if len(in_use) % _TELL_SLOTS_COUNT == 0:
+                tell(len(in_use))
         orphans = await asyncio.to_thread(self._keys.reconcile, in_use)
         if orphans:
             log.info("custody_orphan_keys_destroyed", count=orphans)
@@ -160,14 +175,20 @@ class Custodian(ShareService, ClipFetcher):
     async def _keep(
         self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]], terms: UploadTerms | None = None
     ) -> bool:
-        taken = await asyncio.to_thread(self._keys.allocate, len(frames))
+        taken = await self._take_keys(len(frames))
         slots = [slot for slot, _ in taken]
-        self._in_flight.update(slots)
         try:
             return await self._keep_under(clip, frames, taken, terms)
         finally:
             wipe_keys(taken)
             self._in_flight.difference_update(slots)
+
+    async def _take_keys(self, count: int) -> list[tuple[int, bytes]]:
+        """Not while at rest: a key that is neither named nor under way then is taken for nobody's."""
+        async with self._allocating:
+            taken = await asyncio.to_thread(self._keys.allocate, count)
+            self._in_flight.update(slot for slot, _ in taken)
+        return taken
 
     async def _keep_under(
         self,
@@ -238,8 +259,8 @@ class Custodian(ShareService, ClipFetcher):
 
     @asynccontextmanager
     async def at_rest(self) -> AsyncIterator[frozenset[int]]:
-        """Keep the store unchanged; yields the erase-key slots of frames under way."""
-        async with self._writing:
+        """Keep store and keys unchanged; yields the erase-key slots of frames under way."""
+        async with self._writing, self._allocating:
             yield frozenset(self._in_flight)
 
     async def repair_clip(self, fetched: ClipDownload, read_facts: Callable[[], RecordFacts | None]) -> bool:
@@ -248,9 +269,8 @@ class Custodian(ShareService, ClipFetcher):
         `read_facts` returns the chain's present record, None if not kept. Old keys go after new rows exist. False if
         unneeded or incomplete. Raises as `install`.
         """
-        taken = await asyncio.to_thread(self._keys.allocate, len(fetched.frames))
+        taken = await self._take_keys(len(fetched.frames))
         slots = [slot for slot, _ in taken]
-        self._in_flight.update(slots)
         try:
             async with self._writing:
                 unused = await self._repair_under(fetched, read_facts(), taken)

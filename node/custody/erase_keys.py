@@ -55,7 +55,11 @@ class ErasableKeys(Protocol):
     def reconcile(self, in_use: Iterable[int]) -> int: ...
 
     @property
-    def held(self) -> list[int]: ...
+    def held_count(self) -> int: ...
+
+    def find_unclaimed(self, claimed: bytearray) -> list[int]:
+        """Return slots that have a key and no mark, by slot, in `claimed`."""
+        ...
 
     @property
     def capacity_count(self) -> int: ...
@@ -163,8 +167,11 @@ class EraseKeys:
 
     def reconcile(self, in_use: Iterable[int]) -> int:
         """Destroy and free slots orphaned by a crash; return how many. Call before serving."""
-        kept = set(in_use)
-        orphans = [slot for slot, state in enumerate(self._states) if state != _FREE and slot not in kept]
+        kept = bytearray(len(self._states))
+        for slot in in_use:
+            if self._is_known(slot):
+                kept[slot] = True
+        orphans = [slot for slot, state in enumerate(self._states) if state != _FREE and not kept[slot]]
         self.destroy(orphans)
         self.release(orphans)
         self._wipe_unheld()
@@ -185,8 +192,12 @@ class EraseKeys:
 
     @property
     def held(self) -> list[int]:
+        return self.find_unclaimed(bytearray())
+
+    def find_unclaimed(self, claimed: bytearray) -> list[int]:
         with self._lock:
-            return [slot for slot, state in enumerate(self._states) if state == _HELD]
+            marks = claimed.ljust(len(self._states), b"\x00")
+            return [slot for slot, state in enumerate(self._states) if state == _HELD and not marks[slot]]
 
     @property
     def capacity_count(self) -> int:

@@ -20,7 +20,6 @@ from consensus.records.sharing import (
     check_grant_upload,
 )
 from node.custody.block_effects import build_release
-from node.custody.erase_keys import ErasableKeys
 from node.custody.erasure import Eraser
 from node.custody.restrictions import find_restrictions, is_void, require_release
 from node.custody.shares import CheckedPart, Shares, grant_covers
@@ -33,13 +32,14 @@ class ShareService:
 
     if TYPE_CHECKING:  # the custodian's own
         _store: CustodyStore
-        _keys: ErasableKeys
         _eraser: Eraser
         _shares: Shares
         _member: bytes
         _clock_ms: Callable[[], int]
         _writing: asyncio.Lock
         _in_flight: set[int]
+
+        async def _take_keys(self, count: int) -> list[tuple[int, bytes]]: ...
 
         async def _confirmed_clip(self, record_id: bytes) -> ClipRow: ...
 
@@ -58,8 +58,7 @@ class ShareService:
         if judged.is_known:
             async with self._writing:
                 return await self._put_part(await judge(), upload, None)
-        taken = (await asyncio.to_thread(self._keys.allocate, 1))[0]
-        self._in_flight.add(taken[0])
+        taken = (await self._take_keys(1))[0]
         try:
             async with self._writing:
                 try:

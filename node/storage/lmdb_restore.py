@@ -56,6 +56,11 @@ class LmdbRestore:
         self._root = EMPTY_ROOT
         self._open = True
 
+    @property
+    def state_root(self) -> bytes:
+        """Of the rows so far."""
+        return self._root
+
     def put_state(self, rows: Sequence[tuple[bytes, bytes]]) -> None:
         """See `LedgerRestore.put_state`. Raises SNAPSHOT_DAMAGED out of order."""
         try:

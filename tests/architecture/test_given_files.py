@@ -41,6 +41,7 @@ DELETES_BESIDE = {
     "network/bench/custody/custody_bench.py": "mkdtemp",
     "network/bench/fresh_network.py": "mkdtemp",
     "network/bench/robot/robot_bench.py": "mkdtemp",
+    "network/bench/growth/growth_bench.py": "half a filled size in the cache, named by its axis and size",
     "network/bench/catch_up.py": "a ledger of a network that the bench made",
     "network/lab/hosts/loss_stories.py": "the data directory of a node on a host that the story made",
     "network/provisioning/network_layout.py": "mkdtemp",

@@ -294,3 +294,14 @@ def test_what_a_crash_wrote_into_a_slot_that_nobody_holds_is_seen_and_wiped(tmp_
         assert keys.reconcile([slot]) == 0
         assert keys.check_destroyed() == 0
         assert keys.read(slot) is not None
+
+
+def test_keys_that_nothing_marks_are_found_beyond_the_marks_too(tmp_path: Path) -> None:
+    with EraseKeys(tmp_path) as keys:
+        slots = [slot for slot, _ in keys.allocate(5)]
+        keys.destroy(slots[3:4])
+        claimed = bytearray(slots[2] + 1)
+        claimed[slots[0]] = True
+        assert keys.find_unclaimed(claimed) == [slots[1], slots[2], slots[4]]
+        assert len(claimed) == slots[2] + 1
+        assert keys.find_unclaimed(bytearray(b"\x01" * keys.capacity_count)) == []

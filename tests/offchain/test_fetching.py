@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 
 import msgspec
+import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload, FrameDownload
 from node.custody.clip_fetching import FETCH_AT_ONCE_COUNT
+from node.custody.stores.custody_store import RecordFacts
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -90,6 +92,55 @@ async def test_a_clip_that_nobody_had_is_asked_for_again(opened: CustodianHarnes
     await opened.follow(recorded(clip))
     assert await opened.custodian.fetch_missing([Peer()]) == 0
     assert await opened.custodian.fetch_missing([Peer(held_by_peer(clip))]) == 1
+
+
+class NotedPeer(Peer):
+    def __init__(self, *clips: ClipDownload) -> None:
+        super().__init__(*clips)
+        self.asked: list[bytes] = []
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        self.asked.append(record_id)
+        return await super().fetch(record_id)
+
+
+def choose_of_all(missing: list[RecordFacts], asked_for: set[bytes]) -> list[bytes]:
+    """The simple version: of everything that is missing the newest that were not asked for, or all again."""
+    names = [facts.record_id for facts in missing]
+    if not set(names) - asked_for:
+        asked_for.clear()
+    chosen = [name for name in names if name not in asked_for][:FETCH_AT_ONCE_COUNT]
+    asked_for.update(chosen)
+    return chosen
+
+
+async def test_each_batch_asks_for_what_the_simple_version_would(opened: CustodianHarness) -> None:
+    clips = [record_clip() for _ in range(3 * FETCH_AT_ONCE_COUNT)]
+    for first in range(0, len(clips), 8):
+        await opened.follow(*(recorded(clip) for clip in clips[first : first + 8]))
+    peer, asked_for = NotedPeer(*(held_by_peer(clip) for clip in clips[::3])), set[bytes]()
+    for _ in range(7):
+        peer.asked.clear()
+        wanted = choose_of_all(await opened.store.missing(10_000), asked_for)
+        await opened.custodian.fetch_missing([peer])
+        assert peer.asked == wanted
+
+
+async def test_a_batch_costs_the_same_however_much_is_missing(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips = [record_clip() for _ in range(3 * FETCH_AT_ONCE_COUNT)]
+    await opened.follow(*(recorded(clip) for clip in clips))
+    peer, read_all, limits = Peer(*(held_by_peer(clip) for clip in clips)), opened.store.missing, list[int]()
+
+    async def read_noted(limit: int) -> list[RecordFacts]:
+        limits.append(limit)
+        return await read_all(limit)
+
+    monkeypatch.setattr(opened.store, "missing", read_noted)
+    fetched = [await opened.custodian.fetch_missing([peer]) for _ in range(4)]
+    assert fetched == [FETCH_AT_ONCE_COUNT] * 3 + [0]
+    assert limits == [FETCH_AT_ONCE_COUNT] * 4
 
 
 async def test_a_false_clip_from_a_peer_is_not_installed(opened: CustodianHarness) -> None:

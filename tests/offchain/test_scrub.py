@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 
 import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload
+from node.custody import custodian
+from node.custody.repair.scrub import find_unclaimed_keys
 from node.custody.stores.custody_store import BlockEffects, ClipRow
 from tests.offchain.desk import CustodyHarness, Peer
 from tests.offchain.house import ERASURE_ID, CustodianHarness, read_all, refused
@@ -352,3 +355,30 @@ async def test_an_empty_frame_that_a_store_kept_though_it_was_withdrawn_is_found
     await desk.rebuild()
     assert await desk.house.store.background_digests() == [b"\x01" * 32]
     assert (await desk.scrub()).is_clean
+
+
+async def test_an_upload_that_begins_at_rest_makes_no_keys_before_its_end(opened: CustodianHarness) -> None:
+    """A rebuild would destroy them as nobody's, and their slots would be given to others too."""
+    clip = record_clip()
+    async with opened.custodian.at_rest() as in_flight:
+        upload = asyncio.create_task(opened.custodian.stage(clip.upload))
+        for _ in range(50):
+            await asyncio.to_thread(bool)
+        unclaimed = await find_unclaimed_keys(opened.store, opened.keys, in_flight)
+    await upload
+    assert unclaimed == []
+    await opened.follow(recorded(clip))
+    exported = await opened.custodian.export(clip.record_id)
+    assert read_all(clip, exported) == list(clip.plaintexts)
+
+
+async def test_a_start_tells_how_many_slots_it_has_read(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for _ in range(3):
+        await opened.keep()
+    monkeypatch.setattr(custodian, "_TELL_SLOTS_COUNT", 4)
+    told: list[int] = []
+    await opened.custodian.start(told.append)
+    assert told == [4, 8]
+    assert opened.keys.held_count == 9

@@ -14,81 +14,106 @@ from msgspec import Struct
 
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.hashing import sha256
+from consensus.records.commitments import ciphertext_leaves
 from network.bench.conditions import percentile
 from network.bench.custody.custody_clips import SealedClip, seal_clip
 from node.custody.custodian import Custodian
-from node.custody.erase_keys import EraseKeys
+from node.custody.erase_keys import EraseKeys, wrap_frames
 from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
 from node.custody.stores.custody_store import ClipRow, FrameRow
 from node.custody.stores.sqlite_rows import write_clip
 from node.custody.stores.sqlite_schema import FORMAT_VERSION, SCHEMA
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
 
-KEPT_FRAMES_COUNT, KEPT_FRAME_BYTES, KEPT_KEY_BYTES = 2, 64, 136
+KEPT_FRAMES_COUNT = 2
+KEPT_SIZES_BYTES = (64, 80)
+"""Of a ciphertext, and of a sealed key."""
 ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES = 5, 12_000
 WARM_UP_COUNT = 10
-_AT_ONCE_COUNT = 2_000
-_START_MS = 1_800_000_000_000
-_EXPIRES_MS = _START_MS + 30 * 24 * 3_600_000
+_AT_ONCE_COUNT, _CACHE_KIB = 2_000, 512 * 1024
+START_MS = 1_800_000_000_000
+EXPIRES_MS = START_MS + 30 * 24 * 3_600_000
 
 OnProgress = Callable[[str], None]
 
 
-def _kept_rows(slots: Sequence[int]) -> Iterator[tuple[ClipRow, list[FrameRow]]]:
-    for first in range(0, len(slots), KEPT_FRAMES_COUNT):
-        record_id, text = secrets.token_bytes(16), secrets.token_bytes(KEPT_FRAME_BYTES)
-        leaves = tuple(secrets.token_bytes(32) for _ in range(KEPT_FRAMES_COUNT))
-        owner = secrets.token_bytes(33)
-        clip = ClipRow(record_id, bytes(32), 0, "confirmed", leaves, leaves, owner, _EXPIRES_MS, 1)
-        wrapped = secrets.token_bytes(KEPT_KEY_BYTES)
-        places = enumerate(slots[first : first + KEPT_FRAMES_COUNT])
-        yield clip, [FrameRow(record_id, index, text, wrapped, slot) for index, slot in places]
+def _kept_clips(taken: Sequence[tuple[int, bytes]]) -> Iterator[tuple[ClipRow, list[FrameRow]]]:
+    """Whole ones, as their records say, which no wallet can open."""
+    for first in range(0, len(taken), KEPT_FRAMES_COUNT):
+        record_id, owner = secrets.token_bytes(16), secrets.token_bytes(33)
+        texts, keys = ([secrets.token_bytes(size) for _ in range(KEPT_FRAMES_COUNT)] for size in KEPT_SIZES_BYTES)
+        leaves = tuple(ciphertext_leaves(texts, keys))
+        clip = ClipRow(record_id, bytes(32), 0, "confirmed", leaves, leaves, owner, EXPIRES_MS, 1)
+        parts = [(index, text, key) for index, (text, key) in enumerate(zip(texts, keys, strict=True))]
+        yield clip, wrap_frames(record_id, parts, taken[first : first + KEPT_FRAMES_COUNT])
 
 
-def fill(folder: Path, keys: EraseKeys, held: int, on_progress: OnProgress) -> None:
+def fill(
+    folder: Path,
+    keys: EraseKeys,
+    held: int,
+    on_progress: OnProgress,
+    note: Callable[[Sequence[ClipRow]], None] = lambda _clips: None,
+) -> None:
+    """`note` is told of the clips, some thousands at a time."""
     folder.mkdir(mode=0o700, parents=True)
     with closing(sqlite3.connect(folder / DATABASE_FILE_NAME, isolation_level=None)) as database:
-        for setting in ("journal_mode = WAL", "synchronous = OFF", "secure_delete = ON"):
+        for setting in ("journal_mode = WAL", "synchronous = OFF", "secure_delete = ON", f"cache_size = -{_CACHE_KIB}"):
             database.execute(f"PRAGMA {setting}").fetchall()
         database.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
         for first in range(0, held, _AT_ONCE_COUNT):
             on_progress(f"filling: {first} of {held} clips")
-            count = min(_AT_ONCE_COUNT, held - first)
-            slots = [slot for slot, _ in keys.allocate(count * KEPT_FRAMES_COUNT)]
+            taken = keys.allocate(min(_AT_ONCE_COUNT, held - first) * KEPT_FRAMES_COUNT)
+            clips = []
             database.execute("BEGIN")
-            for clip, frames in _kept_rows(slots):
+            for clip, frames in _kept_clips(taken):
                 write_clip(database, clip, frames)
+                clips.append(clip)
             database.execute("COMMIT")
+            note(clips)
 
 
-class _Blocks:
-    def __init__(self, custodian: Custodian) -> None:
-        self._custodian, self._height = custodian, 0
+class HeldBlocks:
+    """Blocks for a custodian that has followed those up to a height."""
 
-    async def follow(self, event: FinalizedEvent) -> tuple[float, float]:
+    def __init__(self, custodian: Custodian, height: int = 0) -> None:
+        self._custodian, self._height = custodian, height
+
+    @property
+    def now_ms(self) -> int:
+        return START_MS + self._height
+
+    async def follow(self, *events: FinalizedEvent) -> tuple[float, float]:
         self._height += 1
-        block = FinalizedEvents(self._height, sha256(b"%d" % self._height), _START_MS + self._height, (event,))
+        block = FinalizedEvents(self._height, sha256(b"%d" % self._height), self.now_ms, events)
         cpu_s, wall_s = time.process_time(), time.perf_counter()
         await self._custodian.on_finalized_block(block)
         return 1000 * (time.process_time() - cpu_s), 1000 * (time.perf_counter() - wall_s)
 
 
-def _recorded(clip: SealedClip, owner: bytes) -> FinalizedEvent:
-    data = {"record_id": clip.record_id, "owner": owner, "robot": owner, "expires_at_ms": _EXPIRES_MS}
+def recorded(clip: SealedClip, owner: bytes, expires_ms: int = EXPIRES_MS) -> FinalizedEvent:
+    data = {"record_id": clip.record_id, "owner": owner, "robot": owner, "expires_at_ms": expires_ms}
     roots = {"commitment_root": clip.commitment_root, "ciphertext_root": clip.ciphertext_root}
     return FinalizedEvent(clip.upload.txid, "records", "recorded", data | roots)
 
 
+def erasure_requested(record_ids: Sequence[bytes], owner: bytes) -> FinalizedEvent:
+    erasure_id = secrets.token_bytes(32)
+    data = {"erasure_id": erasure_id, "owner": owner, "records": list(record_ids), "frames": []}
+    return FinalizedEvent(erasure_id, "erasure", "requested", data)
+
+
+def upload_clip(frames: int, frame_bytes: int) -> SealedClip:
+    return seal_clip(frames, frame_bytes, valid_until_ms=START_MS + TRANSACTION_LIFETIME_MAX_MS)
+
+
 async def _erasures(custodian: Custodian, count: int) -> AsyncIterator[tuple[float, float]]:
-    blocks, owner = _Blocks(custodian), secrets.token_bytes(33)
+    blocks, owner = HeldBlocks(custodian), secrets.token_bytes(33)
     for _ in range(count):
-        valid_until_ms = _START_MS + TRANSACTION_LIFETIME_MAX_MS
-        clip = seal_clip(ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES, valid_until_ms=valid_until_ms)
+        clip = upload_clip(ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES)
         await custodian.stage(clip.upload)
-        await blocks.follow(_recorded(clip, owner))
-        erasure_id = secrets.token_bytes(32)
-        data = {"erasure_id": erasure_id, "owner": owner, "records": [clip.record_id], "frames": []}
-        yield await blocks.follow(FinalizedEvent(erasure_id, "erasure", "requested", data))
+        await blocks.follow(recorded(clip, owner))
+        yield await blocks.follow(erasure_requested([clip.record_id], owner))
 
 
 class HeldRow(Struct, frozen=True, kw_only=True):
@@ -106,7 +131,7 @@ async def measure_held(held: int, erasures: int, folder: Path, on_progress: OnPr
     with EraseKeys(folder / "erase-keys") as keys:
         await asyncio.to_thread(fill, folder / "custody", keys, held, on_progress)
         async with SqliteStore(folder / "custody") as store:
-            custodian = Custodian(store, keys, member=bytes(33), clock_ms=lambda: _START_MS)
+            custodian = Custodian(store, keys, member=bytes(33), clock_ms=lambda: START_MS)
             on_progress(f"erasing among {held} clips")
             took = [each async for each in _erasures(custodian, WARM_UP_COUNT + erasures)][WARM_UP_COUNT:]
             left = await store.leftovers()

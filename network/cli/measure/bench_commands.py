@@ -20,6 +20,7 @@ from network.cli.measure.cluster_option import with_cluster
 
 LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
 HELD_MAX_COUNT = 1_000_000
+GROWTH_AXES = ("clips", "state", "chain", "members", "visits")
 _TELL_PERSON_EVERY_S, _TELL_FILE_EVERY_S = 0.2, 15.0
 
 
@@ -208,6 +209,42 @@ def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...
         raise click.UsageError("--held measures the embedded store; leave --store out.")
     options = CustodyOptions(store=uri, erasures=erasures, behind=behind, held=held)
     _finish(run_to_end(run_custody_benchmark(options, _Teller())), as_json=as_json)
+
+
+@bench.command("growth")
+@click.option("--full", "is_full", is_flag=True, help="Up to the largest sizes too: hours, and some 20 GB of disk.")
+@click.option("--axis", "axes", multiple=True, type=click.Choice(GROWTH_AXES), help="Only this; may be repeated.")
+@command_output
+def growth_command(is_full: bool, axes: tuple[str, ...], as_json: bool) -> None:
+    """Measure how each operation's cost grows with what is merely kept: clips, state, chain, members, visits.
+
+    Each size is filled once and kept in the folder `growth` of blockrobot's data, where it may be deleted. Exits 1 if a
+    cost grows faster than its goal. A line of progress goes to standard error.
+
+    \b
+    Example: blockrobot bench growth --json
+    Example: blockrobot bench growth --axis clips --full
+    """
+    from network.bench.growth.growth_bench import GrowthOptions, choose_sizes, run_growth_benchmark  # noqa: PLC0415 - only when it is needed
+
+    options = GrowthOptions(home_folder() / "growth", choose_sizes(axes, is_full=is_full))
+    result = run_to_end(run_growth_benchmark(options, _Teller()))
+    if not as_json:
+        console.print(_growth_table(result.figures))
+        sys.exit(0 if result.ok else EXIT_FAILED)
+    _finish(result, as_json=True)
+
+
+def _growth_table(figures: Any) -> Table:
+    """One line for each operation: CPU milliseconds at each size, and the exponent."""
+    table = Table(title="growth, CPU ms", title_justify="left")
+    for column in ("operation", "kept", "at each size", "exponent", "goal"):
+        table.add_column(column)
+    for each in figures.operations:
+        costs = ", ".join(f"{size.size:.0e}: {size.cpu_ms:.3g}" for size in each.sizes)
+        goal = f"{each.goal}" if each.is_within_goal else f"[red]{each.goal}: MISSED[/red]"
+        table.add_row(each.operation, each.axis, costs, str(each.exponent), goal)
+    return table
 
 
 @bench.command("flood")

@@ -124,8 +124,11 @@ class MemoryEraseKeys:
         return len(orphans)
 
     @property
-    def held(self) -> list[int]:
-        return sorted(self._keys)
+    def held_count(self) -> int:
+        return len(self._keys)
+
+    def find_unclaimed(self, claimed: bytearray) -> list[int]:
+        return sorted(slot for slot in self._keys if slot >= len(claimed) or not claimed[slot])
 
     def check_destroyed(self) -> int:
         return 0

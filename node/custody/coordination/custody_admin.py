@@ -88,7 +88,6 @@ class CustodyAdmin:
         point, counts = await self._custodian.checkpoint(), await self._store.counts()
         height, waiting = await asyncio.to_thread(self._look_at_erasures)
         followed = -1 if point is None else point.height
-        held = await asyncio.to_thread(lambda: len(self._keys.held))
         uploads = await self._describe_uploads(0 if point is None else point.timestamp_ms, counts_held=True)
         return CustodyStatus(
             name=self._name,
@@ -107,7 +106,7 @@ class CustodyAdmin:
             key_parts=counts.parts,
             outbox_ready=counts.outbox_ready,
             outbox_erasing=counts.outbox_erasing,
-            slots_used=held,
+            slots_used=self._keys.held_count,
             slots_total=self._keys.capacity_count,
             store_bytes=counts.size_bytes,
             waiting_for=waiting,

@@ -259,5 +259,8 @@ async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple
 
 async def find_unclaimed_keys(store: CustodyStore, keys: ErasableKeys, in_flight: frozenset[int]) -> list[int]:
     """Return keyed slots neither named nor in flight; only at rest."""
-    in_use = {slot async for slot in store.slots_in_use()}
-    return [slot for slot in await asyncio.to_thread(lambda: keys.held) if slot not in in_use and slot not in in_flight]
+    claimed = bytearray(keys.capacity_count)
+    async for slot in store.slots_in_use():
+        if slot < len(claimed):
+            claimed[slot] = True
+    return [slot for slot in await asyncio.to_thread(keys.find_unclaimed, claimed) if slot not in in_flight]
