@@ -181,18 +181,15 @@ class BlockApplier:
             await self._shares.deny_visit(owner)
 
     async def _awaits_any(self, record_ids: Sequence[bytes]) -> bool:
-        for record_id in record_ids:
-            if await self._store.missing_clip(record_id) is not None:
-                return True
-        return False
+        return bool(await self._store.missing_clips(record_ids))
 
     async def _on_erasure(self, data: dict[str, Any]) -> None:
         record_ids, frames = list(data["records"]), sorted(data["frames"])
         clips = await self._store.clips(record_ids)
+        listed = await self._store.missing_clips(record_ids)
         own = []
         for record_id in record_ids:
-            missing = await self._store.missing_clip(record_id)
-            clip = clips.get(record_id)
+            missing, clip = listed.get(record_id), clips.get(record_id)
             holder = clip.owner if clip is not None and clip.status == "confirmed" else (missing and missing.owner)
             if holder and holder != data["owner"]:
                 log.error("custody_erasure_by_another_owner", record_id=record_id.hex())

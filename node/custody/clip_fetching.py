@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import structlog
 
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
+from consensus.records.clips import ClipDownload, check_clip_download
 from node.custody.stores.custody_store import CustodyStore, RecordFacts
 
-if TYPE_CHECKING:
-    from consensus.records.clips import ClipDownload
-
-FETCH_AT_ONCE_COUNT = 32
+FETCH_AT_ONCE_COUNT = 128
+FETCHES_IN_FLIGHT_COUNT = 2
+INSTALL_AT_ONCE_MAX_BYTES = 2 * 1024 * 1024
 MISSING_READ_COUNT = 10_000
+_ROOM_BYTES = FETCHES_IN_FLIGHT_COUNT * (INSTALL_AT_ONCE_MAX_BYTES + CLIP_SIZE_MAX_BYTES)
 
 log = structlog.get_logger(__name__)
 
@@ -31,6 +32,13 @@ class PeerCustodian(Protocol):
     async def fetch(self, record_id: bytes) -> ClipDownload | None: ...
 
 
+def check_fetched(fetched: ClipDownload, facts: RecordFacts) -> None:
+    """Raises PROOF_INVALID (leaves against chain roots), UPLOAD_HASH_MISMATCH (bytes against leaves), UPLOAD_INVALID."""
+    damaged = check_clip_download(fetched, facts.commitment_root, facts.ciphertext_root)
+    if damaged:
+        raise BlockRobotError("UPLOAD_HASH_MISMATCH", f"Frames {damaged} of the fetched clip are damaged.")
+
+
 class ClipFetcher:
     """Mixin of `Custodian` that fetches missing clips."""
 
@@ -40,28 +48,47 @@ class ClipFetcher:
         _asked_for: set[bytes]
         _waited_s: dict[str, float]
 
-        async def install(self, fetched: ClipDownload) -> bool: ...
+        async def install_checked(self, fetched: Sequence[ClipDownload]) -> int: ...
 
     async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
-        """Fetch up to 32 missing clips, newest first, in turns, from who answered fastest; return those installed."""
-        installed = 0
-        for facts in await self._choose_missing():
-            if not self._has_room(CLIP_SIZE_MAX_BYTES):
+        """Fetch up to 128 missing clips, newest first, in turns, from who answered fastest; return those installed.
+
+        While one clip is fetched, those before it are stored, many at once.
+        """
+        due = iter(await self._choose_missing())
+        try:
+            async with asyncio.TaskGroup() as group:
+                works = [group.create_task(self._fetch_in_turn(due, peers)) for _ in range(FETCHES_IN_FLIGHT_COUNT)]
+        except BaseExceptionGroup as errors:
+            raise errors.exceptions[0] from None
+        return sum(work.result() for work in works)
+
+    async def _fetch_in_turn(self, due: Iterator[RecordFacts], peers: Sequence[PeerCustodian]) -> int:
+        installed, size_bytes = 0, 0
+        held: list[ClipDownload] = []
+        for facts in due:
+            if not self._has_room(_ROOM_BYTES):
                 log.warning("clips_not_fetched", code="DISK_RESERVE_REACHED")
                 break
-            for peer in sorted(peers, key=lambda each: self._waited_s.get(each.name, 0.0)):
-                try:
-                    fetched = await self._fetch_timed(peer, facts.record_id)
-                    found = fetched is not None and fetched.record_id == facts.record_id
-                    if fetched is not None and found and await self.install(fetched):
-                        installed += 1
-                        self._asked_for.discard(facts.record_id)
-                        break
-                except BlockRobotError as error:
-                    if error.code in {"STORE_UNAVAILABLE", "ERASE_KEYS_DAMAGED"}:
-                        raise
-                    log.info("custody_fetch_refused", peer=peer.name, code=error.code)
-        return installed
+            fetched = await self._fetch_from_any(facts, peers)
+            if fetched is not None:
+                held.append(fetched)
+                size_bytes += sum(len(frame.ciphertext) for frame in fetched.frames)
+            if size_bytes >= INSTALL_AT_ONCE_MAX_BYTES:
+                installed += await self.install_checked(held)
+                held, size_bytes = [], 0
+        return installed + (await self.install_checked(held) if held else 0)
+
+    async def _fetch_from_any(self, facts: RecordFacts, peers: Sequence[PeerCustodian]) -> ClipDownload | None:
+        for peer in sorted(peers, key=lambda each: self._waited_s.get(each.name, 0.0)):
+            try:
+                fetched = await self._fetch_timed(peer, facts.record_id)
+                if fetched is not None and fetched.record_id == facts.record_id:
+                    check_fetched(fetched, facts)
+                    return fetched
+            except BlockRobotError as error:
+                log.info("custody_fetch_refused", peer=peer.name, code=error.code)
+        return None
 
     async def _fetch_timed(self, peer: PeerCustodian, record_id: bytes) -> ClipDownload | None:
         now_s = asyncio.get_running_loop().time
@@ -75,8 +102,9 @@ class ClipFetcher:
         return fetched
 
     async def _choose_missing(self) -> list[RecordFacts]:
-        # So many are due or asked for already: a batch costs what nobody had, not what is missing.
-        missing = await self._store.missing(min(MISSING_READ_COUNT, len(self._asked_for) + FETCH_AT_ONCE_COUNT))
+        # As many as leave some that were not asked for, however many nobody had.
+        missing = await self._store.missing(min(len(self._asked_for) + FETCH_AT_ONCE_COUNT, MISSING_READ_COUNT))
+        self._asked_for.intersection_update(facts.record_id for facts in missing)
         due = [facts for facts in missing if facts.record_id not in self._asked_for]
         if not due:
             self._asked_for.clear()

@@ -10,6 +10,7 @@ from array import array
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from itertools import islice
 from types import MappingProxyType
 
 import structlog
@@ -21,7 +22,7 @@ from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, che
 from consensus.records.commitments import ciphertext_leaves
 from node.custody.block_effects import BlockApplier, build_release, matches_roots
 from node.custody.chain_facts import ChainFacts
-from node.custody.clip_fetching import MISSING_READ_COUNT, ClipFetcher
+from node.custody.clip_fetching import MISSING_READ_COUNT, ClipFetcher, check_fetched
 from node.custody.erase_keys import ErasableKeys, unwrap_key, wipe_keys, wrap_frames
 from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvents
@@ -99,8 +100,7 @@ class Custodian(ShareService, ClipFetcher):
         if orphans:
             log.info("custody_orphan_keys_destroyed", count=orphans)
         async with self._writing:
-            for facts in await self._store.missing(MISSING_READ_COUNT):
-                await self._settle_missing(facts)
+            await self._settle_missing(await self._store.missing(MISSING_READ_COUNT))
 
     # Uploads
 
@@ -124,9 +124,7 @@ class Custodian(ShareService, ClipFetcher):
         )
         if await self._is_known(clip):
             async with self._writing:
-                facts = await self._store.missing_clip(clip.record_id)
-                if facts is not None:
-                    await self._settle_missing(facts)
+                await self._settle_missing(list((await self._store.missing_clips([clip.record_id])).values()))
             return
         await self._check_in_time(clip)
         await self.require_quota(clip.size_bytes, terms)  # before any key is made for it, which is flushed to the disk
@@ -149,7 +147,7 @@ class Custodian(ShareService, ClipFetcher):
 
     async def _find_missing(self, clip: ClipRow) -> RecordFacts | None:
         """Raises UPLOAD_HASH_MISMATCH."""
-        facts = await self._store.missing_clip(clip.record_id)
+        facts = (await self._store.missing_clips([clip.record_id])).get(clip.record_id)
         if facts is not None and not matches_roots(clip, facts):
             raise BlockRobotError("UPLOAD_HASH_MISMATCH", "The clip is not the one that its record commits to.")
         return facts
@@ -161,7 +159,7 @@ class Custodian(ShareService, ClipFetcher):
         if clip.valid_until_ms > now_ms + TRANSACTION_LIFETIME_MAX_MS + CLOCK_SLACK_MS:
             raise BlockRobotError("UPLOAD_INVALID", "The transaction's expiry is more than ten minutes ahead.")
         late = point is not None and clip.valid_until_ms <= point.timestamp_ms
-        if late and await self._store.missing_clip(clip.record_id) is None:
+        if late and not await self._store.missing_clips([clip.record_id]):
             raise BlockRobotError("TRANSACTION_EXPIRED", "The record's transaction can no longer become final.")
 
     async def require_quota(
@@ -172,80 +170,96 @@ class Custodian(ShareService, ClipFetcher):
         now_ms = 0 if point is None else point.timestamp_ms
         return await require_quota_of(self._store, size_bytes, terms, now_ms, in_flight)
 
-    async def _keep(
-        self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]], terms: UploadTerms | None = None
-    ) -> bool:
-        taken = await self._take_keys(len(frames))
-        slots = [slot for slot, _ in taken]
+    @asynccontextmanager
+    async def _taking(self, count: int) -> AsyncIterator[list[tuple[int, bytes]]]:
+        """Erase keys for `count` frames, which count as under way; wiped from memory afterwards.
+
+        Not while at rest: a key that is neither named nor under way then is taken for nobody's.
+        """
+        async with self._allocating:
+            taken = await asyncio.to_thread(self._keys.allocate, count)
+            slots = [slot for slot, _ in taken]
+            self._in_flight.update(slots)
         try:
-            return await self._keep_under(clip, frames, taken, terms)
+            yield taken
         finally:
             wipe_keys(taken)
             self._in_flight.difference_update(slots)
 
-    async def _take_keys(self, count: int) -> list[tuple[int, bytes]]:
-        """Not while at rest: a key that is neither named nor under way then is taken for nobody's."""
-        async with self._allocating:
-            taken = await asyncio.to_thread(self._keys.allocate, count)
-            self._in_flight.update(slot for slot, _ in taken)
-        return taken
+    async def _keep(self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]], terms: UploadTerms | None) -> None:
+        async with self._taking(len(frames)) as taken:
+            rows = wrap_frames(clip.record_id, frames, taken)
+            slots = [slot for slot, _ in taken]
+            async with self._writing:
+                try:
+                    known = await self._is_known(clip)
+                    facts = await self._find_missing(clip)
+                    day = 0 if known else await self.require_quota(clip.size_bytes, terms)
+                except BlockRobotError:
+                    await self._eraser.destroy_unused(slots)
+                    raise
+                if known:
+                    await self._eraser.destroy_unused(slots)
+                    await self._settle_missing([] if facts is None else [facts])
+                    return
+                if terms is not None:
+                    await self._store.add_use(DayUse(day, clip.robot, clip.size_bytes))
+                # From here on a failure leaves the slots alone: the store may hold the rows although it did not answer.
+                if facts is None:
+                    await self._stage([(clip, rows)])
+                else:
+                    await self._keep_missing([(clip, rows, facts)])
 
-    async def _keep_under(
-        self,
-        clip: ClipRow,
-        frames: Sequence[tuple[int, bytes, bytes]],
-        taken: Sequence[tuple[int, bytes]],
-        terms: UploadTerms | None,
-    ) -> bool:
-        rows = wrap_frames(clip.record_id, frames, taken)
-        slots = [slot for slot, _ in taken]
-        async with self._writing:
-            try:
-                known = await self._is_known(clip)
-                facts = await self._find_missing(clip)
-                day = 0 if known else await self.require_quota(clip.size_bytes, terms)
-            except BlockRobotError:
-                await self._eraser.destroy_unused(slots)
-                raise
-            if known:
-                await self._eraser.destroy_unused(slots)
-                if facts is not None:
-                    await self._settle_missing(facts)
-                return False
-            if terms is not None:
-                await self._store.add_use(DayUse(day, clip.robot, clip.size_bytes))
-            # From here on a failure leaves the slots alone: the store may hold the rows although it did not answer.
-            if facts is None:
-                await self._store.stage(clip, rows)
+    async def _stage(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
+        """The keys of what an earlier try left half written go with its rows."""
+        left = await self._store.frame_places([clip.record_id for clip, _ in clips])
+        await self._store.stage_all(clips)
+        await self._eraser.destroy_unused([place.slot for place in left])
+
+    async def _keep_missing(self, found: Sequence[tuple[ClipRow, Sequence[FrameRow], RecordFacts]]) -> None:
+        """Store clips of final records, without the frames that were erased before they came."""
+        confirmed = [
+            (
+                replace(
+                    clip,
+                    txid=facts.txid,
+                    status="confirmed",
+                    owner=facts.owner,
+                    expires_at_ms=facts.expires_at_ms,
+                    height=facts.height,
+                ),
+                [row for row in rows if row.index not in facts.erased_frames],
+            )
+            for clip, rows, facts in found
+        ]
+        await self._stage(confirmed)
+        await self._settle_missing([facts for *_, facts in found])
+        erased = {row.slot for _, rows, facts in found for row in rows if row.index in facts.erased_frames}
+        await self._eraser.destroy_unused(sorted(erased))
+
+    async def _settle_missing(self, missing: Sequence[RecordFacts]) -> None:
+        """Those that are here by now are no longer missing, and are owed to whoever asked for them."""
+        clips = await self._store.clips([facts.record_id for facts in missing])
+        here = [facts for facts in missing if facts.record_id in clips and clips[facts.record_id].status == "confirmed"]
+        owners = sorted({facts.owner for facts in here})
+        restrictions = await self._store.visit_restrictions(owners)
+        asked = [
+            grant
+            for grant in await self._store.grants_of_owners(owners)
+            if not is_void(grant, restrictions.get(grant.owner))
+        ]
+        unasked = []
+        for facts in here:
+            clip = clips[facts.record_id]
+            covering = [grant for grant in asked if grant.owner == facts.owner and grant_covers(grant, clip)]
+            grants = [grant for grant in covering if await may_release(self._store, grant, clip.record_id)]
+            if grants:  # alone, since the next one takes the next part of the same request
+                owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in grants])
+                await self._store.apply(BlockEffects(outbox=owed, found=(facts.record_id,)))
             else:
-                await self._keep_missing(clip, rows, facts)
-                erased = {row.slot for row in rows if row.index in facts.erased_frames}
-                await self._eraser.destroy_unused(sorted(erased))
-        return True
-
-    async def _keep_missing(self, clip: ClipRow, rows: Sequence[FrameRow], facts: RecordFacts) -> None:
-        kept = [row for row in rows if row.index not in facts.erased_frames]
-        confirmed = replace(
-            clip,
-            txid=facts.txid,
-            status="confirmed",
-            owner=facts.owner,
-            expires_at_ms=facts.expires_at_ms,
-            height=facts.height,
-        )
-        await self._store.stage(confirmed, kept)
-        await self._settle_missing(facts)
-
-    async def _settle_missing(self, facts: RecordFacts) -> None:
-        clip = (await self._store.clips([facts.record_id])).get(facts.record_id)
-        if clip is None or clip.status != "confirmed":
-            return
-        restrictions = await find_restrictions(self._store, facts.owner)
-        asked = [grant for grant in await self._store.grants_of_owner(facts.owner) if not is_void(grant, restrictions)]
-        covering = [grant for grant in asked if grant_covers(grant, clip)]
-        grants = [grant for grant in covering if await may_release(self._store, grant, clip.record_id)]
-        owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in grants])
-        await self._store.apply(BlockEffects(outbox=owed, confirmed=(facts,)))
+                unasked.append(facts.record_id)
+        if unasked:
+            await self._store.apply(BlockEffects(found=tuple(unasked)))
 
     # Upkeep
 
@@ -269,16 +283,10 @@ class Custodian(ShareService, ClipFetcher):
         `read_facts` returns the chain's present record, None if not kept. Old keys go after new rows exist. False if
         unneeded or incomplete. Raises as `install`.
         """
-        taken = await self._take_keys(len(fetched.frames))
-        slots = [slot for slot, _ in taken]
-        try:
-            async with self._writing:
-                unused = await self._repair_under(fetched, read_facts(), taken)
-                await self._eraser.destroy_unused(unused)
-        finally:
-            wipe_keys(taken)
-            self._in_flight.difference_update(slots)
-        return not set(slots) <= set(unused)
+        async with self._taking(len(fetched.frames)) as taken, self._writing:
+            unused = await self._repair_under(fetched, read_facts(), taken)
+            await self._eraser.destroy_unused(unused)
+        return not {slot for slot, _ in taken} <= set(unused)
 
     async def _repair_under(
         self, fetched: ClipDownload, facts: RecordFacts | None, taken: Sequence[tuple[int, bytes]]
@@ -391,7 +399,7 @@ class Custodian(ShareService, ClipFetcher):
     async def _confirmed_clip(self, record_id: bytes) -> ClipRow:
         clip = (await self._store.clips([record_id])).get(record_id)
         if clip is None:
-            missing = await self._store.missing_clip(record_id) is not None
+            missing = await self._store.missing_clips([record_id])
             raise BlockRobotError("CLIP_NOT_CONFIRMED" if missing else "NOT_FOUND", "This custodian has no such clip.")
         if clip.status == "erased":
             raise BlockRobotError("CLIP_ERASED")
@@ -459,12 +467,14 @@ class Custodian(ShareService, ClipFetcher):
         """
         clip = await self._confirmed_clip(record_id)
         rows = await self._store.frames(record_id)
-        await self.require_exportable(record_id)  # after the rows and before the keys, as in `download`
+        await self._require_not_denied(clip)  # after the rows and before the keys, as in `download`
         return self._assemble(clip, rows)
 
     async def require_exportable(self, record_id: bytes) -> None:
         """Raise as `export` if a clip may not go to another custodian."""
-        clip = await self._confirmed_clip(record_id)
+        await self._require_not_denied(await self._confirmed_clip(record_id))
+
+    async def _require_not_denied(self, clip: ClipRow) -> None:
         restrictions = await find_restrictions(self._store, clip.owner)
         if restrictions is not None and restrictions.quarantined:
             raise BlockRobotError("CLIP_QUARANTINED")
@@ -478,26 +488,42 @@ class Custodian(ShareService, ClipFetcher):
         return await self._store.missing(limit)
 
     async def install(self, fetched: ClipDownload) -> bool:
-        """Store a missing clip from another custodian; False if not missing.
-
-        Raises PROOF_INVALID (leaves against chain roots), UPLOAD_HASH_MISMATCH (bytes against leaves), UPLOAD_INVALID.
-        """
-        facts = await self._store.missing_clip(fetched.record_id)
+        """Store a missing clip from another custodian; False if not missing. Raises as `check_fetched`."""
+        facts = (await self._store.missing_clips([fetched.record_id])).get(fetched.record_id)
         if facts is None:
             return False
-        damaged = check_clip_download(fetched, facts.commitment_root, facts.ciphertext_root)
-        if damaged:
-            raise BlockRobotError("UPLOAD_HASH_MISMATCH", f"Frames {damaged} of the fetched clip are damaged.")
-        clip = ClipRow(
-            record_id=facts.record_id,
-            txid=facts.txid,
-            valid_until_ms=0,
-            status="staged",
-            commitment_leaves=tuple(fetched.commitment_leaves),
-            ciphertext_leaves=tuple(fetched.ciphertext_leaves),
-        )
-        present = [frame for frame in fetched.frames if not frame.erased and frame.index not in facts.erased_frames]
-        return await self._keep(clip, _parts_of(present))
+        check_fetched(fetched, facts)
+        return bool(await self.install_checked([fetched]))
+
+    async def install_checked(self, fetched: Sequence[ClipDownload]) -> int:
+        """Store those that are still missing; return how many. The caller checked them against the chain's roots."""
+        parts = {clip.record_id: _parts_of([frame for frame in clip.frames if not frame.erased]) for clip in fetched}
+        async with self._taking(sum(map(len, parts.values()))) as taken:
+            left = iter(taken)
+            rows = {key: wrap_frames(key, own, list(islice(left, len(own)))) for key, own in parts.items()}
+            async with self._writing:
+                try:
+                    missing = await self._store.missing_clips(list(parts))
+                    known = await self._store.clips(list(parts))
+                except BlockRobotError:
+                    await self._eraser.destroy_unused([slot for slot, _ in taken])
+                    raise
+                found = [
+                    (_fetched_row(clip), rows[clip.record_id], missing[clip.record_id])
+                    for clip in fetched
+                    if clip.record_id in missing and clip.record_id not in known
+                ]
+                kept = {clip.record_id for clip, *_ in found}
+                await self._eraser.destroy_unused([row.slot for key in parts.keys() - kept for row in rows[key]])
+                await self._settle_missing([facts for key, facts in missing.items() if key in known])
+                if found:
+                    await self._keep_missing(found)
+        return len(found)
+
+
+def _fetched_row(fetched: ClipDownload) -> ClipRow:
+    leaves = (tuple(fetched.commitment_leaves), tuple(fetched.ciphertext_leaves))
+    return ClipRow(fetched.record_id, fetched.txid, 0, "staged", *leaves)
 
 
 def _parts_of(frames: Sequence[FrameDownload]) -> list[tuple[int, bytes, bytes]]:

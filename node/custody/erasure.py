@@ -158,8 +158,9 @@ class Eraser:
         await self.destroy_parts([p for p in places if up_to_height is None or p.height <= up_to_height])
 
     async def destroy_unused(self, slots: Sequence[int]) -> None:
-        await asyncio.to_thread(self._keys.destroy, slots)
-        await asyncio.to_thread(self._keys.release, slots)
+        if slots:
+            await asyncio.to_thread(self._keys.destroy, slots)
+            await asyncio.to_thread(self._keys.release, slots)
 
     async def finish(self) -> None:
         """Finish interrupted plans, sweep once if anything went, then close plans."""

@@ -86,7 +86,7 @@ class ShareService:
     async def _owe_shared(self, part: PartRow) -> None:
         clip = (await self._store.clips([part.record_id]))[part.record_id]
         restrictions = await find_restrictions(self._store, part.owner)
-        asked = [grant for grant in await self._store.grants_of_owner(part.owner) if grant.share == part.grant_id]
+        asked = [grant for grant in await self._store.grants_of_owners([part.owner]) if grant.share == part.grant_id]
         due = [grant for grant in asked if grant_covers(grant, clip) and not is_void(grant, restrictions)]
         owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in due])
         await self._store.apply(BlockEffects(outbox=owed))

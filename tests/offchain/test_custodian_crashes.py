@@ -129,7 +129,7 @@ async def test_keys_of_an_upload_that_a_crash_cut_off_are_destroyed_at_the_next_
             raise PowerCutError
 
         with monkeypatch.context() as patches:
-            patches.setattr(house.store, "stage", fail)
+            patches.setattr(house.store, "stage_all", fail)
             with pytest.raises(PowerCutError):
                 await custodian.stage(clip.upload)
         assert house.keys.held_count == 3

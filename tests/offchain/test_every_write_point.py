@@ -1,6 +1,6 @@
-"""A power cut at every single write of the hook, down to a key's bytes or a command to the server; and stores that fail.
+"""A power cut at every single write of a block and of a fetch, down to a key's bytes or a command; and stores that fail.
 
-Two blocks are cut: one by which clips begin and end, and one by which shares do.
+Two blocks are cut: one by which clips begin and end, and one by which shares do; and clips that are fetched.
 
 What is cut here is lower than in `test_custodian_crashes`: a file's single write, a database's single transaction, a
 server's single command, each of them just before it and just after it.
@@ -46,6 +46,7 @@ from tests.offchain.small_chain import (
     record_clip,
     recorded,
 )
+from tests.offchain.test_fetching import Peer, held_by_peer
 from tests.offchain.test_sharing import asked, granted, parts_for, request, revoked
 
 LATER_MS = EXPIRES_MS + 9_999_999
@@ -96,7 +97,7 @@ class Cutter:
         patches.setattr(SqliteStore, "sweep", self.around_async(SqliteStore.sweep))
         for blobs, name in product((FolderBlobs, S3Blobs), ("put", "delete")):
             patches.setattr(blobs, name, self.around_async(getattr(blobs, name)))
-        for name in ("_bulk", "_delete"):
+        for name in ("_bulk", "_insert", "_delete"):
             patches.setattr(MongoStore, name, self.around_async(getattr(MongoStore, name)))
 
 
@@ -125,6 +126,9 @@ class Story:
             empty_frames_withdrawn(FRAME, gone=(FRAME,)),
         )
         return chain.block(*events, at_ms=START_MS + 50_000)
+
+    async def act(self, block: FinalizedEvents) -> None:
+        await self.house.custodian.on_finalized_block(block)
 
     async def check(self) -> None:
         custodian, keys = self.house.custodian, self.house.keys
@@ -172,6 +176,9 @@ class SharesStory:
         )
         return self.house.chain.block(*events, at_ms=AT_MS)
 
+    async def act(self, block: FinalizedEvents) -> None:
+        await self.house.custodian.on_finalized_block(block)
+
     async def check(self) -> None:
         custodian, store, keys = self.house.custodian, self.house.store, self.house.keys
         kept = [(place.grant_id, place.status) async for place in store.all_parts()]
@@ -187,29 +194,62 @@ class SharesStory:
         assert refusal.value.code in {"GRANT_ENDED", "GRANT_PARTS_MISSING"}
 
 
-Kind = type[Story] | type[SharesStory]
+class FetchStory:
+    """What was missed is fetched, one of it asked for and one in part erased, and a block ends it."""
+
+    chunks_count, commands_min_count = 2, 10
+
+    def __init__(self, house: CustodianHarness) -> None:
+        self.house = house
+        self.clips = [record_clip() for _ in range(4)]
+        self.peer = Peer(*(held_by_peer(clip) for clip in self.clips))
+
+    async def prepare(self) -> FinalizedEvents:
+        asked_for, _, cut, _ = self.clips
+        await self.house.follow(*(recorded(clip, expires_at_ms=LATER_MS) for clip in self.clips))
+        await self.house.follow(access(ACCESS_ID, asked_for), erasure(ERASURE_ID, cut, frames=(1,)))
+        return self.house.chain.block()
+
+    async def act(self, block: FinalizedEvents) -> None:
+        while await self.house.custodian.fetch_missing([self.peer]):
+            pass
+        await self.house.custodian.on_finalized_block(block)
+
+    async def check(self) -> None:
+        custodian, keys, store = self.house.custodian, self.house.keys, self.house.store
+        for clip in self.clips:
+            whole = list(clip.plaintexts)
+            expected = [whole[0], None, whole[2]] if clip is self.clips[2] else whole
+            assert read_all(clip, await custodian.export(clip.record_id)) == expected
+        assert await custodian.missing(10) == []
+        assert sorted([slot async for slot in store.slots_in_use()]) == keys.held
+        assert keys.check_destroyed() == 0
+        assert ("access.released", [ACCESS_ID, [self.clips[0].record_id]]) in await self.house.ready_outbox()
+
+
+Kind = type[Story] | type[SharesStory] | type[FetchStory]
 
 
 async def play(kind: Kind, house: CustodianHarness, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) -> bool:
     """Play a story with one power cut; return whether there still was a write to cut."""
-    async with house.open() as custodian:
+    async with house.open():
         story = kind(house)
         block = await story.prepare()
         with monkeypatch.context() as patches:
             cutter.install(patches)
             try:
-                await custodian.on_finalized_block(block)
+                await story.act(block)
                 was_cut = False
             except PowerCutError:
                 was_cut = True
-    async with house.open() as custodian:
+    async with house.open():
         for _ in range(2):
-            await custodian.on_finalized_block(block)
+            await story.act(block)
         await story.check()
     return was_cut
 
 
-@pytest.mark.parametrize("kind", [Story, SharesStory])
+@pytest.mark.parametrize("kind", [Story, SharesStory, FetchStory])
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 async def test_a_power_cut_at_every_write_of_the_embedded_store_and_of_the_keys(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: bool, kind: Kind
@@ -221,7 +261,7 @@ async def test_a_power_cut_at_every_write_of_the_embedded_store_and_of_the_keys(
         if not await play(kind, house, Cutter(step, after=after), monkeypatch):
             break
         steps = step
-    assert 25 < steps < STEPS_MAX_COUNT - 1
+    assert kind.commands_min_count < steps < STEPS_MAX_COUNT - 1
 
 
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
@@ -263,11 +303,11 @@ async def cut_everywhere_with_clips_apart(
 @pytest.mark.parametrize(
     ("kind", "first", "has_transactions"),
     [
-        (Story, 1, True),
-        *((kind, 1, False) for kind in (Story, SharesStory)),
+        *((kind, 1, True) for kind in (Story, FetchStory)),
+        *((kind, 1, False) for kind in (Story, SharesStory, FetchStory)),
         *(
             pytest.param(kind, first, False, marks=pytest.mark.long)
-            for kind in (Story, SharesStory)
+            for kind in (Story, SharesStory, FetchStory)
             for first in range(2, 1 + kind.chunks_count)
         ),
     ],

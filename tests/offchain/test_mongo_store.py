@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -81,6 +81,7 @@ async def test_a_clip_whose_staging_was_cut_off_counts_for_its_robot(
 ) -> None:
     clip, frames = make_clip(1)
     async with MongoStore(mongo_database) as store:
+        store.has_transactions = False
         monkeypatch.setattr(store, "_delete", _cut_off)
         with pytest.raises(ConnectionFailure):
             await store.stage(replace(clip, robot=OWNER, size_bytes=7), frames)
@@ -140,6 +141,7 @@ QUERIES: Mapping[str, Query] = {
     "clips_of_owner": lambda store: store.clips_of_owner(OWNER),
     "frames": lambda store: store.frames(RECORD_ID),
     "frame_places": lambda store: store.frame_places([RECORD_ID, b"\x09" * 16]),
+    "stage_all": lambda store: store.stage_all([make_clip(1), make_clip(2)]),
     "erase_clip": lambda store: store.erase_clip(RECORD_ID),
     "replace_frames": lambda store: store.replace_frames(RECORD_ID, [FrameRow(RECORD_ID, 0, b"new", b"wrapped", 8)]),
     "drop_staged": lambda store: store.drop_staged(RECORD_ID),
@@ -147,11 +149,11 @@ QUERIES: Mapping[str, Query] = {
     "expired": lambda store: store.expired(5000, 10),
     "missing": lambda store: store.missing(10),
     "missing_of_owner": lambda store: store.missing_of_owner(OWNER),
-    "missing_clip": lambda store: store.missing_clip(RECORD_ID),
+    "missing_clips": lambda store: store.missing_clips([RECORD_ID]),
     "missing_over": lambda store: store.missing_over(5000),
     "apply": lambda store: store.apply(BlockEffects(checkpoint=Checkpoint(5, TXID, 5000))),
     "grant": lambda store: store.grant(TXID),
-    "grants_of_owner": lambda store: store.grants_of_owner(OWNER),
+    "grants_of_owners": lambda store: store.grants_of_owners([OWNER]),
     "background": lambda store: store.background(TXID),
     "outbox": lambda store: store.outbox("ready", "access", 10),
     "outbox_of": lambda store: store.outbox_of("access.released", TXID),
@@ -195,7 +197,7 @@ async def test_every_query_goes_by_an_index(
     query: str, mongo_database: str, database: Database[Document], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[tuple[str, Document, Sequence[tuple[str, int]]]] = []
-    many, delete, summed = MongoStore._many, MongoStore._delete, MongoStore._summed
+    many, delete, summed, walk = MongoStore._many, MongoStore._delete, MongoStore._summed, MongoStore._walk
 
     async def noted_many(store: MongoStore, name: str, where: Document, **options: Any) -> list[Document]:
         asked.append((name, where, options.get("sort", (("_id", 1),))))
@@ -209,12 +211,18 @@ async def test_every_query_goes_by_an_index(
         asked.append((name, where, ()))
         return await summed(store, name, where, groups)
 
+    def noted_walk(store: MongoStore, name: str, order: Sequence[tuple[str, int]], field: str) -> AsyncIterator[int]:
+        assert field in dict(order), "else each document would be read"
+        asked.append((name, {}, order))
+        return walk(store, name, order, field)
+
     async with MongoStore(mongo_database) as store:
         clip = ClipRow(RECORD_ID, TXID, 1000, "staged", (TXID,), (TXID,))
         await store.stage(clip, [FrameRow(RECORD_ID, 0, b"ciphertext", b"wrapped", 7)])
         monkeypatch.setattr(MongoStore, "_many", noted_many)
         monkeypatch.setattr(MongoStore, "_delete", noted_delete)
         monkeypatch.setattr(MongoStore, "_summed", noted_summed)
+        monkeypatch.setattr(MongoStore, "_walk", noted_walk)
         await QUERIES[query](store)
     assert asked
     for name, where, sort in asked:

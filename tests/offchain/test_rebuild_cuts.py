@@ -26,7 +26,7 @@ class RowCutter(Cutter):
     """Cuts a server's writes of clips and frames alone, so that few commands are to be tried."""
 
     def install(self, patches: pytest.MonkeyPatch) -> None:
-        for name in ("_bulk", "_delete"):
+        for name in ("_bulk", "_insert", "_delete"):
             original = getattr(MongoStore, name)
             patches.setattr(MongoStore, name, self._around_rows(original))
 

@@ -145,7 +145,7 @@ async def test_a_request_keeps_the_share_under_which_it_was_made(store: CustodyS
     hers = Grant(b"\xa2" * 32, OWNER, (record_id(1),), 6, grant_id(1))
     await store.apply(BlockEffects(grants=(own, hers)))
     assert await store.grant(hers.access_id) == hers
-    assert await store.grants_of_owner(OWNER) == [own, hers]
+    assert await store.grants_of_owners([OWNER]) == [own, hers]
 
 
 @pytest.mark.parametrize("version", [sqlite_store.FORMAT_VERSION - 1, sqlite_store.FORMAT_VERSION + 1])

@@ -221,10 +221,10 @@ async def test_what_is_recorded_into_a_visit_that_is_kept_is_kept_too(opened: Cu
     await opened.follow(recorded(missing))
     await opened.follow(at_ms=EXPIRES_MS + 1)
     await opened.custodian.stage(record_clip(valid_until_ms=EXPIRES_MS + 60_000).upload)
-    assert (await opened.store.missing_clip(missing.record_id)) is not None, "it is still to be fetched"
+    assert await opened.store.missing_clips([missing.record_id]), "it is still to be fetched"
     assert (await opened.store.clips([held.record_id]))[held.record_id].status == "confirmed"
     await opened.follow(lifted())
-    assert (await opened.store.missing_clip(missing.record_id)) is None
+    assert not await opened.store.missing_clips([missing.record_id])
     assert (await opened.store.clips([held.record_id]))[held.record_id].status == "erased"
 
 
@@ -233,7 +233,7 @@ async def test_all_that_is_missing_of_a_visit_is_kept_and_nothing_of_others(open
     await opened.follow(recorded(old))
     await opened.follow(recorded(newer, owner=BOB))
     await opened.follow(restricted(old, until_ms=START_MS + YEAR_MS))
-    found = await opened.store.missing_clip(old.record_id)
+    found = (await opened.store.missing_clips([old.record_id])).get(old.record_id)
     assert found is not None
     assert found.expires_at_ms == START_MS + YEAR_MS
     assert [one.record_id for one in await opened.store.missing_of_owner(ALICE)] == [old.record_id]

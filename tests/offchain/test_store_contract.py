@@ -151,14 +151,17 @@ async def test_confirming_ends_that_a_clip_is_missing(store: CustodyStore) -> No
     assert await store.missing(1) == [facts(2, height=7)]
     await stage(store, 1)
     await store.apply(BlockEffects(confirmed=(facts(1),)))
-    assert await store.missing_clip(record_id(1)) is None
+    assert await store.missing_clips([record_id(1)]) == {}
     assert await store.missing(10) == [facts(2, height=7)]
+    await store.apply(BlockEffects(found=(record_id(2),)))
+    assert await store.missing(10) == []
+    assert await store.clips([record_id(2)]) == {}
 
 
 async def test_frames_erased_before_they_arrived_are_remembered(store: CustodyStore) -> None:
     known = replace(facts(1), erased_frames=(0, 7, 63))
     await store.apply(BlockEffects(missing=(known,)))
-    assert await store.missing_clip(record_id(1)) == known
+    assert await store.missing_clips([record_id(1), record_id(2)]) == {record_id(1): known}
 
 
 async def test_an_erased_frame_is_gone_and_the_others_stay(store: CustodyStore) -> None:
@@ -239,8 +242,8 @@ async def test_grants_come_back_by_id_and_by_owner(store: CustodyStore) -> None:
     await store.apply(BlockEffects(grants=(named,)))
     assert await store.grant(TXID) == named
     assert await store.grant(NEWER_TXID) == whole
-    assert await store.grants_of_owner(OWNER) == [named, whole]
-    assert await store.grants_of_owner(STRANGER) == []
+    assert await store.grants_of_owners([OWNER, STRANGER]) == [named, whole]
+    assert await store.grants_of_owners([STRANGER]) == await store.grants_of_owners([]) == []
 
 
 async def test_the_outbox_keeps_what_came_first(store: CustodyStore) -> None:

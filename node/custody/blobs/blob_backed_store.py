@@ -6,6 +6,7 @@ before the rows of an erased clip do; what no row names is swept. Rows from befo
 
 from __future__ import annotations
 
+import asyncio
 import struct
 from collections.abc import Awaitable, Callable, Collection, Sequence
 from dataclasses import replace
@@ -20,7 +21,7 @@ from node.custody.blobs.blob_names import GENERATION_BYTES, BlobNames, new_gener
 from node.custody.blobs.blob_store import BlobStore
 from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow
 
-Write = Callable[[Sequence[FrameRow]], Awaitable[None]]
+Write = Callable[[Sequence[Sequence[FrameRow]]], Awaitable[None]]
 log = structlog.get_logger(__name__)
 
 OWNER_NAME = "custodian"
@@ -70,31 +71,35 @@ class BlobBackedStore:
             raise BlockRobotError("CONFIGURATION_INVALID", detail)
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        await self._write(clip.record_id, frames, lambda rows: self._index.stage(clip, rows))
+        await self.stage_all([(clip, frames)])
+
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
+        async def write(rows: Sequence[Sequence[FrameRow]]) -> None:
+            await self._index.stage_all([(clip, own) for (clip, _), own in zip(clips, rows, strict=True)])
+
+        await self._write([(clip.record_id, frames) for clip, frames in clips], write)
 
     async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-        await self._write(record_id, frames, lambda rows: self._index.replace_frames(record_id, rows))
+        await self._write([(record_id, frames)], lambda rows: self._index.replace_frames(record_id, rows[0]))
 
-    async def _write(self, record_id: bytes, frames: Sequence[FrameRow], write: Write) -> None:
-        """The new blob, the rows, and only then the end of what they named before."""
-        if not frames:
-            await write([])
-            await self._delete_all(record_id)
-            return
-        is_new = not await self._index.frame_places([record_id])
-        generation, at, rows = new_generation(), 0, []
-        for frame in frames:
-            rows.append(replace(frame, ciphertext=REFERENCE.pack(generation, at, len(frame.ciphertext))))
-            at += len(frame.ciphertext)
-        name = self._names.name(record_id, generation)
-        self._in_flight.add(name)
+    async def _write(self, clips: Sequence[tuple[bytes, Sequence[FrameRow]]], write: Write) -> None:
+        """New blobs, the rows, and only then the end of what these named before."""
+        before = {place.record_id for place in await self._index.frame_places([record_id for record_id, _ in clips])}
+        named = [(record_id, frames, new_generation()) for record_id, frames in clips]
+        blobs = {
+            self._names.name(record_id, generation): b"".join(frame.ciphertext for frame in frames)
+            for record_id, frames, generation in named
+            if frames
+        }
+        self._in_flight.update(blobs)
         try:
-            await self._blobs.put(name, b"".join(frame.ciphertext for frame in frames))
-            await write(rows)
+            await asyncio.gather(*(self._blobs.put(name, content) for name, content in blobs.items()))
+            await write([_referring(frames, generation) for _, frames, generation in named])
         finally:
-            self._in_flight.discard(name)
-        if not is_new:
-            await self._delete_all(record_id, {name})
+            self._in_flight.difference_update(blobs)
+        for record_id, frames, _ in named:
+            if record_id in before or not frames:
+                await self._delete_all(record_id, blobs)
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
         """A ciphertext that the blob store has lost is empty."""
@@ -156,6 +161,14 @@ class BlobBackedStore:
             if await self._blobs.has(name):
                 detail = "The store of clips still has a blob after it was deleted."
                 raise BlockRobotError("STORE_UNAVAILABLE", detail)
+
+
+def _referring(frames: Sequence[FrameRow], generation: bytes) -> list[FrameRow]:
+    at, rows = 0, []
+    for frame in frames:
+        rows.append(replace(frame, ciphertext=REFERENCE.pack(generation, at, len(frame.ciphertext))))
+        at += len(frame.ciphertext)
+    return rows
 
 
 async def with_ciphertexts(

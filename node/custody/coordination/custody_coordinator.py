@@ -423,9 +423,9 @@ class CustodyCoordinator:
 
     async def _read_clip(self, record_id: bytes, *, is_first: bool) -> bytes:
         try:
-            await self._custodian.require_exportable(record_id)
             kept = None if is_first else self._served.get(record_id)
             if kept is not None:
+                await self._custodian.require_exportable(record_id)
                 return kept
             followed = self.checkpoint_height
             data = encode(await self._custodian.export(record_id))

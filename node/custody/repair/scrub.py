@@ -184,7 +184,9 @@ async def find_withdrawn_frames(store: CustodyStore, facts: ChainFacts) -> list[
 
 
 async def _not_listed(store: CustodyStore, absent: Iterable[RecordFacts]) -> tuple[RecordFacts, ...]:
-    return tuple([facts for facts in absent if await store.missing_clip(facts.record_id) is None])
+    all_absent = list(absent)
+    listed = await store.missing_clips([facts.record_id for facts in all_absent])
+    return tuple([facts for facts in all_absent if facts.record_id not in listed])
 
 
 async def _look_through(

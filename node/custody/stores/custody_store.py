@@ -157,12 +157,13 @@ class Checkpoint:
 class BlockEffects:
     """Changes of consecutive events, written in this order, checkpoint last.
 
-    Existing outbox rows stay; `confirmed` clips stop being missing; `settled`: keys of outbox rows on chain;
-    `expiries`: ms. A checkpoint drops expired missing clips.
+    Existing outbox rows stay; `confirmed` clips, and those of `found` (record ids), stop being missing; `settled`: keys
+    of outbox rows on chain; `expiries`: ms. A checkpoint drops expired missing clips.
     """
 
     outbox: tuple[OutboxRow, ...] = ()
     confirmed: tuple[RecordFacts, ...] = ()
+    found: tuple[bytes, ...] = ()
     missing: tuple[RecordFacts, ...] = ()
     grants: tuple[Grant, ...] = ()
     settled: tuple[tuple[str, bytes, int], ...] = ()
@@ -226,6 +227,10 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None: ...
 
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
+        """Many at once, as `stage`; interrupted, each clip is there with all its frames, or not there."""
+        ...
+
     async def correct(self, facts: RecordFacts) -> None:
         """Only of confirmed clips."""
         ...
@@ -286,13 +291,15 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         """Newest first."""
         ...
 
-    async def missing_clip(self, record_id: bytes) -> RecordFacts | None: ...
+    async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]: ...
 
     async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]: ...
 
     async def grant(self, access_id: bytes) -> Grant | None: ...
 
-    async def grants_of_owner(self, owner: bytes) -> list[Grant]: ...
+    async def grants_of_owners(self, owners: Sequence[bytes]) -> list[Grant]:
+        """By owner, then access id."""
+        ...
 
     def all_grants(self) -> AsyncIterator[Grant]: ...
 

@@ -71,6 +71,10 @@ def clip_document(clip: ClipRow, status: str | None = None) -> Document:
     }
 
 
+def clip_replacement(clip: ClipRow, status: str | None = None) -> ReplaceOne[Document]:
+    return ReplaceOne({"_id": clip.record_id}, clip_document(clip, status), upsert=True)
+
+
 def clip_row(found: Document) -> ClipRow:
     return ClipRow(
         record_id=found["_id"],

@@ -16,7 +16,7 @@ _BY_KEY: Order = (("_id", ASCENDING),)
 _BY_END: Order = (("until_ms", ASCENDING), ("_id", ASCENDING))
 _BY_EXPIRY: Order = (("expires_at_ms", ASCENDING),)
 _BY_VALID_UNTIL: Order = (("status", ASCENDING), ("valid_until_ms", ASCENDING))
-_BY_SLOT: Order = (("slot", ASCENDING),)
+BY_SLOT: Order = (("slot", ASCENDING),)
 
 
 def _by(field: str) -> Order:
@@ -30,7 +30,7 @@ SHARES_INDEXES: Mapping[str, Sequence[Order]] = {
         _by("record_id"),
         _by("owner"),
         _BY_VALID_UNTIL,
-        _BY_SLOT,
+        BY_SLOT,
     ),
 }
 _PLACE_FIELDS = ("grant_id", "record_id", "owner", "status", "height", "slot")
@@ -140,11 +140,3 @@ class MongoShares:
             for place in rows(_place, found):
                 yield place
             last = found[-1]["_id"]
-
-    async def _part_slots(self) -> AsyncIterator[int]:
-        last = -1
-        where = {"slot": {"$gt": last}}
-        while found := await self._many("parts", where, sort=_BY_SLOT, limit=_PAGE_DOCUMENTS_COUNT, fields=("slot",)):
-            for last in rows(lambda document: int(document["slot"]), found):
-                yield last
-            where = {"slot": {"$gt": last}}

@@ -39,7 +39,7 @@ from node.custody.stores.custody_store import (
     VisitRestrictions,
 )
 from node.custody.stores.mongo_documents import STAGING, STATUSES, Document, is_passing, rows
-from node.custody.stores.mongo_shares import SHARES_INDEXES, MongoShares
+from node.custody.stores.mongo_shares import BY_SLOT, SHARES_INDEXES, MongoShares
 from node.custody.stores.mongo_uploads import BY_ROBOT, MongoUploads
 
 Order = Sequence[tuple[str, int]]
@@ -51,6 +51,7 @@ SOCKET_MAX_MS = 30_000
 _PAGE_DOCUMENTS_COUNT = 500
 _ONE = "one"
 TRANSACTION_ATTEMPTS_MAX_COUNT = 3
+TRANSACTION_MAX_BYTES = 4 * 1024 * 1024
 _MAJORITY = ReadConcern("majority")
 _DURABLE = WriteConcern(w="majority", j=True, wtimeout=MAJORITY_MAX_MS)
 _SESSION: ContextVar[AsyncClientSession | None] = ContextVar("custody_transaction", default=None)
@@ -61,6 +62,7 @@ def _rising(*fields: str) -> Order:
 
 
 _BY_KEY = _rising("_id")
+_BY_PLACE = _rising("record_id", "index", "slot")
 _BY_CONTRACT = _rising("status", "contract", "height", "kind", "subject", "part")
 _NEWEST_FIRST: Order = (("height", DESCENDING), ("_id", ASCENDING))
 _INDEXES: Mapping[str, Sequence[Order]] = {
@@ -71,7 +73,7 @@ _INDEXES: Mapping[str, Sequence[Order]] = {
         BY_ROBOT,
     ),
     "day_uses": (_rising("day"),),
-    "frames": (_rising("record_id", "index"), _rising("slot")),
+    "frames": (_BY_PLACE,),
     "grants": (_rising("owner", "_id"),),
     "missing": (_NEWEST_FIRST, _rising("expires_at_ms"), _rising("owner", "_id")),
     "restrictions": (),
@@ -180,6 +182,11 @@ class MongoStore(MongoShares, MongoUploads):
             with _answering():
                 await self._collection(name).bulk_write(list(operations), ordered=True, session=_SESSION.get())
 
+    async def _insert(self, name: str, found: Sequence[Document]) -> None:
+        if found:
+            with _answering():
+                await self._collection(name).insert_many(found, session=_SESSION.get())
+
     async def _delete(self, name: str, where: Document) -> None:
         with _answering():
             await self._collection(name).delete_many(where, session=_SESSION.get())
@@ -229,17 +236,39 @@ class MongoStore(MongoShares, MongoUploads):
             found = self._collection(name).find(where, wanted).sort(list(sort)).limit(limit)
             return await found.to_list(None)
 
+    async def _walk(self, name: str, order: Order, field: str) -> AsyncIterator[int]:
+        """One number of each document, read from the index of this order alone."""
+        with _answering():
+            async for found in self._collection(name).find({}, {"_id": False, field: True}).sort(list(order)):
+                [number] = rows(lambda document: int(document[field]), [found])
+                yield number
+
     async def _summed(self, name: str, where: Document, groups: Document) -> list[Document]:
         with _answering():
             found = await self._collection(name).aggregate([{"$match": where}, {"$group": groups}])
             return await found.to_list(None)
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        first = documents.clip_document(clip, STAGING)
-        await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, first, upsert=True)])
-        await self._delete("frames", {"record_id": clip.record_id})
-        await self._bulk("frames", [documents.replacement(row) for row in frames])
-        await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, documents.clip_document(clip), upsert=True)])
+        await self.stage_all([(clip, frames)])
+
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
+        if sum(len(row.ciphertext) for _, frames in clips for row in frames) <= TRANSACTION_MAX_BYTES:
+            await self._together(lambda: self._stage_in_order(clips))
+        else:
+            await self._stage_in_order(clips)
+
+    async def _stage_in_order(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
+        record_ids, is_transaction = [clip.record_id for clip, _ in clips], _SESSION.get() is not None
+        if is_transaction:
+            await self._delete("clips", {"_id": {"$in": record_ids}})
+        else:
+            await self._bulk("clips", [documents.clip_replacement(clip, STAGING) for clip, _ in clips])
+        await self._delete("frames", {"record_id": {"$in": record_ids}})
+        await self._insert("frames", [documents.frame_document(row) for _, frames in clips for row in frames])
+        if is_transaction:
+            await self._insert("clips", [documents.clip_document(clip) for clip, _ in clips])
+        else:
+            await self._bulk("clips", [documents.clip_replacement(clip) for clip, _ in clips])
 
     async def correct(self, facts: RecordFacts) -> None:
         await self._bulk("clips", [documents.correction(facts)])
@@ -275,7 +304,8 @@ class MongoStore(MongoShares, MongoUploads):
         )
         await self._bulk("clips", [documents.expiry(*change) for change in effects.expiries])
         await self._bulk("clips", [documents.confirmation(facts) for facts in effects.confirmed])
-        await self._bulk("missing", [DeleteOne({"_id": facts.record_id}) for facts in effects.confirmed])
+        if found := [*(facts.record_id for facts in effects.confirmed), *effects.found]:
+            await self._delete("missing", {"_id": {"$in": found}})
         missing = [documents.missing_document(facts) for facts in effects.missing]
         await self._bulk("missing", [ReplaceOne({"_id": facts["_id"]}, facts, upsert=True) for facts in missing])
         grants = [documents.grant_document(grant) for grant in effects.grants]
@@ -299,13 +329,13 @@ class MongoStore(MongoShares, MongoUploads):
         return rows(documents.clip_row, await self._many("clips", {"owner": owner, "status": "confirmed"}))
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
-        found = await self._many("frames", {"record_id": record_id}, sort=_rising("record_id", "index"))
+        found = await self._many("frames", {"record_id": record_id}, sort=_BY_PLACE)
         return rows(documents.frame_row, found)
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
         where = {"record_id": {"$in": list(record_ids)}}
-        order, fields = _rising("record_id", "index"), ("record_id", "index", "slot")
-        found = await self._many("frames", where, sort=order, fields=fields) if record_ids else []
+        fields = ("record_id", "index", "slot")
+        found = await self._many("frames", where, sort=_BY_PLACE, fields=fields) if record_ids else []
         return rows(documents.frame_place, found)
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
@@ -356,9 +386,9 @@ class MongoStore(MongoShares, MongoUploads):
     async def missing(self, limit: int) -> list[RecordFacts]:
         return rows(documents.missing_row, await self._many("missing", {}, sort=_NEWEST_FIRST, limit=limit))
 
-    async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
-        found = rows(documents.missing_row, await self._one("missing", record_id))
-        return found[0] if found else None
+    async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
+        found = await self._many("missing", {"_id": {"$in": list(record_ids)}}) if record_ids else []
+        return {facts.record_id: facts for facts in rows(documents.missing_row, found)}
 
     async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
         return rows(documents.missing_row, await self._many("missing", {"owner": owner}))
@@ -367,8 +397,10 @@ class MongoStore(MongoShares, MongoUploads):
         found = rows(documents.grant_row, await self._one("grants", access_id))
         return found[0] if found else None
 
-    async def grants_of_owner(self, owner: bytes) -> list[Grant]:
-        return rows(documents.grant_row, await self._many("grants", {"owner": owner}))
+    async def grants_of_owners(self, owners: Sequence[bytes]) -> list[Grant]:
+        where = {"owner": {"$in": list(owners)}}
+        found = await self._many("grants", where, sort=_rising("owner", "_id")) if owners else []
+        return rows(documents.grant_row, found)
 
     async def all_grants(self) -> AsyncIterator[Grant]:
         last = b""
@@ -409,20 +441,14 @@ class MongoStore(MongoShares, MongoUploads):
             last = found[-1]["_id"]
 
     async def slots_in_use(self) -> AsyncIterator[int]:
-        last, order = -1, _rising("slot")
-        while found := await self._many(
-            "frames", {"slot": {"$gt": last}}, sort=order, limit=_PAGE_DOCUMENTS_COUNT, fields=("slot",)
-        ):
-            for slot in rows(lambda document: int(document["slot"]), found):
+        for name, order in (("frames", _BY_PLACE), ("parts", BY_SLOT)):
+            async for slot in self._walk(name, order, "slot"):
                 yield slot
-                last = slot
-        async for slot in self._part_slots():
-            yield slot
 
     async def records_with_frames(self) -> AsyncIterator[bytes]:
-        last, order = b"", _rising("record_id", "index")
+        last = b""
         while found := await self._many(
-            "frames", {"record_id": {"$gt": last}}, sort=order, limit=_PAGE_DOCUMENTS_COUNT, fields=("record_id",)
+            "frames", {"record_id": {"$gt": last}}, sort=_BY_PLACE, limit=_PAGE_DOCUMENTS_COUNT, fields=("record_id",)
         ):
             for record_id in dict.fromkeys(rows(lambda document: bytes(document["record_id"]), found)):
                 yield record_id

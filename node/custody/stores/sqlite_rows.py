@@ -59,7 +59,8 @@ def write_effects(database: sqlite3.Connection, effects: BlockEffects) -> None:
         "WHERE record_id = ? AND status = 'staged'",
         [(facts.txid, facts.owner, facts.expires_at_ms, facts.height, facts.record_id) for facts in effects.confirmed],
     )
-    database.executemany("DELETE FROM missing WHERE record_id = ?", [(facts.record_id,) for facts in effects.confirmed])
+    found = [*(facts.record_id for facts in effects.confirmed), *effects.found]
+    database.executemany("DELETE FROM missing WHERE record_id = ?", [(record_id,) for record_id in found])
     database.executemany(
         "INSERT OR REPLACE INTO missing VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
         [

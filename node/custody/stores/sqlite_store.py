@@ -193,6 +193,13 @@ class SqliteStore(SqliteShares, SqliteUploads):
     async def _read(self, query: str, *arguments: Any) -> list[tuple[Any, ...]]:
         return await self._in_worker(lambda: self._opened().execute(query, arguments).fetchall())
 
+    async def _read_each(self, query: str, keys: Sequence[bytes]) -> list[tuple[Any, ...]]:
+        def read() -> list[tuple[Any, ...]]:
+            database = self._opened()
+            return [row for key in keys for row in database.execute(query, (key,))]
+
+        return await self._in_worker(read)
+
     def _swept(self) -> Sweeper:
         if self._sweeper is None:
             raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
@@ -206,7 +213,14 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return self._database
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        await self._write(lambda database: write_clip(database, clip, frames))
+        await self.stage_all([(clip, frames)])
+
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
+        def write(database: sqlite3.Connection) -> None:
+            for clip, frames in clips:
+                write_clip(database, clip, frames)
+
+        await self._write(write)
 
     async def correct(self, facts: RecordFacts) -> None:
         changes = "txid = ?, owner = ?, expires_at_ms = ?, height = ?"
@@ -228,16 +242,8 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return Checkpoint(*rows[0]) if rows else None
 
     async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
-        def read() -> dict[bytes, ClipRow]:
-            database, found = self._opened(), {}
-            for record_id in record_ids:
-                query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE record_id = ?"  # noqa: S608
-                row = database.execute(query, (record_id,)).fetchone()
-                if row is not None:
-                    found[record_id] = read_clip(row)
-            return found
-
-        return await self._in_worker(read)
+        query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE record_id = ?"  # noqa: S608
+        return {row[0]: read_clip(row) for row in await self._read_each(query, record_ids)}
 
     async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
         query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE owner = ? AND status = 'confirmed' ORDER BY record_id"  # noqa: S608
@@ -248,12 +254,8 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return [FrameRow(*row) for row in await self._read(query, record_id)]
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
-        def read() -> list[FramePlace]:
-            query = "SELECT record_id, place, slot FROM frames WHERE record_id = ? ORDER BY place"
-            database = self._opened()
-            return [FramePlace(*row) for key in sorted(record_ids) for row in database.execute(query, (key,))]
-
-        return await self._in_worker(read)
+        query = "SELECT record_id, place, slot FROM frames WHERE record_id = ? ORDER BY place"
+        return [FramePlace(*row) for row in await self._read_each(query, sorted(record_ids))]
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
         places = [(record_id, index) for index in indexes]
@@ -291,9 +293,9 @@ class SqliteStore(SqliteShares, SqliteUploads):
         query = f"SELECT {MISSING_COLUMNS} FROM missing ORDER BY height DESC, record_id LIMIT ?"  # noqa: S608
         return [read_missing(row) for row in await self._read(query, limit)]
 
-    async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
-        rows = await self._read(f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?", record_id)  # noqa: S608
-        return read_missing(rows[0]) if rows else None
+    async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
+        query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?"  # noqa: S608
+        return {row[0]: read_missing(row) for row in await self._read_each(query, record_ids)}
 
     async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE owner = ? ORDER BY record_id"  # noqa: S608
@@ -303,9 +305,9 @@ class SqliteStore(SqliteShares, SqliteUploads):
         rows = await self._read(f"SELECT {GRANT_COLUMNS} FROM grants WHERE access_id = ?", access_id)  # noqa: S608
         return read_grant(rows[0]) if rows else None
 
-    async def grants_of_owner(self, owner: bytes) -> list[Grant]:
+    async def grants_of_owners(self, owners: Sequence[bytes]) -> list[Grant]:
         query = f"SELECT {GRANT_COLUMNS} FROM grants WHERE owner = ? ORDER BY access_id"  # noqa: S608
-        return [read_grant(row) for row in await self._read(query, owner)]
+        return [read_grant(row) for row in await self._read_each(query, sorted(owners))]
 
     async def all_grants(self) -> AsyncIterator[Grant]:
         query = f"SELECT {GRANT_COLUMNS} FROM grants WHERE access_id > ? ORDER BY access_id LIMIT ?"  # noqa: S608
