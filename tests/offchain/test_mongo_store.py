@@ -125,7 +125,16 @@ BY_KEY_ALONE = {
     *("confirm_parts", "erase_parts", "forget_share", "part", "put_part", "put_share", "share"),
 }
 """What reads and writes single documents by their ids, or by the slots of their keys."""
-LOOK_AT_ALL = {"counts", "leftovers", "sweep", "all_parts", "all_shares", "background_digests"}
+LOOK_AT_ALL = {
+    "counts",
+    "leftovers",
+    "sweep",
+    "sweep_blobs",
+    "all_grants",
+    "all_parts",
+    "all_shares",
+    "background_digests",
+}
 """What an operator asks for, and what walks over everything at a start."""
 
 

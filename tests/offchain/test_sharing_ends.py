@@ -229,7 +229,7 @@ async def test_the_hunt_finds_a_part_that_is_left_after_the_end_of_its_grant(
     uri = request.getfixturevalue("mongo_database") if store == "mongo" else "sqlite:"
     make = (lambda: MongoStore(uri)) if store == "mongo" else (lambda: SqliteStore(node / "custody"))
     folders = {"custody_dir": node / "custody", "erase_keys_dir": node / "erase-keys", "ledger_dir": node / "ledger"}
-    config = SimpleNamespace(name="node-1", custody_store=uri, custodian_key_path=node, **folders)
+    config = SimpleNamespace(name="node-1", custody_store=uri, custodian_key_path=node, clips=None, **folders)
     cluster: Any = SimpleNamespace(folder=tmp_path / "network", configs={"node-1": config})
     clip = record_clip()
     state = state_of(clip)

@@ -130,7 +130,11 @@ async def test_a_scrub_tells_of_parts_that_should_be_gone(opened: CustodianHarne
 async def test_the_hunt_finds_nothing_of_a_share_after_its_end(tmp_path: Path, how: str) -> None:
     house = CustodianHarness(lambda: SqliteStore(tmp_path / "custody"), tmp_path / "erase-keys")
     config = SimpleNamespace(
-        name="node-1", custody_store="sqlite:", custody_dir=tmp_path / "custody", erase_keys_dir=tmp_path / "erase-keys"
+        clips=None,
+        name="node-1",
+        custody_store="sqlite:",
+        custody_dir=tmp_path / "custody",
+        erase_keys_dir=tmp_path / "erase-keys",
     )
     async with house.open():
         clip = record_clip()

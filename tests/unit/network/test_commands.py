@@ -142,6 +142,10 @@ def test_a_host_with_a_genesis_file_and_no_node_looks_from_outside_and_is_not_to
 
 def test_a_host_whose_network_is_not_founded_yet_is_told_what_to_adopt(network: Path) -> None:
     (network / "genesis.json").unlink()
+    own = network / "nodes" / "node-1" / "genesis.json"
+    assert f"cp {own} {network}" in problem_of(run("status", "--json"))["detail"]
+    for path in network.glob("nodes/*/genesis.json"):
+        path.unlink()
     assert "genesis check FILE --adopt" in problem_of(run("status", "--json"))["detail"]
 
 
