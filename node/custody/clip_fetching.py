@@ -75,9 +75,14 @@ class ClipFetcher:
                 held.append(fetched)
                 size_bytes += sum(len(frame.ciphertext) for frame in fetched.frames)
             if size_bytes >= INSTALL_AT_ONCE_MAX_BYTES:
-                installed += await self.install_checked(held)
+                installed += await self._install(held)
                 held, size_bytes = [], 0
-        return installed + (await self.install_checked(held) if held else 0)
+        return installed + (await self._install(held) if held else 0)
+
+    async def _install(self, fetched: Sequence[ClipDownload]) -> int:
+        count = await self.install_checked(fetched)
+        self._asked_for.difference_update(each.record_id for each in fetched)
+        return count
 
     async def _fetch_from_any(self, facts: RecordFacts, peers: Sequence[PeerCustodian]) -> ClipDownload | None:
         for peer in sorted(peers, key=lambda each: self._waited_s.get(each.name, 0.0)):

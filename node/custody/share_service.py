@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -37,9 +38,8 @@ class ShareService:
         _member: bytes
         _clock_ms: Callable[[], int]
         _writing: asyncio.Lock
-        _in_flight: set[int]
 
-        async def _take_keys(self, count: int) -> list[tuple[int, bytes]]: ...
+        def _taking(self, count: int) -> AbstractAsyncContextManager[list[tuple[int, bytes]]]: ...
 
         async def _confirmed_clip(self, record_id: bytes) -> ClipRow: ...
 
@@ -58,8 +58,8 @@ class ShareService:
         if judged.is_known:
             async with self._writing:
                 return await self._put_part(await judge(), upload, None)
-        taken = (await self._take_keys(1))[0]
-        try:
+        async with self._taking(1) as keys:
+            (taken,) = keys
             async with self._writing:
                 try:
                     judged = await judge()
@@ -69,8 +69,6 @@ class ShareService:
                 status = await self._put_part(judged, upload, taken)
                 if judged.is_known:
                     await self._eraser.destroy_unused([taken[0]])
-        finally:
-            self._in_flight.discard(taken[0])
         return status
 
     async def _check_part(self, upload: GrantUpload, owner: bytes, require_open: Callable[[], None]) -> CheckedPart:
