@@ -514,7 +514,9 @@ class Custodian(ShareService, ClipFetcher):
                     if clip.record_id in missing and clip.record_id not in known
                 ]
                 kept = {clip.record_id for clip, *_ in found}
-                await self._eraser.destroy_unused([row.slot for key in parts.keys() - kept for row in rows[key]])
+                await self._eraser.destroy_unused(
+                    [row.slot for key in sorted(parts.keys() - kept) for row in rows[key]]
+                )
                 await self._settle_missing([facts for key, facts in missing.items() if key in known])
                 if found:
                     await self._keep_missing(found)
