@@ -100,21 +100,25 @@ async def test_a_server_without_room_stops_the_block_and_with_room_it_is_complet
     tmp_path: Path, mongo_database: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """MongoDB's own error, put in by hand at each command in turn: no server of the tests can be filled up."""
-    bulk, left = MongoStore._bulk, [STEPS_MAX_COUNT]
+    left = [STEPS_MAX_COUNT]
 
-    async def needs_room(store: MongoStore, name: str, operations: Any) -> None:
-        left[0] -= 1
-        if left[0] < 0:
-            # As the store itself does with whatever its server says.
-            raise BlockRobotError("STORE_UNAVAILABLE") from OperationFailure("no space left", OUT_OF_DISK_SPACE)
-        await bulk(store, name, operations)
+    def needing_room(write: Callable[..., Any]) -> Callable[..., Any]:
+        async def needs_room(store: MongoStore, name: str, given: Any) -> None:
+            left[0] -= 1
+            if left[0] < 0:
+                # As the store itself does with whatever its server says.
+                raise BlockRobotError("STORE_UNAVAILABLE") from OperationFailure("no space left", OUT_OF_DISK_SPACE)
+            await write(store, name, given)
+
+        return needs_room
 
     house = CustodianHarness(lambda: MongoStore(mongo_database), tmp_path / "erase-keys")
     async with house.open() as custodian:
         story = Story(house)
         block = await story.prepare()
         with monkeypatch.context() as patches:
-            patches.setattr(MongoStore, "_bulk", needs_room)
+            for name in ("_bulk", "_insert"):
+                patches.setattr(MongoStore, name, needing_room(getattr(MongoStore, name)))
             for room in range(STEPS_MAX_COUNT):
                 left[0] = room
                 try:
