@@ -44,17 +44,7 @@ def cut_off(network: FoundedNetwork, tell: Tell) -> Absence:
         height_elsewhere = _height(network, WATCHER)
         tell(f"The others are at block {height_elsewhere}, {node} is at {height_away}. {describe(seen[-1])}")
         host.cut(off=False)
-        seen.append(_come_back(network, clients, height_elsewhere, tell))
-        height_back = _height(network, AWAY)
-        kept = end_clients(clients, tell)
-    return Absence(
-        seen=seen,
-        kept=kept,
-        node=node,
-        height_away=height_away,
-        height_elsewhere=height_elsewhere,
-        height_back=height_back,
-    )
+        return _come_back(network, clients, seen, (height_away, height_elsewhere), tell)
 
 
 def lose_for_good(network: FoundedNetwork, tell: Tell) -> Absence:
@@ -77,26 +67,28 @@ def lose_for_good(network: FoundedNetwork, tell: Tell) -> Absence:
         words = ("--data-dir", str(data_dir), "--keys", str(safe / "keys"))
         network.run(host, "node", "restore", str(safe / "backup"), *words)
         network.run(host, "node", "run", node, "--restored", "--detach")
-        seen.append(_come_back(network, clients, height_elsewhere, tell))
-        height_back = _height(network, AWAY)
-        kept = end_clients(clients, tell)
-    return Absence(
-        seen=seen,
-        kept=kept,
-        node=node,
-        height_away=height_away,
-        height_elsewhere=height_elsewhere,
-        height_back=height_back,
-    )
+        return _come_back(network, clients, seen, (height_away, height_elsewhere), tell)
 
 
 def _height(network: FoundedNetwork, organisation: str) -> int:
     return int(network.status(organisation)["finalized_height"])
 
 
-def _come_back(network: FoundedNetwork, clients: SteadyClients, height: int, tell: Tell) -> Seen:
-    network.wait(lambda: _height(network, AWAY) >= height, f"{node_of(AWAY)} has caught up")
+def _come_back(
+    network: FoundedNetwork, clients: SteadyClients, seen: list[Seen], heights: tuple[int, int], tell: Tell
+) -> Absence:
+    """`heights`: of whoever is away, and of the others."""
+    node, (height_away, height_elsewhere) = node_of(AWAY), heights
+    network.wait(lambda: _height(network, AWAY) >= height_elsewhere, f"{node} has caught up")
     network.wait(network.is_whole, "all nodes are linked")
-    seen = clients.see(WATCH_S)
-    tell(f"{node_of(AWAY)} is back and has all that is final. {describe(seen)}")
-    return seen
+    seen.append(clients.see(WATCH_S))
+    tell(f"{node} is back and has all that is final. {describe(seen[-1])}")
+    height_back = _height(network, AWAY)
+    return Absence(
+        seen=seen,
+        kept=end_clients(clients, tell),
+        node=node,
+        height_away=height_away,
+        height_elsewhere=height_elsewhere,
+        height_back=height_back,
+    )
