@@ -116,7 +116,12 @@ def test_an_experiment_begins_with_an_empty_folder_that_no_other_run_shares(tmp_
 
 
 def sleeper(*words: str) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)", *words])
+    """Running: right after fork /proc shows no command line yet."""
+    code = "import time; print(flush=True); time.sleep(60)"
+    process = subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.readline()
+    return process
 
 
 def test_the_guard_ends_what_a_killed_run_started_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,10 +134,9 @@ def test_the_guard_ends_what_a_killed_run_started_and_nothing_else(monkeypatch: 
         assert other.poll() is None
         assert stopped == [Path("/a b/network")]
     finally:
-        own.kill()
-        other.kill()
-        own.wait()
-        other.wait()
+        for process in (own, other):
+            process.kill()
+            process.communicate()
 
 
 def test_the_guard_leaves_all_to_a_run_that_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
