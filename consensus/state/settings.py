@@ -1,4 +1,4 @@
-"""State of the contract `settings`: decided upload quotas; the rest is in `producers`."""
+"""State of the contract `settings`: decided upload quotas and copies of a clip; the rest is in `producers`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ SETTINGS = "settings"
 QUOTA: Prefix[int] = Prefix(SETTINGS, "quota/", (TEXT,), int)
 """By the name of a setting; while nobody decided it its default holds."""
 LAYOUT = (QUOTA,)
+CUSTODY_COPIES = "custody_copies"
+"""How many custodians keep a clip; 0: as `Placement` says."""
 
 
 class UploadQuotas(Wire, frozen=True):
@@ -32,6 +34,11 @@ QUOTA_NAMES: tuple[str, ...] = UploadQuotas.__struct_fields__
 def read_quotas(get: Callable[[bytes], bytes | None]) -> UploadQuotas:
     found = {name: get(QUOTA.key(name)) for name in QUOTA_NAMES}
     return quotas_of({name: decode_value(value) for name, value in found.items() if value is not None})
+
+
+def read_copies(get: Callable[[bytes], bytes | None]) -> int:
+    value = get(QUOTA.key(CUSTODY_COPIES))
+    return 0 if value is None else int(decode_value(value))
 
 
 def quotas_of(decided: Mapping[str, Any]) -> UploadQuotas:

@@ -1,7 +1,8 @@
 """The chain's settings, as the organisations decide them together. Must never take a value that stops the chain.
 
 The values in force are in the contract `producers`, as part of the epoch; the proposals in `membership`. What custodians
-take of robots is here alone, since no block depends on it: quota/name -> value, its default while nobody decided it.
+take of robots, and how many of them keep a clip, is here alone, since no block depends on it: quota/name -> value, its
+default while nobody decided it.
 """
 
 RANGES = {
@@ -20,6 +21,7 @@ QUOTAS = {
     "organisation_staged_max_mib": [1, 1048576, 8192],
     "organisation_staged_max_count": [1, 1000000, 65536],
     "organisation_day_max_mib": [1, 1073741824, 2097152],
+    "custody_copies": [0, 64, 0],
 }
 INTERVAL_MAX_MS = 60000
 INTERVAL = "interval:"
@@ -61,6 +63,8 @@ def check(name: str, value: int | str):
     else:
         least, most = RANGES[name]
     require(least <= value and value <= most, "VALUE_WRONG", f"The setting is {least} to {most}.")
+    alone = name == "custody_copies" and value == 1
+    require(not alone, "VALUE_WRONG", "A clip at one custodian alone would be lost with it: keep two copies, or 0 for the default.")
     if name not in TIMEOUTS:
         return
     in_force = call("producers", "settings_in_force")

@@ -10,6 +10,7 @@ import structlog
 
 from consensus.primitives.encoding import encode_value
 from consensus.records.commitments import ciphertext_root, commitment_root
+from consensus.records.placement import Placement
 from node.custody.erasure import (
     EXPIRED_KIND,
     RECEIPT_KIND,
@@ -59,6 +60,11 @@ def _share(data: Mapping[str, Any], height: int) -> ShareRow:
     return ShareRow(data["grant_id"], data["owner"], tuple(data["records"]), data["until_ms"], height)
 
 
+def place(facts: RecordFacts, member: bytes, placement: Placement) -> RecordFacts:
+    """Of a clip that is not here: whether this custodian is to keep it."""
+    return replace(facts, elsewhere=not placement.is_keeper(member, facts.record_id))
+
+
 def matches_roots(clip: ClipRow, facts: RecordFacts) -> bool:
     return (
         commitment_root(clip.commitment_leaves) == facts.commitment_root
@@ -70,12 +76,19 @@ class BlockApplier:
     """Applies one block in event order; adjacent confirmations are batched, flushed before clip reads."""
 
     def __init__(
-        self, store: CustodyStore, eraser: Eraser, shares: Shares, member: bytes, block: FinalizedEvents
+        self,
+        store: CustodyStore,
+        eraser: Eraser,
+        shares: Shares,
+        member: bytes,
+        placement: Placement,
+        block: FinalizedEvents,
     ) -> None:
         self._store = store
         self._shares = shares
         self._eraser = eraser
         self._member = member
+        self._placement = placement
         self._block = block
         self._confirmed: list[RecordFacts] = []
         self._missing: list[RecordFacts] = []
@@ -139,14 +152,14 @@ class BlockApplier:
             self._visit_restrictions[facts.owner] = restrictions
             await self._store.apply(BlockEffects(visit_restrictions=(restrictions,)))
         if clip is None:
-            self._missing.append(facts)
+            self._missing.append(place(facts, self._member, self._placement))
         elif clip.status == "staged":
             if matches_roots(clip, facts):
                 self._confirmed.append(facts)
             else:
                 log.warning("custody_upload_is_not_what_was_recorded", record_id=facts.record_id.hex())
                 await self._eraser.drop_staged([facts.record_id])
-                self._missing.append(facts)
+                self._missing.append(place(facts, self._member, self._placement))
 
     async def _on_access(self, data: dict[str, Any]) -> None:
         named = tuple(data["records"])
@@ -156,17 +169,19 @@ class BlockApplier:
             await self._store.apply(BlockEffects(grants=(grant,)))
             return
         held = [clip.record_id for clip in await self._store.clips_of_owner(grant.owner)]
+        if grant.share:  # a part of the key is released wherever the clip is
+            held += [facts.record_id for facts in await self._store.missing_of_owner(grant.owner)]
         if named:
             own = set(held)
             held = [record_id for record_id in named if record_id in own]
-        has_clips = bool(held)
+        is_known = bool(held)
         held = [record_id for record_id in held if await may_release(self._store, grant, record_id)]
         batches = range(0, len(held), RECORDS_A_CALL_MAX_COUNT)
         owed = [
             _release(grant, held[start : start + RECORDS_A_CALL_MAX_COUNT], part) for part, start in enumerate(batches)
         ]
-        if named and not held and not await self._awaits_any(named):
-            code = "GRANT_PARTS_MISSING" if has_clips else "CLIP_ERASED"
+        if named and not held and (is_known or not await self._awaits_any(named)):
+            code = "GRANT_PARTS_MISSING" if is_known else "CLIP_ERASED"
             arguments = encode_value([grant.access_id, code])
             owed = [OutboxRow(REFUSED_KIND, grant.access_id, 0, "access", "refused", arguments, grant.height)]
         await self._store.apply(BlockEffects(outbox=tuple(owed), grants=(grant,)))

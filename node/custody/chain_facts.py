@@ -10,6 +10,7 @@ from typing import Protocol
 from msgspec import structs
 
 from consensus.errors import BlockRobotError
+from consensus.records.placement import Placement
 from consensus.records.sharing import GRANTEE_ROLES, SharedRequest, hash_grant_member
 from consensus.state.access import GRANT, RELEASE
 from consensus.state.access import REQUEST as ACCESS_REQUEST
@@ -20,6 +21,7 @@ from consensus.state.identity import HANDLE, active_role, custodians
 from consensus.state.keys import Reader, Scanner
 from consensus.state.records import EMPTY_FRAME, OF_VISIT, RECORD, RecordRow
 from consensus.state.rights import OBJECTION, QUARANTINE, RESTRICTION
+from consensus.state.settings import read_copies
 from node.custody.restrictions import prolong, restrictions_from_row, with_natural_expiries
 from node.custody.stores.custody_store import Checkpoint, RecordFacts, VisitRestrictions
 from node.custody.stores.share_store import ShareRow
@@ -83,12 +85,21 @@ class _Audited:
     denied: dict[bytes, int] = field(default_factory=dict)
 
 
+def read_placement(state: Reader) -> Placement:
+    """Who keeps which clip; no custodian declares its room yet, so all count alike."""
+    return Placement.even(custodians(state), read_copies(state.get))
+
+
 class ChainFacts:
     """The state at one finalized block; its reader stays open during use."""
 
     def __init__(self, state: StateReader, point: Checkpoint) -> None:
         self._state = state
         self.point = point
+
+    @cached_property
+    def placement(self) -> Placement:
+        return read_placement(self._state)
 
     def active_records(self) -> Iterator[RecordFacts]:
         """Those being erased included."""

@@ -12,22 +12,30 @@ import structlog
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.records.clips import ClipDownload, check_clip_download
-from node.custody.stores.custody_store import CustodyStore, RecordFacts
+from node.custody.block_effects import place
+from node.custody.stores.custody_store import BlockEffects, CustodyStore, RecordFacts
+
+if TYPE_CHECKING:
+    from consensus.records.placement import Placement
 
 FETCH_AT_ONCE_COUNT = 128
 FETCHES_IN_FLIGHT_COUNT = 2
 INSTALL_AT_ONCE_MAX_BYTES = 2 * 1024 * 1024
 MISSING_READ_COUNT = 10_000
+PLACED_AT_ONCE_COUNT = 256
 _ROOM_BYTES = FETCHES_IN_FLIGHT_COUNT * (INSTALL_AT_ONCE_MAX_BYTES + CLIP_SIZE_MAX_BYTES)
 
 log = structlog.get_logger(__name__)
 
 
 class PeerCustodian(Protocol):
-    """A custodian of another node, asked for clips."""
+    """A custodian of another node, with its chain key, asked for clips."""
 
     @property
     def name(self) -> str: ...
+
+    @property
+    def member(self) -> bytes: ...
 
     async def fetch(self, record_id: bytes) -> ClipDownload | None: ...
 
@@ -47,13 +55,41 @@ class ClipFetcher:
         _has_room: Callable[[int], bool]
         _asked_for: set[bytes]
         _waited_s: dict[str, float]
+        _member: bytes
+        _writing: asyncio.Lock
+        _placed: Placement | None
+        _find_placement: Callable[[], Placement]
+
+        async def _settle_missing(self, missing: Sequence[RecordFacts]) -> None: ...
 
         async def install_checked(self, fetched: Sequence[ClipDownload]) -> int: ...
 
-    async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
-        """Fetch up to 128 missing clips, newest first, in turns, from who answered fastest; return those installed.
+    async def follow_placement(self) -> int:
+        """After custodians or the number of copies changed: sort what is not here into missing and kept elsewhere.
 
-        While one clip is fetched, those before it are stored, many at once.
+        What is here stays, whoever is to keep it. Returns how many changed; cut off, it is done again.
+        """
+        placement, after, count = self._find_placement(), b"", 0
+        while placement != self._placed:
+            async with self._writing:
+                absent = await self._store.absent(after, PLACED_AT_ONCE_COUNT)
+                clips = await self._store.clips([facts.record_id for facts in absent])
+                await self._settle_missing([facts for facts in absent if facts.record_id in clips])
+                left = [facts for facts in absent if facts.record_id not in clips]
+                moved = [now for facts in left if (now := place(facts, self._member, placement)) != facts]
+                await self._store.apply(BlockEffects(missing=tuple(moved)))
+            count += len(moved)
+            if absent:
+                after = absent[-1].record_id
+            else:
+                self._placed = placement
+        return count
+
+    async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
+        """Fetch up to 128 missing clips, newest first, in turns; return those installed.
+
+        Their keepers are asked first, of these who answered fastest. While one clip is fetched, those before it are
+        stored, many at once.
         """
         due = iter(await self._choose_missing())
         try:
@@ -85,7 +121,7 @@ class ClipFetcher:
         return count
 
     async def _fetch_from_any(self, facts: RecordFacts, peers: Sequence[PeerCustodian]) -> ClipDownload | None:
-        for peer in sorted(peers, key=lambda each: self._waited_s.get(each.name, 0.0)):
+        for peer in self._in_turn(peers, facts.record_id):
             try:
                 fetched = await self._fetch_timed(peer, facts.record_id)
                 if fetched is not None and fetched.record_id == facts.record_id:
@@ -94,6 +130,10 @@ class ClipFetcher:
             except BlockRobotError as error:
                 log.info("custody_fetch_refused", peer=peer.name, code=error.code)
         return None
+
+    def _in_turn(self, peers: Sequence[PeerCustodian], record_id: bytes) -> list[PeerCustodian]:
+        keepers = self._find_placement().keepers(record_id)
+        return sorted(peers, key=lambda peer: (peer.member not in keepers, self._waited_s.get(peer.name, 0.0)))
 
     async def _fetch_timed(self, peer: PeerCustodian, record_id: bytes) -> ClipDownload | None:
         now_s = asyncio.get_running_loop().time

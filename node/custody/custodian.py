@@ -20,6 +20,7 @@ from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_download, check_clip_upload
 from consensus.records.commitments import ciphertext_leaves
+from consensus.records.placement import Placement
 from node.custody.block_effects import BlockApplier, build_release, matches_roots
 from node.custody.chain_facts import ChainFacts
 from node.custody.clip_fetching import MISSING_READ_COUNT, ClipFetcher, check_fetched
@@ -29,7 +30,7 @@ from node.custody.finalized_events import FinalizedEvents
 from node.custody.repair.reconciliation import Reconciliation
 from node.custody.restrictions import find_restrictions, is_void, require_release
 from node.custody.share_service import ShareService
-from node.custody.shares import CLOCK_SLACK_MS, Shares, grant_covers, may_release
+from node.custody.shares import CLOCK_SLACK_MS, Shares, grant_covers
 from node.custody.stores.custody_store import (
     BlockEffects,
     Checkpoint,
@@ -70,8 +71,11 @@ class Custodian(ShareService, ClipFetcher):
         clock_ms: Callable[[], int],
         has_room: Callable[[int], bool] | None = None,
         is_frame_approved: Callable[[bytes], bool] = lambda _digest: False,
+        find_placement: Callable[[], Placement] | None = None,
     ) -> None:
-        """`has_room`: whether bytes fit without the disk's reserve; `is_frame_approved`: see `Eraser`."""
+        """`has_room`: whether bytes fit without the disk's reserve; `is_frame_approved`: see `Eraser`; `find_placement`: by
+        the newest final state, without it every clip is kept here.
+        """
         self._store = store
         self._has_room = has_room or (lambda _size_bytes: True)
         self._keys = erase_keys
@@ -81,6 +85,8 @@ class Custodian(ShareService, ClipFetcher):
         self._clock_ms = clock_ms
         self._writing = asyncio.Lock()
         self._allocating = asyncio.Lock()
+        self._find_placement = find_placement or (lambda: Placement.even([member], 0))
+        self._placed: Placement | None = None
         self._asked_for: set[bytes] = set()
         self._waited_s: dict[str, float] = {}
         self._in_flight: set[int] = set()
@@ -243,16 +249,15 @@ class Custodian(ShareService, ClipFetcher):
         here = [facts for facts in missing if facts.record_id in clips and clips[facts.record_id].status == "confirmed"]
         owners = sorted({facts.owner for facts in here})
         restrictions = await self._store.visit_restrictions(owners)
-        asked = [
+        own = [  # parts are told of as they come
             grant
             for grant in await self._store.grants_of_owners(owners)
-            if not is_void(grant, restrictions.get(grant.owner))
+            if not grant.share and not is_void(grant, restrictions.get(grant.owner))
         ]
         unasked = []
         for facts in here:
             clip = clips[facts.record_id]
-            covering = [grant for grant in asked if grant.owner == facts.owner and grant_covers(grant, clip)]
-            grants = [grant for grant in covering if await may_release(self._store, grant, clip.record_id)]
+            grants = [grant for grant in own if grant.owner == facts.owner and grant_covers(grant, clip)]
             if grants:  # alone, since the next one takes the next part of the same request
                 owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in grants])
                 await self._store.apply(BlockEffects(outbox=owed, found=(facts.record_id,)))
@@ -265,6 +270,9 @@ class Custodian(ShareService, ClipFetcher):
 
     def reconciliation(self, facts: ChainFacts) -> Reconciliation:
         return Reconciliation(self._store, self._eraser, self._shares, self._member, facts)
+
+    def is_keeper(self, placement: Placement, record_id: bytes) -> bool:
+        return placement.is_keeper(self._member, record_id)
 
     @property
     def eraser(self) -> Eraser:
@@ -317,7 +325,8 @@ class Custodian(ShareService, ClipFetcher):
             if not await self._is_next(block):
                 return
             await self._eraser.finish()
-            await BlockApplier(self._store, self._eraser, self._shares, self._member, block).apply()
+            placement = self._find_placement()
+            await BlockApplier(self._store, self._eraser, self._shares, self._member, placement, block).apply()
             await self._close_block(block.checkpoint)
 
     async def reconcile(self, facts: ChainFacts) -> None:
@@ -399,8 +408,9 @@ class Custodian(ShareService, ClipFetcher):
     async def _confirmed_clip(self, record_id: bytes) -> ClipRow:
         clip = (await self._store.clips([record_id])).get(record_id)
         if clip is None:
-            missing = await self._store.missing_clips([record_id])
-            raise BlockRobotError("CLIP_NOT_CONFIRMED" if missing else "NOT_FOUND", "This custodian has no such clip.")
+            facts = (await self._store.missing_clips([record_id])).get(record_id)
+            awaited = facts is not None and not facts.elsewhere
+            raise BlockRobotError("CLIP_NOT_CONFIRMED" if awaited else "NOT_FOUND", "This custodian has no such clip.")
         if clip.status == "erased":
             raise BlockRobotError("CLIP_ERASED")
         if clip.status == "staged":

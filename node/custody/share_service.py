@@ -23,8 +23,8 @@ from consensus.records.sharing import (
 from node.custody.block_effects import build_release
 from node.custody.erasure import Eraser
 from node.custody.restrictions import find_restrictions, is_void, require_release
-from node.custody.shares import CheckedPart, Shares, grant_covers
-from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, FrameRow
+from node.custody.shares import CheckedPart, Shares, find_record, grant_covers
+from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, FrameRow, RecordFacts
 from node.custody.stores.share_store import PartRow, PartStatus
 
 
@@ -40,8 +40,6 @@ class ShareService:
         _writing: asyncio.Lock
 
         def _taking(self, count: int) -> AbstractAsyncContextManager[list[tuple[int, bytes]]]: ...
-
-        async def _confirmed_clip(self, record_id: bytes) -> ClipRow: ...
 
         def _assemble(self, clip: ClipRow, rows: Sequence[FrameRow]) -> ClipDownload: ...
 
@@ -82,28 +80,38 @@ class ShareService:
         return judged.row.status
 
     async def _owe_shared(self, part: PartRow) -> None:
-        clip = (await self._store.clips([part.record_id]))[part.record_id]
+        record = await find_record(self._store, part.record_id)
+        if record is None:
+            return
         restrictions = await find_restrictions(self._store, part.owner)
         asked = [grant for grant in await self._store.grants_of_owners([part.owner]) if grant.share == part.grant_id]
-        due = [grant for grant in asked if grant_covers(grant, clip) and not is_void(grant, restrictions)]
-        owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in due])
+        due = [grant for grant in asked if grant_covers(grant, record) and not is_void(grant, restrictions)]
+        owed = tuple([await build_release(self._store, grant, [part.record_id]) for grant in due])
         await self._store.apply(BlockEffects(outbox=owed))
 
     async def download_shared(self, request: SharedRequest, grant_id: bytes) -> SharedDownload:
-        """Return a shared clip, package and parts to the verified grantee.
+        """Return a shared clip, package and parts to the verified grantee; of a clip kept elsewhere no frames.
 
         Raises as `Custodian.download`, and GRANT_ENDED, GRANT_PARTS_MISSING.
         """
         grant = await self._store.grant(request.access_id)
         if grant is None or not grant_id or grant.share != grant_id or request.record_id not in grant.records:
             raise BlockRobotError("ACCESS_NOT_GRANTED")
-        clip = await self._confirmed_clip(request.record_id)
-        if not grant_covers(grant, clip):
+        record = await find_record(self._store, request.record_id)
+        if record is None:
+            raise BlockRobotError("NOT_FOUND", "This custodian has no such clip.")
+        if not grant_covers(grant, record):
             raise BlockRobotError("ACCESS_NOT_GRANTED")
-        rows = await self._store.frames(clip.record_id) if request.with_frames else []
-        part = await self._store.part(grant_id, clip.record_id)
+        if isinstance(record, RecordFacts) and request.with_frames and not record.elsewhere:
+            raise BlockRobotError("CLIP_NOT_CONFIRMED")
+        rows = await self._store.frames(request.record_id) if request.with_frames else []
+        part = await self._store.part(grant_id, request.record_id)
         # After the rows, since a word may have become final while they were read; the keys last, at once.
         require_release(grant, await find_restrictions(self._store, grant.owner))
         await self._shares.require_open_grant(grant_id, self._clock_ms())
-        held, found = self._shares.open(part), self._assemble(clip, rows)
+        held = self._shares.open(part)
+        if isinstance(record, ClipRow):
+            found = self._assemble(record, rows)
+        else:
+            found = ClipDownload(request.record_id, record.txid, frames=[], commitment_leaves=[], ciphertext_leaves=[])
         return build_shared_download(found, self._member, held.package, held.parts, with_frames=request.with_frames)

@@ -1,4 +1,4 @@
-"""Shares at one custodian: key parts, kept wrapped while their grants stand.
+"""Shares at one custodian: key parts, of clips kept elsewhere too, kept wrapped while their grants stand.
 
 They are destroyed, erase key before row, on revocation, end, erasure or denial.
 """
@@ -15,7 +15,7 @@ from consensus.records.sharing import GrantUpload, KeyPart
 from node.custody.erase_keys import ErasableKeys, unwrap_key, wrap_key
 from node.custody.erasure import Eraser
 from node.custody.restrictions import find_restrictions
-from node.custody.stores.custody_store import ClipRow, CustodyStore, Grant
+from node.custody.stores.custody_store import ClipRow, CustodyStore, Grant, RecordFacts
 from node.custody.stores.share_store import PartPlace, PartRow, ShareRow
 from node.process_memory import wipe
 
@@ -44,10 +44,20 @@ class CheckedPart:
     is_known: bool
 
 
-def grant_covers(grant: Grant, clip: ClipRow) -> bool:
+def grant_covers(grant: Grant, clip: ClipRow | RecordFacts) -> bool:
     if grant.owner != clip.owner:
         return False
     return clip.record_id in grant.records if grant.records else clip.height <= grant.height
+
+
+async def find_record(store: CustodyStore, record_id: bytes) -> ClipRow | RecordFacts | None:
+    """Return a final record's clip, or what is known of one that is not here. Raises CLIP_ERASED."""
+    clip = (await store.clips([record_id])).get(record_id)
+    if clip is not None and clip.status == "erased":
+        raise BlockRobotError("CLIP_ERASED")
+    if clip is not None and clip.status == "confirmed":
+        return clip
+    return (await store.missing_clips([record_id])).get(record_id)
 
 
 async def may_release(store: CustodyStore, grant: Grant, record_id: bytes) -> bool:
@@ -84,12 +94,10 @@ class Shares:
         return CheckedPart(row, is_known=False)
 
     async def _check_record(self, record_id: bytes, owner: bytes) -> None:
-        clip = (await self._store.clips([record_id])).get(record_id)
-        if clip is None or clip.status == "staged":
-            raise BlockRobotError("CLIP_NOT_CONFIRMED", "This custodian does not have the clip yet.")
-        if clip.status == "erased":
-            raise BlockRobotError("CLIP_ERASED")
-        if clip.owner != owner:
+        record = await find_record(self._store, record_id)
+        if record is None:
+            raise BlockRobotError("CLIP_NOT_CONFIRMED", "This custodian does not know the record yet.")
+        if record.owner != owner:
             raise BlockRobotError("NOT_PERMITTED", "The record belongs to another owner key.")
         restrictions = await find_restrictions(self._store, owner)
         if restrictions is not None and restrictions.quarantined:

@@ -168,8 +168,9 @@ class Directory:
         return self._names_by_producer.get(key)
 
     @property
-    def custodians(self) -> frozenset[str]:
-        return frozenset(name for name, node in self._content.active.items() if node.custodian_key)
+    def custodians(self) -> Mapping[str, bytes]:
+        """Keys (33 bytes) by node."""
+        return {name: node.custodian_key for name, node in self._content.active.items() if node.custodian_key}
 
     def add_listener(self, listener: Callable[[Directory], None]) -> None:
         self._listeners.append(listener)

@@ -17,7 +17,7 @@ from tests.offchain.small_state import State
 class Peer:
     """Another custodian, with the clips that the test gives it."""
 
-    name = "node-2"
+    name, member = "node-2", b""
 
     def __init__(self, *clips: RecordedClip, erased: tuple[int, ...] = ()) -> None:
         self.clips = {clip.record_id: clip for clip in clips}

@@ -12,6 +12,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.records.clips import ClipDownload, check_clip_download
 from consensus.records.envelopes import open_data_key, open_frame
+from consensus.records.placement import Placement
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys
 from node.custody.stores.custody_store import CustodyStore
@@ -36,6 +37,7 @@ class CustodianHarness:
         self.chain = SmallChain()
         self.has_room = True
         self.approved_frames: set[bytes] = set()
+        self.placement = Placement.even([CUSTODIAN], 0)
         self.store: CustodyStore
         self.keys: EraseKeys
         self.custodian: Custodian
@@ -53,6 +55,7 @@ class CustodianHarness:
                     clock_ms=clock,
                     has_room=room,
                     is_frame_approved=lambda digest: digest in self.approved_frames,
+                    find_placement=lambda: self.placement,
                 )
                 await self.custodian.start()
                 yield self.custodian

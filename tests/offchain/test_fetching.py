@@ -25,7 +25,7 @@ from tests.offchain.small_chain import (
 class Peer:
     """Another custodian, for a fetch: sends what it is given."""
 
-    name = "other"
+    name, member = "other", b""
 
     def __init__(self, *clips: ClipDownload) -> None:
         self.clips = {clip.record_id: clip for clip in clips}
@@ -35,14 +35,14 @@ class Peer:
 
 
 class DeafPeer:
-    name = "deaf"
+    name, member = "deaf", b""
 
     async def fetch(self, record_id: bytes) -> ClipDownload | None:
         raise BlockRobotError("NODE_UNREACHABLE")
 
 
 class SlowPeer:
-    name = "slow"
+    name, member = "slow", b""
     asked_count = 0
 
     async def fetch(self, record_id: bytes) -> ClipDownload | None:

@@ -28,7 +28,7 @@ from consensus.state.membership import (
     NodeRow,
     OrganisationRow,
 )
-from consensus.state.settings import QUOTA, QUOTA_NAMES, UploadQuotas, quotas_of
+from consensus.state.settings import CUSTODY_COPIES, QUOTA, QUOTA_NAMES, UploadQuotas, quotas_of
 from consensus.visible_text import one_entry
 
 ID_PREFIX_MIN_CHARS = 6
@@ -74,6 +74,7 @@ class ProducersView:
     max_producers: int
     candidates: tuple[ProvedCandidate, ...]
     quotas: UploadQuotas = field(default_factory=UploadQuotas)
+    custody_copies: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +130,7 @@ async def read_membership(client: NetworkClient, reader: PrivateKey) -> Membersh
 async def read_producers(client: NetworkClient, reader: PrivateKey) -> ProducersView:
     await client.catch_up(reader)
     index = [producers.EPOCH.flat, producers.MAX_PRODUCERS.flat, producers.KEYS.flat]
-    found = (await read_proved(client, [*index, *map(QUOTA.key, QUOTA_NAMES)], reader)).values
+    found = (await read_proved(client, [*index, *map(QUOTA.key, (*QUOTA_NAMES, CUSTODY_COPIES))], reader)).values
     decided, maximum = producers.EPOCH.among(found), producers.MAX_PRODUCERS.among(found)
     if decided is None or maximum is None:
         raise BlockRobotError("NOT_FOUND", "This chain has no contract for its producers; it is older than governance.")
@@ -155,13 +156,14 @@ async def read_producers(client: NetworkClient, reader: PrivateKey) -> Producers
         max_producers=maximum,
         candidates=tuple(rows),
         quotas=quotas_of({name: mib for name in QUOTA_NAMES if (mib := QUOTA.among(found, name)) is not None}),
+        custody_copies=QUOTA.among(found, CUSTODY_COPIES) or 0,
     )
 
 
 def settings_in_force(view: ProducersView) -> dict[str, int | str]:
     values = {name: getattr(view.epoch.settings, name) for name in ChainSettings.__struct_fields__}
     quotas = {name: getattr(view.quotas, name) for name in QUOTA_NAMES}
-    return {**values, "max_producers": view.max_producers, **quotas}
+    return {**values, "max_producers": view.max_producers, **quotas, CUSTODY_COPIES: view.custody_copies}
 
 
 def resolve_proposal(proposals: Iterable[ProvedProposal], text: str) -> ProvedProposal:

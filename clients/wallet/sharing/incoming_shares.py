@@ -369,6 +369,8 @@ class _Gathered:
                 text = f"One custodian gave its part of the key, and another has to: {refused_with.detail}"
                 raise BlockRobotError("GRANT_PARTS_MISSING", text)
             raise self._failure
+        if not any(answer.frames for answer in self._answers.values()):
+            raise refused_with or BlockRobotError("CLIP_NOT_CONFIRMED", "No custodian that answered keeps this clip.")
         if not self._frames:
             raise BlockRobotError("RENDITION_CORRUPTED", "What custodians sent leads to other roots than the chain's.")
         frames = tuple(self._frames[index] for index in sorted(self._frames))

@@ -62,7 +62,7 @@ class _Custody:
         self.store, self.keys, self.uri = store, keys, uri
         self.custodian = Custodian(store, keys, member=secrets.token_bytes(33), clock_ms=lambda: _START_MS)
 
-    name = "other"
+    name, member = "other", b""
 
     async def fetch(self, record_id: bytes) -> ClipDownload | None:
         return await self.custodian.export(record_id)

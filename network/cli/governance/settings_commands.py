@@ -52,6 +52,7 @@ _MEANINGS = {
     "organisation_staged_max_mib": ("1 to 1048576", "all robots of an organisation: not recorded yet"),
     "organisation_staged_max_count": ("1 to 1000000", "the same, their number"),
     "organisation_day_max_mib": ("1 to 1073741824", "what they may upload a day"),
+    "custody_copies": ("0, or 2 to 64", "custodians that keep a clip; 0: 3, or all of fewer"),
 }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -23,11 +23,12 @@ from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, decode_value, encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload
+from consensus.records.placement import Placement
 from consensus.records.png import check_depth_png
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 from consensus.state.records import EMPTY_FRAME
 from consensus.state.settings import read_quotas
-from node.custody.chain_facts import ChainFacts, require_grantee, require_open_grant
+from node.custody.chain_facts import ChainFacts, read_placement, require_grantee, require_open_grant
 from node.custody.coordination.custody_answers import UploadReport
 from node.custody.coordination.upload_admission import CATCH_UP_MAX_MS, HoldRoom, UploadAdmission
 from node.custody.coordination.upload_report import describe_uploads
@@ -82,8 +83,8 @@ class PeerRequests(Protocol):
 class PeerLink:
     """A `PeerCustodian` over a node's connections; a clip is limited to its announced size."""
 
-    def __init__(self, name: str, peers: PeerRequests) -> None:
-        self.name = name
+    def __init__(self, name: str, peers: PeerRequests, member: bytes = b"") -> None:
+        self.name, self.member = name, member
         self._peers = peers
 
     async def fetch(self, record_id: bytes) -> ClipDownload | None:
@@ -115,7 +116,7 @@ class CustodyCoordinator:
         peers: PeerRequests,
         clock: Callable[[], int],
         randomness: Callable[[int], bytes] = secrets.token_bytes,
-        custodians: Callable[[], frozenset[str]] | None = None,
+        custodians: Callable[[], Mapping[str, bytes]] | None = None,
         is_in_touch: Callable[[], bool] = lambda: True,
         final_height: Callable[[], int] = lambda: -1,
         hold_room: HoldRoom | None = None,
@@ -135,7 +136,7 @@ class CustodyCoordinator:
         self._clock = clock
         self._randomness = randomness
         self._name = name
-        self._custodians = custodians or (lambda: frozenset(node.name for node in genesis.custodians))
+        self._custodians = custodians or (lambda: {node.name: node.custodian_key for node in genesis.custodians})
         self._is_in_touch = is_in_touch
         self._final_height = final_height
         self._serves_from: int | None = None
@@ -147,8 +148,8 @@ class CustodyCoordinator:
         self.checkpoint_height: int | None = None
 
     @property
-    def _others(self) -> frozenset[str]:
-        return self._custodians() - {self._name}
+    def _others(self) -> Mapping[str, bytes]:
+        return {name: key for name, key in self._custodians().items() if name != self._name}
 
     @property
     def is_serving(self) -> bool:
@@ -186,7 +187,7 @@ class CustodyCoordinator:
 
     def find_peers(self) -> list[PeerLink]:
         others = self._others
-        return [PeerLink(name, self._peers) for name in self._peers.connected if name in others]
+        return [PeerLink(name, self._peers, others[name]) for name in self._peers.connected if name in others]
 
     async def start(self) -> None:
         """Finish interrupted work and begin. Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
@@ -444,11 +445,12 @@ class CustodyCoordinator:
         count = 0
         while True:
             await asyncio.sleep(0 if count else FETCH_INTERVAL_MS / 1000)
-            count, links = 0, self.find_peers()
-            if not links:
-                continue
+            count = 0
             try:
-                count = await self._custodian.fetch_missing(links)
+                if moved := await self._custodian.follow_placement():
+                    log.info("clips_placed_anew", count=moved)
+                if links := self.find_peers():
+                    count = await self._custodian.fetch_missing(links)
             except BlockRobotError as error:
                 log.warning("clips_not_fetched", code=error.code, detail=error.detail)
             except Exception:
@@ -473,6 +475,10 @@ class CustodyPlace:
             with ledger.snapshot() as snapshot:
                 return EMPTY_FRAME.has(snapshot, digest)
 
+        def find_placement() -> Placement:
+            with ledger.snapshot() as snapshot:
+                return read_placement(snapshot)
+
         return Custodian(
             self.store,
             self.erase_keys,
@@ -480,4 +486,5 @@ class CustodyPlace:
             clock_ms=clock_ms,
             has_room=None if self.reserve is None else self.reserve.has_room,
             is_frame_approved=is_frame_approved,
+            find_placement=find_placement,
         )

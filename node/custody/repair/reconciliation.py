@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from msgspec import structs
 
 from consensus.primitives.encoding import decode_value
-from node.custody.block_effects import RELEASED_KIND, BlockApplier, matches_roots
+from node.custody.block_effects import RELEASED_KIND, BlockApplier, matches_roots, place
 from node.custody.chain_facts import AccessFacts, ChainFacts, ErasureFacts
 from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
@@ -86,9 +86,9 @@ class Reconciliation:
                 confirmed.append(replace(facts, erased_frames=()))
             elif clip is not None and clip.status == "staged":
                 await self._eraser.drop_staged([facts.record_id])
-                missing.append(facts)
+                missing.append(place(facts, self._member, self._facts.placement))
             elif clip is None:
-                missing.append(facts)
+                missing.append(place(facts, self._member, self._facts.placement))
         await self._store.apply(BlockEffects(confirmed=tuple(confirmed), missing=tuple(missing)))
 
     async def _take_restrictions(self) -> None:
@@ -150,4 +150,5 @@ class Reconciliation:
         event = FinalizedEvent(txid, contract, name, data)
         point = self._facts.point
         block = FinalizedEvents(height, point.block_id, point.timestamp_ms, (event,))
-        await BlockApplier(self._store, self._eraser, self._shares, self._member, block).apply()
+        placement = self._facts.placement
+        await BlockApplier(self._store, self._eraser, self._shares, self._member, placement, block).apply()

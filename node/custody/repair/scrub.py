@@ -95,6 +95,8 @@ class RecordComparer:
                 return True
             report.held_though_erased.append(record_id)
         elif clip is None or clip.status != "confirmed":
+            if clip is None and not self._custodian.is_keeper(self._facts.placement, record_id):
+                return True
             report.missing.append(record_id)
         elif not _is_same(clip, record):
             report.other_facts.append(record_id)

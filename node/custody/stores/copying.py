@@ -11,6 +11,7 @@ from node.custody.stores.custody_store import BlockEffects, CustodyStore, Outbox
 Tell = Callable[[int, int], None]
 """Told how many clips are copied, and of how many."""
 
+ABSENT_AT_ONCE_COUNT = 1_000
 ROWS_MAX_COUNT = 1 << 31
 OUTBOX_CONTRACTS = ("access", "erasure")
 OUTBOX_STATUSES: tuple[OutboxStatus, ...] = ("ready", "erasing")
@@ -46,9 +47,9 @@ async def copy_store(source: CustodyStore, target: CustodyStore, tell: Tell = la
     for use in await source.day_uses():
         if use not in known:
             await target.add_use(use)
+    await _copy_absent(source, target)
     await target.apply(
         BlockEffects(
-            missing=tuple(await source.missing(ROWS_MAX_COUNT)),
             visit_restrictions=tuple((await source.visit_restrictions()).values()),
             checkpoint=await source.checkpoint(),
         )
@@ -57,6 +58,13 @@ async def copy_store(source: CustodyStore, target: CustodyStore, tell: Tell = la
     if _compared(copied) != _compared(counts):
         raise BlockRobotError("STORE_UNAVAILABLE", "The new store counts other rows than the old one.")
     return copied
+
+
+async def _copy_absent(source: CustodyStore, target: CustodyStore) -> None:
+    after = b""
+    while absent := await source.absent(after, ABSENT_AT_ONCE_COUNT):
+        await target.apply(BlockEffects(missing=tuple(absent)))
+        after = absent[-1].record_id
 
 
 async def _copy_grants_and_shares(source: CustodyStore, target: CustodyStore) -> None:
@@ -70,5 +78,5 @@ async def _copy_grants_and_shares(source: CustodyStore, target: CustodyStore) ->
 
 
 def _compared(counts: StoreCounts) -> tuple[int, ...]:
-    held = (counts.staged, counts.confirmed, counts.erased, counts.frames, counts.missing)
+    held = (counts.staged, counts.confirmed, counts.erased, counts.frames, counts.missing, counts.elsewhere)
     return (*held, counts.outbox_ready, counts.outbox_erasing, counts.shares, counts.parts)

@@ -61,9 +61,9 @@ class FramePlace:
 
 @dataclass(frozen=True, slots=True)
 class RecordFacts:
-    """A kept record's chain facts; as a store row, a missing clip.
+    """A kept record's chain facts; as a store row, a clip that is not here.
 
-    `erased_frames` were erased before the clip arrived.
+    `erased_frames` were erased before the clip arrived. `elsewhere`: others are its keepers, so it is not missing.
     """
 
     record_id: bytes
@@ -74,6 +74,7 @@ class RecordFacts:
     expires_at_ms: int
     height: int
     erased_frames: tuple[int, ...] = ()
+    elsewhere: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +175,7 @@ class BlockEffects:
 
 @dataclass(frozen=True, slots=True)
 class StoreCounts:
-    """Store counts; `outbox_erasing`: planned, unfinished; `size_bytes`: None if unknown."""
+    """Store counts; `elsewhere`: kept by others; `outbox_erasing`: planned, unfinished; `size_bytes`: None if unknown."""
 
     staged: int
     confirmed: int
@@ -186,6 +187,7 @@ class StoreCounts:
     size_bytes: int | None
     shares: int = 0
     parts: int = 0
+    elsewhere: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,12 +290,18 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         ...
 
     async def missing(self, limit: int) -> list[RecordFacts]:
-        """Newest first."""
+        """Those that are to be kept here, newest first."""
+        ...
+
+    async def absent(self, after: bytes, limit: int) -> list[RecordFacts]:
+        """All that are not here, `elsewhere` or missing, with record ids above `after`, in order."""
         ...
 
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]: ...
 
-    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]: ...
+    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
+        """As `missing_clip`: wherever they are kept."""
+        ...
 
     async def grant(self, access_id: bytes) -> Grant | None: ...
 

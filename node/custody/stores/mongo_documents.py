@@ -155,6 +155,7 @@ def missing_document(facts: RecordFacts) -> Document:
         "expires_at_ms": facts.expires_at_ms,
         "height": facts.height,
         "erased_frames": list(facts.erased_frames),
+        "elsewhere": facts.elsewhere,
     }
 
 
@@ -168,6 +169,7 @@ def missing_row(found: Document) -> RecordFacts:
         expires_at_ms=found["expires_at_ms"],
         height=found["height"],
         erased_frames=tuple(found["erased_frames"]),
+        elsewhere=found["elsewhere"],
     )
 
 

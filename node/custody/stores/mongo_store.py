@@ -44,7 +44,7 @@ from node.custody.stores.mongo_uploads import BY_ROBOT, MongoUploads
 
 Order = Sequence[tuple[str, int]]
 
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 SERVER_SELECTION_MAX_MS = 3_000
 MAJORITY_MAX_MS = 20_000
 SOCKET_MAX_MS = 30_000
@@ -64,7 +64,7 @@ def _rising(*fields: str) -> Order:
 _BY_KEY = _rising("_id")
 _BY_PLACE = _rising("record_id", "index", "slot")
 _BY_CONTRACT = _rising("status", "contract", "height", "kind", "subject", "part")
-_NEWEST_FIRST: Order = (("height", DESCENDING), ("_id", ASCENDING))
+_NEWEST_FIRST: Order = (("elsewhere", ASCENDING), ("height", DESCENDING), ("_id", ASCENDING))
 _INDEXES: Mapping[str, Sequence[Order]] = {
     "clips": (
         _rising("owner", "status", "_id"),
@@ -384,7 +384,12 @@ class MongoStore(MongoShares, MongoUploads):
         return [document["_id"] for document in found]
 
     async def missing(self, limit: int) -> list[RecordFacts]:
-        return rows(documents.missing_row, await self._many("missing", {}, sort=_NEWEST_FIRST, limit=limit))
+        found = await self._many("missing", {"elsewhere": False}, sort=_NEWEST_FIRST, limit=limit)
+        return rows(documents.missing_row, found)
+
+    async def absent(self, after: bytes, limit: int) -> list[RecordFacts]:
+        found = await self._many("missing", {"_id": {"$gt": after}}, sort=_BY_KEY, limit=limit)
+        return rows(documents.missing_row, found)
 
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
         found = await self._many("missing", {"_id": {"$in": list(record_ids)}}) if record_ids else []
@@ -461,12 +466,13 @@ class MongoStore(MongoShares, MongoUploads):
             confirmed=await self._count("clips", {"status": "confirmed"}),
             erased=await self._count("clips", {"status": "erased"}),
             frames=await self._count("frames", {}),
-            missing=await self._count("missing", {}),
+            missing=await self._count("missing", {"elsewhere": False}),
             outbox_ready=await self._count("outbox", {"status": "ready"}),
             outbox_erasing=await self._count("outbox", {"status": "erasing"}),
             size_bytes=await self._size_bytes(),
             shares=await self._count("shares", {}),
             parts=await self._count("parts", {}),
+            elsewhere=await self._count("missing", {"elsewhere": True}),
         )
 
     async def _size_bytes(self) -> int | None:

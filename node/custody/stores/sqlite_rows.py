@@ -24,7 +24,7 @@ def read_clip(row: Sequence[Any]) -> ClipRow:
 
 def read_missing(row: Sequence[Any]) -> RecordFacts:
     """In the order of `MISSING_COLUMNS`."""
-    return RecordFacts(row[0], row[1], row[2], row[3], row[4], row[5], row[6], tuple(row[7]))
+    return RecordFacts(row[0], row[1], row[2], row[3], row[4], row[5], row[6], tuple(row[7]), bool(row[8]))
 
 
 def read_grant(row: Sequence[Any]) -> Grant:
@@ -62,7 +62,7 @@ def write_effects(database: sqlite3.Connection, effects: BlockEffects) -> None:
     found = [*(facts.record_id for facts in effects.confirmed), *effects.found]
     database.executemany("DELETE FROM missing WHERE record_id = ?", [(record_id,) for record_id in found])
     database.executemany(
-        "INSERT OR REPLACE INTO missing VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+        "INSERT OR REPLACE INTO missing VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
         [
             (
                 facts.record_id,
@@ -73,6 +73,7 @@ def write_effects(database: sqlite3.Connection, effects: BlockEffects) -> None:
                 facts.expires_at_ms,
                 facts.height,
                 bytes(facts.erased_frames),
+                facts.elsewhere,
             )
             for facts in effects.missing
         ],

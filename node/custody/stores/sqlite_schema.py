@@ -5,7 +5,7 @@ from __future__ import annotations
 from node.custody.stores.sqlite_shares import SHARES_SCHEMA
 from node.custody.stores.sqlite_uploads import UPLOADS_SCHEMA
 
-FORMAT_VERSION = 7
+FORMAT_VERSION = 8
 
 SCHEMA = f"""
 CREATE TABLE clips (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, valid_until_ms INTEGER NOT NULL,
@@ -20,8 +20,8 @@ CREATE TABLE frames (record_id BLOB NOT NULL, place INTEGER NOT NULL, slot INTEG
 CREATE INDEX frames_by_slot ON frames (slot);
 CREATE TABLE missing (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, owner BLOB NOT NULL,
     commitment_root BLOB NOT NULL, ciphertext_root BLOB NOT NULL, expires_at_ms INTEGER NOT NULL,
-    height INTEGER NOT NULL, erased_frames BLOB NOT NULL) WITHOUT ROWID;
-CREATE INDEX missing_by_height ON missing (height, record_id);
+    height INTEGER NOT NULL, erased_frames BLOB NOT NULL, elsewhere INTEGER NOT NULL) WITHOUT ROWID;
+CREATE INDEX missing_by_height ON missing (elsewhere, height, record_id);
 CREATE INDEX missing_by_expiry ON missing (expires_at_ms);
 CREATE INDEX missing_by_owner ON missing (owner, record_id);
 CREATE TABLE grants (access_id BLOB PRIMARY KEY, owner BLOB NOT NULL, records BLOB NOT NULL,
@@ -43,6 +43,8 @@ CLIP_COLUMNS = (
     "record_id, txid, valid_until_ms, status, commitment_leaves, ciphertext_leaves, owner, expires_at_ms, height, "
     "robot, size_bytes"
 )
-MISSING_COLUMNS = "record_id, txid, owner, commitment_root, ciphertext_root, expires_at_ms, height, erased_frames"
+MISSING_COLUMNS = (
+    "record_id, txid, owner, commitment_root, ciphertext_root, expires_at_ms, height, erased_frames, elsewhere"
+)
 GRANT_COLUMNS = "access_id, owner, records, height, share"
 OUTBOX_COLUMNS = "kind, subject, part, contract, entry, arguments, height, status, plan"

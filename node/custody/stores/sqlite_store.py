@@ -290,12 +290,17 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return [row[0] for row in await self._read(query, at_ms, limit)]
 
     async def missing(self, limit: int) -> list[RecordFacts]:
-        query = f"SELECT {MISSING_COLUMNS} FROM missing ORDER BY height DESC, record_id LIMIT ?"  # noqa: S608
+        wanted = "elsewhere = 0 ORDER BY height DESC, record_id LIMIT ?"
+        query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE {wanted}"  # noqa: S608
         return [read_missing(row) for row in await self._read(query, limit)]
 
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?"  # noqa: S608
         return {row[0]: read_missing(row) for row in await self._read_each(query, record_ids)}
+
+    async def absent(self, after: bytes, limit: int) -> list[RecordFacts]:
+        query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id > ? ORDER BY record_id LIMIT ?"  # noqa: S608
+        return [read_missing(row) for row in await self._read(query, after, limit)]
 
     async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE owner = ? ORDER BY record_id"  # noqa: S608
@@ -391,7 +396,7 @@ class SqliteStore(SqliteShares, SqliteUploads):
             clips = dict(database.execute("SELECT status, count(*) FROM clips GROUP BY status"))
             outbox = dict(database.execute("SELECT status, count(*) FROM outbox GROUP BY status"))
             frames = database.execute("SELECT count(*) FROM frames").fetchone()[0]
-            missing = database.execute("SELECT count(*) FROM missing").fetchone()[0]
+            absent = dict(database.execute("SELECT elsewhere, count(*) FROM missing GROUP BY elsewhere"))
             shared = database.execute("SELECT (SELECT count(*) FROM shares), (SELECT count(*) FROM parts)").fetchone()
             size_bytes = sum(path.stat().st_size for path in self._directory.glob(f"{DATABASE_FILE_NAME}*"))
             return StoreCounts(
@@ -399,12 +404,13 @@ class SqliteStore(SqliteShares, SqliteUploads):
                 confirmed=clips.get("confirmed", 0),
                 erased=clips.get("erased", 0),
                 frames=frames,
-                missing=missing,
+                missing=absent.get(0, 0),
                 outbox_ready=outbox.get("ready", 0),
                 outbox_erasing=outbox.get("erasing", 0),
                 size_bytes=size_bytes,
                 shares=shared[0],
                 parts=shared[1],
+                elsewhere=absent.get(1, 0),
             )
 
         return await self._in_worker(read)

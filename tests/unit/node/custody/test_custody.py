@@ -76,6 +76,9 @@ class ScriptedCustodian:
         if self.clip is None:
             raise BlockRobotError(self.refusal)
 
+    async def follow_placement(self) -> int:
+        return 0
+
     async def fetch_missing(self, links: Any) -> int:
         return 0
 
@@ -99,7 +102,7 @@ class Rig:
         self.now_ms = 1_000_000
         self.custodian, self.pool, self.ledger = ScriptedCustodian(), Pool(), MemoryStore()
         self.feed = FinalityFeed(-1)
-        custodians = tuple(SimpleNamespace(name=name) for name in ("node-1", "node-2"))
+        custodians = tuple(SimpleNamespace(name=name, custodian_key=name.encode()) for name in ("node-1", "node-2"))
         self.custody = CustodyCoordinator(
             genesis=SimpleNamespace(chain_id=bytes(32), custodians=custodians),  # type: ignore[arg-type]
             name="node-1",
