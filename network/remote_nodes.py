@@ -69,12 +69,11 @@ async def ask_remote_nodes(
         KnownNode(
             node.name,
             node.api_url,
-            bool(node.custodian_key),
             directory.organisations[node.organisation].ca_certificate,
         )
         for node in usable
     ]
-    pin = write_pin(LightClient(genesis), KnownNodes(directory.height, tuple(known)))
+    pin = write_pin(LightClient(genesis), KnownNodes(directory.height, tuple(known), (), 0))
     deadline_s = asyncio.get_running_loop().time() + ASK_ALL_REMOTE_MAX_S
     async with NetworkClient(genesis, pinned=pin) as client:
         await use_given_nodes(client, genesis.chain_id)

@@ -1,17 +1,19 @@
-"""Known nodes: the genesis file's, then proved ones, kept with the pin."""
+"""Known nodes and who keeps which clip: by the genesis file, then by proved state, kept with the pin."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 from clients.sdk.connections import NodeAddress, check_address
 from clients.sdk.proof_checks import ProvedState
-from consensus.chain.genesis import Genesis
+from consensus.chain.genesis import Genesis, NodeEntry
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire
+from consensus.records.placement import Placement
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow
+from consensus.state.settings import CUSTODY_COPIES, QUOTA
 
 REFRESH_MS = 60_000
 RETRY_MS = 5_000
@@ -25,15 +27,16 @@ class KnownNode(Wire, frozen=True):
 
     name: str
     api_url: str
-    is_custodian: bool
     ca_certificate: str
 
 
 class KnownNodes(Wire, frozen=True):
-    """Active nodes as of a height; 0 is the genesis file's."""
+    """Active nodes as of a height; 0 is the genesis file's. `custodians`: names and keys, even without a usable address."""
 
     height: int
     nodes: tuple[KnownNode, ...]
+    custodians: tuple[tuple[str, bytes], ...]
+    custody_copies: int
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -48,11 +51,12 @@ class StateReading(Protocol):
 
 def nodes_of_genesis(genesis: Genesis) -> KnownNodes:
     authorities = {organisation.name: organisation.ca_certificate for organisation in genesis.organisations}
-    found = [
-        KnownNode(node.name, node.api_url, bool(node.custodian_key), authorities[node.organisation])
-        for node in genesis.nodes
-    ]
-    return KnownNodes(0, tuple(found))
+    found = [KnownNode(node.name, node.api_url, authorities[node.organisation]) for node in genesis.nodes]
+    return KnownNodes(0, tuple(found), _custodians_of(genesis.nodes), 0)
+
+
+def _custodians_of(nodes: Collection[NodeEntry | NodeRow]) -> tuple[tuple[str, bytes], ...]:
+    return tuple((node.name, node.custodian_key) for node in nodes if node.custodian_key)
 
 
 def address_of(node: KnownNode, url: str | None = None) -> NodeAddress:
@@ -68,33 +72,31 @@ def _usable(node: KnownNode) -> bool:
     return True
 
 
-async def read_active_nodes(read: StateReading) -> tuple[int, list[NodeRow]]:
-    """Height and nodes, proved; (0, none) if unknown."""
+async def read_active_nodes(read: StateReading) -> tuple[int, list[NodeRow], int]:
+    """Height, nodes and the setting `custody_copies`, proved; (0, none, 0) if unknown."""
     names = (NODES.among((await read([NODES.flat])).values) or [])[:NODES_MAX_COUNT]
     if not names:
-        return 0, []
-    state = await read([NODE.key(name) for name in names])
+        return 0, [], 0
+    state = await read([QUOTA.key(CUSTODY_COPIES), *map(NODE.key, names)])
     rows = [NODE.among(state.values, name) for name in names]
-    return state.height, [row for row in rows if row is not None and row.status == "active"]
+    copies = QUOTA.among(state.values, CUSTODY_COPIES) or 0
+    return state.height, [row for row in rows if row is not None and row.status == "active"], copies
 
 
 async def read_known_nodes(read: StateReading, before: KnownNodes) -> KnownNodes:
     """Proved, known ones first; `before` if none is usable."""
-    height, active = await read_active_nodes(read)
+    height, active, copies = await read_active_nodes(read)
     owners = sorted({row.organisation for row in active if row.api_url.startswith("https:")})[:ORGANISATIONS_MAX_COUNT]
     certificates: dict[str, str] = {}
     if owners:
         found = (await read([ORGANISATION.key(name) for name in owners])).values
         rows = [ORGANISATION.among(found, name) for name in owners]
         certificates = {row.name: row.ca_certificate for row in rows if row is not None}
-    nodes = [
-        KnownNode(row.name, row.api_url, bool(row.custodian_key), certificates.get(row.organisation, ""))
-        for row in active
-    ]
+    nodes = [KnownNode(row.name, row.api_url, certificates.get(row.organisation, "")) for row in active]
     places_before = {name: place for place, name in enumerate(before.names)}
     usable = [node for node in nodes if _usable(node)]
     usable.sort(key=lambda node: (places_before.get(node.name, len(places_before)), node.name))
-    return KnownNodes(height, tuple(usable)) if usable else before
+    return KnownNodes(height, tuple(usable), _custodians_of(active), copies) if usable else before
 
 
 class NodeDirectory:
@@ -117,7 +119,7 @@ class NodeDirectory:
             self.addresses = tuple(address_of(by_name[name], url) for name, url in urls.items())
         if not self.addresses:
             raise BlockRobotError("CONFIGURATION_INVALID", "There is no node to ask.")
-        self._custodians = {node.name for node in [*first.nodes, *self.known.nodes] if node.is_custodian}
+        self._custodians = dict(first.custodians) | dict(self.known.custodians)
         self._given: dict[str, NodeAddress] = {}
         self.unlisted: tuple[NodeAddress, ...] = ()
 
@@ -145,6 +147,13 @@ class NodeDirectory:
     def custodians(self) -> tuple[NodeAddress, ...]:
         return tuple(node for node in self.addresses if node.name in self._custodians)
 
+    def rank_custodians(self, record_id: bytes) -> tuple[tuple[NodeAddress, ...], tuple[NodeAddress, ...]]:
+        """Those that keep a record's clip, of those with an address, and the others in the order in which they would."""
+        placement = Placement.even([self._custodians[node.name] for node in self.custodians], self.known.custody_copies)
+        places = {key: place for place, key in enumerate(placement.rank(record_id))}
+        ranked = tuple(sorted(self.custodians, key=lambda node: places[self._custodians[node.name]]))
+        return ranked[: placement.count], ranked[placement.count :]
+
     def note_failure(self) -> None:
         """A node that did not answer may have been removed."""
         self._failed = True
@@ -168,5 +177,5 @@ class NodeDirectory:
             return False
         before, self.known = self.addresses, found
         self.addresses = self._as_given([address_of(node) for node in found.nodes])
-        self._custodians = {node.name for node in found.nodes if node.is_custodian}
+        self._custodians = dict(found.custodians)
         return self.addresses != before

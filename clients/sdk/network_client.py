@@ -104,7 +104,7 @@ class NetworkClient:
         self._first = first
         self._is_finding = False
         self.troubles: dict[str, BlockRobotError] = {}
-        self.custody = CustodyClient(lambda: self._book.custodians, self.ask_node, self.state_values)
+        self.custody = CustodyClient(self._book, self.ask_node, self.state_values)
 
     async def __aenter__(self) -> NetworkClient:
         return self

@@ -88,6 +88,6 @@ async def is_rejected_by_network(client: HeaderClient, key: PrivateKey) -> bool:
 
 
 async def _seats(client: HeaderClient, key: PrivateKey) -> dict[str, bytes]:
-    height, rows = await read_active_nodes(lambda keys: client.state_values(keys, key))
+    height, rows, _ = await read_active_nodes(lambda keys: client.state_values(keys, key))
     nodes = rows if height else client.genesis.nodes
     return {node.name: node.producer_key for node in nodes if node.producer_key}

@@ -1,10 +1,10 @@
-"""Robot's network side: signing, uploads (awaiting every custodian's answer), submission."""
+"""Robot's network side: signing, uploads (awaiting the answer of every keeper), submission."""
 
 from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -30,7 +30,7 @@ _log = structlog.get_logger("robot")
 
 
 class RobotNetwork:
-    """Uploads need `copies` acknowledgements, or all custodians if fewer."""
+    """Uploads need `copies` acknowledgements, or as many as keep a clip if these are fewer."""
 
     def __init__(self, client: NetworkClient, identity: RobotIdentity, copies: int = COPIES_DEFAULT_COUNT) -> None:
         self._client = client
@@ -53,8 +53,14 @@ class RobotNetwork:
         return await proved_row(in_session(self._client, self._identity.identity), VISIT, owner) is not None
 
     async def upload(self, upload: ClipUpload) -> None:
-        """Raises the last error if too few acknowledged."""
-        await self._to_custodians(lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity))
+        """To the clip's keepers, and to others while too few of them take it: a keeper fetches it from these once it is
+        back. Raises the last error if too few acknowledged.
+        """
+        await self._client.find_nodes(self._identity.identity)
+        keepers, others = self._client.custody.rank(upload.record_id)
+        await self._send(
+            lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity), keepers, others
+        )
 
     async def approve_empty_frames(self, frames: tuple[EmptyFrame, ...], approver: PrivateKey) -> None:
         robot = self._identity.identity.public_key
@@ -67,21 +73,39 @@ class RobotNetwork:
 
     async def publish_empty_frames(self, frames: tuple[EmptyFrame, ...]) -> None:
         for frame in frames:
-            await self._to_custodians(partial(self._put_background, frame.png))
+            await self._client.find_nodes(self._identity.identity)
+            await self._send(partial(self._put_background, frame.png), self._client.custody.custodians)
 
     async def _put_background(self, png: bytes, node: NodeAddress) -> None:
         await self._client.custody.put_background(node, png, self._identity.identity)
 
-    async def _to_custodians(self, send: Callable[[NodeAddress], Awaitable[object]]) -> None:
-        await self._client.find_nodes(self._identity.identity)
-        custodians = self._client.custody.custodians
-        required = min(self._copies, len(custodians))
-        results = await asyncio.gather(*(send(node) for node in custodians), return_exceptions=True)
-        refusals = [result for result in results if isinstance(result, BaseException)]
-        for refusal in refusals:
-            if not isinstance(refusal, BlockRobotError):
-                raise refusal
-            self.refused_uploads[refusal.code] += 1
-        if len(results) - len(refusals) < required:
+    async def _send(
+        self,
+        send: Callable[[NodeAddress], Awaitable[object]],
+        custodians: Sequence[NodeAddress],
+        instead: Sequence[NodeAddress] = (),
+    ) -> None:
+        wanted = min(self._copies, len(custodians))
+        refusals = await self._send_to_each(send, custodians)
+        lacking, left = wanted - (len(custodians) - len(refusals)), list(instead)
+        while lacking > 0 and left:
+            others, left = left[:lacking], left[lacking:]
+            refused = await self._send_to_each(send, others)
+            refusals += refused
+            lacking -= len(others) - len(refused)
+        if lacking > 0:
             _log.warning("upload_refused", count=len(refusals))
             raise refusals[-1]
+
+    async def _send_to_each(
+        self, send: Callable[[NodeAddress], Awaitable[object]], nodes: Sequence[NodeAddress]
+    ) -> list[BlockRobotError]:
+        results = await asyncio.gather(*(send(node) for node in nodes), return_exceptions=True)
+        refusals = []
+        for refusal in results:
+            if isinstance(refusal, BlockRobotError):
+                self.refused_uploads[refusal.code] += 1
+                refusals.append(refusal)
+            elif isinstance(refusal, BaseException):
+                raise refusal
+        return refusals

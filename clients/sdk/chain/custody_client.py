@@ -37,21 +37,40 @@ class RequestFn(Protocol):
     ) -> bytes: ...
 
 
+class CustodianBook(Protocol):
+    """The known custodians, as `NodeDirectory`."""
+
+    @property
+    def custodians(self) -> tuple[NodeAddress, ...]: ...
+
+    def rank_custodians(self, record_id: bytes) -> tuple[tuple[NodeAddress, ...], tuple[NodeAddress, ...]]:
+        """Those that keep a record's clip, and the others."""
+        ...
+
+
 StateProver = Callable[[Sequence[bytes], PrivateKey], Awaitable[ProvedState]]
 """Returns values by flat key as the chain proves them (`NetworkClient.state_values`)."""
 
 
 class CustodyClient:
-    """A network's custodians: upload to all, download from any."""
+    """A network's custodians: a clip goes to its keepers, and is asked of them first."""
 
-    def __init__(self, find: Callable[[], tuple[NodeAddress, ...]], ask: RequestFn, prove: StateProver) -> None:
-        self._find = find
+    def __init__(self, book: CustodianBook, ask: RequestFn, prove: StateProver) -> None:
+        self._book = book
         self._ask = ask
         self._prove = prove
 
     @property
     def custodians(self) -> tuple[NodeAddress, ...]:
-        return self._find()
+        return self._book.custodians
+
+    def rank(self, record_id: bytes) -> tuple[tuple[NodeAddress, ...], tuple[NodeAddress, ...]]:
+        """The keepers of a record's clip, and the others: who has it if a keeper has not, since it was away or is new."""
+        return self._book.rank_custodians(record_id)
+
+    def keepers_first(self, record_id: bytes) -> tuple[NodeAddress, ...]:
+        keepers, others = self.rank(record_id)
+        return (*keepers, *others)
 
     async def upload_clip(self, node: NodeAddress, upload: ClipUpload, key: PrivateKey) -> None:
         """Stage a clip; idempotent. Raises UPLOAD_INVALID, UPLOAD_CONFLICT, STORE_UNAVAILABLE, NODE_UNREACHABLE."""

@@ -206,7 +206,7 @@ class RecordViewer:
         leaves: list[bytes] = []
         refused: list[tuple[str, str]] = []
         failure: BlockRobotError | None = None
-        for custodian in self._wallet.network.custody.custodians:
+        for custodian in self._wallet.network.custody.keepers_first(entry.record_id):
             try:
                 found, leaves = await self._view_at(custodian, entry, access_id)
             except BlockRobotError as error:

@@ -220,7 +220,7 @@ class IncomingShares:
         gathered = _Gathered(state, record_id, share.grant.row.grantee, sealing)
         refused_with: BlockRobotError | None = None
         proven = await self._custodians(key)
-        for node in self._wallet.network.custody.custodians:
+        for node in self._wallet.network.custody.keepers_first(record_id):
             if node not in proven:
                 continue
             ask = SharedRequest(

@@ -86,7 +86,7 @@ class ClipRobot:
         frame_bytes: int,
         send: Callable[[ClipUpload], Awaitable[None]] | None = None,
     ) -> SealedClip:
-        """Seal, `send` (default: to every custodian) and record a clip; waits for finality."""
+        """Seal, `send` (default: to every keeper) and record a clip; waits for finality."""
         clip, bucket_ms = seal_clip(frames, frame_bytes), _bucket_ms()
         arguments: list[Any] = [clip.record_id, owner.public_key, clip.commitment_root, clip.ciphertext_root]
         arguments += [secrets.token_bytes(SEALED_METADATA_BYTES), bucket_ms, bucket_ms + RETENTION_DEFAULT_MS]
@@ -100,16 +100,16 @@ class ClipRobot:
             commitment_leaves=clip.upload.commitment_leaves,
             owner=owner.public_key,
         )
-        await (send or self._send_to_all)(upload)
+        await (send or self._send_to_keepers)(upload)
         receipt = await self.client.submit_and_wait(transaction)
         if not receipt.ok:
             raise BlockRobotError("CALL_REFUSED", f"records.record: {receipt.code}", contract_code=receipt.code)
         return clip
 
-    async def _send_to_all(self, upload: ClipUpload) -> None:
+    async def _send_to_keepers(self, upload: ClipUpload) -> None:
         await self.client.find_nodes(self._key)
-        custodians = self.client.custody.custodians
-        await asyncio.gather(*(self.client.custody.upload_clip(node, upload, self._key) for node in custodians))
+        keepers, _ = self.client.custody.rank(upload.record_id)
+        await asyncio.gather(*(self.client.custody.upload_clip(node, upload, self._key) for node in keepers))
 
     async def request_erasure(
         self, owner: PrivateKey, record_ids: Sequence[bytes], frames: Sequence[int] = ()

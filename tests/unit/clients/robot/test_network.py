@@ -21,7 +21,11 @@ class Custodians:
     def __init__(self, *answers: Exception | None) -> None:
         self.answers = dict(enumerate(answers))
         self.custodians = tuple(self.answers)
+        self.keepers_count = len(answers)
         self.taken: list[int] = []
+
+    def rank(self, _record_id: bytes) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        return self.custodians[: self.keepers_count], self.custodians[self.keepers_count :]
 
     async def upload_clip(self, node: int, _upload: object, _key: object) -> None:
         answer = self.answers[node]
@@ -88,3 +92,32 @@ async def test_how_many_custodians_must_have_a_clip_is_a_setting(
     with expected:
         await _robot(custodians, copies).upload(UPLOAD)
     assert len(custodians.taken) == answers.count(None), "all that take it are given it"
+
+
+@pytest.mark.parametrize(
+    ("answers", "taken"),
+    [
+        ((None, None, None, None), [0, 1]),
+        ((None, UNREACHABLE, None, None), [0, 2]),
+        ((UNREACHABLE, STORE_DOWN, None, None), [2, 3]),
+        ((UNREACHABLE, None, STORE_DOWN, None), [1, 3]),
+    ],
+)
+async def test_keepers_are_given_a_clip_and_others_only_in_their_stead(
+    answers: tuple[Exception | None, ...], taken: list[int]
+) -> None:
+    custodians = Custodians(*answers)
+    custodians.keepers_count = 2
+    await _robot(custodians).upload(UPLOAD)
+    assert custodians.taken == taken
+
+
+async def test_a_robot_waits_for_no_more_than_keep_it_and_for_no_fewer() -> None:
+    custodians = Custodians(None, None, None)
+    custodians.keepers_count = 2
+    await _robot(custodians, 3).upload(UPLOAD)
+    assert custodians.taken == [0, 1]
+    custodians = Custodians(None, STORE_DOWN, STORE_DOWN)
+    custodians.keepers_count = 2
+    with pytest.raises(BlockRobotError, match=r"^STORE_UNAVAILABLE"):
+        await _robot(custodians).upload(UPLOAD)

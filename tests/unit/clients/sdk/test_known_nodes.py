@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Literal
 
+import msgspec
 import pytest
 
 from clients.sdk.known_nodes import REFRESH_MS, RETRY_MS, KnownNode, KnownNodes, nodes_of_genesis
@@ -14,8 +15,11 @@ from clients.sdk.trust_pin import open_pin, write_pin
 from consensus.chain.light_client import LightClient
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
+from consensus.primitives.hashing import sha256
+from consensus.records.placement import Placement
 from consensus.state import records
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow, OrganisationRow
+from consensus.state.settings import CUSTODY_COPIES, QUOTA
 from node.api.routes import proofs
 from tests.unit.clients.sdk.conftest import DEAD_URL
 from tests.unit.node.api.small_network import CUSTODIAN, STRANGER, SUBJECT, ManualClock, flat
@@ -50,8 +54,8 @@ class Town:
 
     def pin(self, **urls: str) -> bytes:
         """What a client keeps that knows these addresses from the beginning."""
-        known = tuple(KnownNode(name, url, False, "") for name, url in urls.items())
-        return write_pin(LightClient(self.ledger.genesis), KnownNodes(0, known))
+        known = tuple(KnownNode(name, url, "") for name, url in urls.items())
+        return write_pin(LightClient(self.ledger.genesis), KnownNodes(0, known, (), 0))
 
     def client(self, pinned: bytes | None = None) -> NetworkClient:
         first = {name: url for name, url in self.addresses.items() if name in ("n0", "n1")}
@@ -251,4 +255,25 @@ async def test_a_client_begins_with_the_node_it_was_told_to(town: Town) -> None:
 def test_the_beginning_is_the_genesis_file(nodes: Any) -> None:
     known = nodes_of_genesis(nodes["n0"].node.ledger.genesis)
     assert (known.height, known.names) == (0, ("n0", "n1", "n2", "n3"))
-    assert [node.is_custodian for node in known.nodes] == [True, False, False, False]
+    assert [name for name, _ in known.custodians] == [known.nodes[0].name]
+
+
+async def test_who_keeps_a_clip_follows_from_the_proved_members_and_setting(town: Town) -> None:
+    await town.say(ACTIVE)
+    keys = {name: b"\x02" + sha256(name.encode()) for name in ACTIVE}
+    rows = {NODE.key(name): NODE.encode(replaced_key(town, name, key)) for name, key in keys.items()}
+    await town.ledger.extend(writes=rows | {QUOTA.key(CUSTODY_COPIES): encode_value(2)})
+    client = town.client()
+    await client.find_nodes(SUBJECT)
+    for number in range(9):
+        record_id = sha256(b"%d" % number)[:16]
+        ranked = Placement.even(keys.values(), 2).rank(record_id)
+        keepers, others = client.custody.rank(record_id)
+        assert [keys[node.name] for node in (*keepers, *others)] == list(ranked)
+        assert len(keepers) == 2
+    later = town.client(client.pinned)
+    assert later.custody.rank(record_id) == (keepers, others)
+
+
+def replaced_key(town: Town, name: str, key: bytes) -> NodeRow:
+    return msgspec.structs.replace(entry(name, town.addresses[name]), custodian_key=key)

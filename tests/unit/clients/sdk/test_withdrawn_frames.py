@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -38,7 +39,7 @@ async def test_an_empty_frame_of_a_custodian_that_is_away_is_not_called_withdraw
     there, away = client.custody.custodians[0], NodeAddress("n9", DEAD_URL)
     for custodians in ((there, away), (away, there)):
         missing.clear()
-        monkeypatch.setattr(client.custody, "_find", lambda custodians=custodians: custodians)
+        monkeypatch.setattr(client.custody, "_book", SimpleNamespace(custodians=custodians))
         assert await client.custody.find_background(digest, OWNER, missing) is None
         assert missing[digest].code == "NODE_UNREACHABLE"
 
@@ -46,7 +47,7 @@ async def test_an_empty_frame_of_a_custodian_that_is_away_is_not_called_withdraw
         raise BlockRobotError("NODE_UNREACHABLE")
 
     missing.clear()
-    monkeypatch.setattr(client.custody, "_find", lambda: (there,))
+    monkeypatch.setattr(client.custody, "_book", SimpleNamespace(custodians=(there,)))
     monkeypatch.setattr(client.custody, "_prove", prove_nothing)
     assert await client.custody.find_background(digest, OWNER, missing) is None
     assert missing[digest].code == "NOT_FOUND", "nobody could prove that it was withdrawn"
