@@ -13,6 +13,7 @@ from consensus.state import access, erasure
 from consensus.state.access import GRANT, RELEASE, GrantRow
 from consensus.state.audit import ENTRY
 from consensus.state.erasure import ErasureReceiptRow
+from consensus.state.identity import CUSTODIANS
 from consensus.state.records import RECORD
 from consensus.state.rights import QUARANTINE
 from contracts.state.view import MemoryState
@@ -29,7 +30,7 @@ class State:
     """A finalized state of the privacy contracts, put together by hand."""
 
     def __init__(self) -> None:
-        self.rows: dict[bytes, Any] = {}
+        self.rows: dict[bytes, Any] = {CUSTODIANS.flat: BOTH}
         self._audited: dict[bytes, int] = {}
 
     def record(self, clip: RecordedClip, owner: bytes = ALICE, height: int = 5, **changes: Any) -> None:

@@ -8,9 +8,13 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.records.placement import Placement
+from consensus.state.identity import CUSTODIANS
+from consensus.state.settings import CUSTODY_COPIES, QUOTA
 from node.custody.clip_fetching import PLACED_AT_ONCE_COUNT
 from node.custody.stores.copying import copy_store
 from node.custody.stores.sqlite_store import SqliteStore
+from tests.offchain.desk import CustodyHarness
+from tests.offchain.desk import Peer as HelpfulPeer
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -23,7 +27,9 @@ from tests.offchain.small_chain import (
     record_clip,
     recorded,
 )
+from tests.offchain.small_state import State
 from tests.offchain.test_fetching import Peer, held_by_peer
+from tests.offchain.test_reconciling import reconcile
 from tests.offchain.test_sharing import GRANT_ID, HER_ACCESS_ID, OTHER_GRANT_ID, asked, granted, parts_for, request
 
 THIRD = b"\x02" + b"\x33" * 32
@@ -204,3 +210,33 @@ async def test_a_moved_store_knows_what_others_keep(placed: CustodianHarness, tm
     async with SqliteStore(tmp_path / "other") as store:
         copied = await copy_store(placed.store, store)
         assert (copied.missing, copied.elsewhere) == (1, 1)
+
+
+def state_of_three() -> State:
+    state = State()
+    state.rows |= {CUSTODIANS.flat: sorted(OF_THREE.rooms), QUOTA.key(CUSTODY_COPIES): OF_THREE.copies}
+    return state
+
+
+async def test_a_state_says_who_keeps_what_as_blocks_do(opened: CustodianHarness) -> None:
+    mine, others, state = clip_of(kept_here=True), clip_of(kept_here=False), state_of_three()
+    for clip in (mine, others):
+        state.record(clip)
+    await reconcile(opened, state)
+    assert await missing(opened) == [mine.record_id]
+    assert (await opened.store.counts()).elsewhere == 1
+
+
+async def test_a_scrub_finds_missing_what_is_to_be_kept_here_and_a_rebuild_fetches_that(
+    placed: CustodianHarness,
+) -> None:
+    desk = CustodyHarness(placed)
+    desk.state = state_of_three()
+    mine, others = clip_of(kept_here=True), clip_of(kept_here=False)
+    await placed.follow(recorded(mine), recorded(others))
+    for clip in (mine, others):
+        desk.record(clip)
+    assert (await desk.scrub()).missing == [mine.record_id]
+    rebuilt = await desk.rebuild(HelpfulPeer(mine, others))
+    assert (rebuilt.fetched_count, rebuilt.is_whole) == (1, True)
+    assert (await desk.scrub()).is_clean

@@ -10,7 +10,7 @@ import pytest
 from consensus.chain.epoch_settings import ChainSettings, check_settings
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
-from consensus.state.settings import QUOTA, QUOTA_NAMES, UploadQuotas, read_quotas
+from consensus.state.settings import CUSTODY_COPIES, QUOTA, QUOTA_NAMES, UploadQuotas, read_copies, read_quotas
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
 
@@ -33,7 +33,7 @@ def test_a_setting_that_is_unknown_or_in_force_already_makes_no_new_epoch(consor
 
 def test_every_setting_of_a_chain_may_be_changed(consortium: Consortium) -> None:
     names = consortium.view("settings", "names")
-    assert names == [*ChainSettings.__struct_fields__, "max_producers", *QUOTA_NAMES]
+    assert names == [*ChainSettings.__struct_fields__, "max_producers", *QUOTA_NAMES, CUSTODY_COPIES]
     values = [600, 9000, 20_000, 7, 4000, 3, "interval:250"]
     for name, value in zip(ChainSettings.__struct_fields__, values, strict=True):
         consortium.agree_setting(name, value)
@@ -51,6 +51,15 @@ def test_quotas_of_uploads_have_the_defaults_that_custodians_take_and_make_no_ne
     read = {QUOTA.key(name): encode_value(7 + number) for number, name in enumerate(QUOTA_NAMES)}
     assert read_quotas(read.get) == UploadQuotas(*range(7, 7 + len(QUOTA_NAMES)))
     assert read_quotas({}.get) == UploadQuotas()
+
+
+def test_how_many_custodians_keep_a_clip_is_decided_and_makes_no_new_epoch(consortium: Consortium) -> None:
+    assert consortium.view("settings", "in_force")[CUSTODY_COPIES] == read_copies({}.get) == 0
+    for copies in (2, 64, 0):
+        consortium.agree_setting(CUSTODY_COPIES, copies)
+        assert consortium.view("settings", "in_force")[CUSTODY_COPIES] == copies
+        assert read_copies({QUOTA.key(CUSTODY_COPIES): encode_value(copies)}.get) == copies
+    assert consortium.boundaries == []
 
 
 WRONG: list[tuple[str, Any]] = [
@@ -86,6 +95,7 @@ WRONG: list[tuple[str, Any]] = [
     ("production", "interval:3600000"),
     ("production", "interval:00000001"),
     ("production", "on-demand "),
+    *((CUSTODY_COPIES, value) for value in (1, -1, 65, "2")),
     *((name, value) for name in QUOTA_NAMES for value in (0, -1, "512", (1 << 30) + 1)),
 ]
 
@@ -122,7 +132,7 @@ def test_a_round_is_not_made_shorter_than_the_pause_between_two_blocks(consortiu
 WRONG_IN_A_FILE_TOO = [
     (name, value)
     for name, value in WRONG
-    if name not in ("max_producers", *QUOTA_NAMES)
+    if name not in ("max_producers", CUSTODY_COPIES, *QUOTA_NAMES)
     and value != "manual"
     and isinstance(value, str) == (name == "production")
 ]
