@@ -269,7 +269,10 @@ class Custodian(ShareService, ClipFetcher):
     # Upkeep
 
     def reconciliation(self, facts: ChainFacts) -> Reconciliation:
-        return Reconciliation(self._store, self._eraser, self._shares, self._member, facts)
+        placement = (
+            self._find_placement()
+        )  # the newest, as for blocks: what `follow_placement` has sorted is not undone
+        return Reconciliation(self._store, self._eraser, self._shares, self._member, placement, facts)
 
     def is_keeper(self, placement: Placement, record_id: bytes) -> bool:
         return placement.is_keeper(self._member, record_id)
@@ -340,7 +343,7 @@ class Custodian(ShareService, ClipFetcher):
             if known is not None and known.height >= point.height:
                 return
             await self._eraser.finish()
-            await Reconciliation(self._store, self._eraser, self._shares, self._member, facts).apply()
+            await self.reconciliation(facts).apply()
             await self._close_block(point)
 
     async def report_expired(self, facts: ChainFacts) -> None:

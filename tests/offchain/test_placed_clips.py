@@ -218,7 +218,8 @@ def state_of_three() -> State:
     return state
 
 
-async def test_a_state_says_who_keeps_what_as_blocks_do(opened: CustodianHarness) -> None:
+async def test_a_state_is_taken_as_blocks_are(opened: CustodianHarness) -> None:
+    opened.placement = OF_THREE
     mine, others, state = clip_of(kept_here=True), clip_of(kept_here=False), state_of_three()
     for clip in (mine, others):
         state.record(clip)

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from msgspec import structs
 
 from consensus.primitives.encoding import decode_value
+from consensus.records.placement import Placement
 from node.custody.block_effects import RELEASED_KIND, BlockApplier, matches_roots, place
 from node.custody.chain_facts import AccessFacts, ChainFacts, ErasureFacts
 from node.custody.erasure import Eraser
@@ -44,11 +45,20 @@ async def read_in_parts(rows: Iterator[T]) -> AsyncIterator[list[T]]:
 class Reconciliation:
     """One store against one state; the caller writes the checkpoint."""
 
-    def __init__(self, store: CustodyStore, eraser: Eraser, shares: Shares, member: bytes, facts: ChainFacts) -> None:
+    def __init__(
+        self,
+        store: CustodyStore,
+        eraser: Eraser,
+        shares: Shares,
+        member: bytes,
+        placement: Placement,
+        facts: ChainFacts,
+    ) -> None:
         self._store = store
         self._shares = shares
         self._eraser = eraser
         self._member = member
+        self._placement = placement
         self._facts = facts
 
     async def apply(self) -> None:
@@ -86,9 +96,9 @@ class Reconciliation:
                 confirmed.append(replace(facts, erased_frames=()))
             elif clip is not None and clip.status == "staged":
                 await self._eraser.drop_staged([facts.record_id])
-                missing.append(place(facts, self._member, self._facts.placement))
+                missing.append(place(facts, self._member, self._placement))
             elif clip is None:
-                missing.append(place(facts, self._member, self._facts.placement))
+                missing.append(place(facts, self._member, self._placement))
         await self._store.apply(BlockEffects(confirmed=tuple(confirmed), missing=tuple(missing)))
 
     async def _take_restrictions(self) -> None:
@@ -150,5 +160,4 @@ class Reconciliation:
         event = FinalizedEvent(txid, contract, name, data)
         point = self._facts.point
         block = FinalizedEvents(height, point.block_id, point.timestamp_ms, (event,))
-        placement = self._facts.placement
-        await BlockApplier(self._store, self._eraser, self._shares, self._member, placement, block).apply()
+        await BlockApplier(self._store, self._eraser, self._shares, self._member, self._placement, block).apply()
