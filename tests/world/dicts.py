@@ -81,6 +81,9 @@ class FakeCustody:
     def custodians(self) -> tuple[NodeAddress, ...]:
         return tuple(NodeAddress(name, "http://127.0.0.1:2") for name in self.clips)
 
+    def keepers_first(self, _record_id: bytes) -> tuple[NodeAddress, ...]:
+        return self.custodians
+
     async def download_clip(
         self, node: NodeAddress, record_id: bytes, access_id: bytes, key: PrivateKey
     ) -> ClipDownload:

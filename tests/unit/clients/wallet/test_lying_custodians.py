@@ -67,6 +67,11 @@ def of_another_record(answer: SharedDownload, _: IncomingShare, __: Wallet) -> S
     return _changed(answer, frames=answer.frames[:1], commitment_leaves=[], ciphertext_leaves=[b"short"])
 
 
+def without_the_clip(answer: SharedDownload, _: IncomingShare, __: Wallet) -> SharedDownload:
+    """No lie of one that is not to keep it; its parts count all the same."""
+    return _changed(answer, frames=[], commitment_leaves=[], ciphertext_leaves=[])
+
+
 LIES = (
     as_another,
     short_parts,
@@ -76,6 +81,7 @@ LIES = (
     noise,
     a_package_of_its_own,
     of_another_record,
+    without_the_clip,
 )
 
 
@@ -110,6 +116,18 @@ async def test_two_liars_of_three_are_told_of_by_a_code_or_a_status(tmp_path: Pa
         )
         found = await _look(receiving, receipt, ids[0], access_id)
         assert found <= {"GRANT_PARTS_MISSING", "ENVELOPE_INVALID"} or found <= {"ok", "corrupted"}, lie
+
+
+async def test_where_nobody_has_the_clip_its_parts_show_nothing_and_that_is_told(tmp_path: Path) -> None:
+    ward = SharedWard(tmp_path, ThreeCustodians)
+    doctor = ward.come_in("doctor", "staff")
+    _, ids = ward.record_visit(1)
+    await ward.share(doctor)
+    receiving = ward.receiving(doctor)
+    (receipt,) = await receiving.inbox()
+    ward.custody.lie = lambda _, answer: without_the_clip(answer, receipt, doctor)
+    access_id = await receiving.request_access(receipt, ids)
+    assert await _look(receiving, receipt, ids[0], access_id) == {"CLIP_NOT_CONFIRMED"}
 
 
 async def _look(receiving: IncomingShares, receipt: IncomingShare, record_id: bytes, access_id: bytes) -> set[str]:
