@@ -88,6 +88,7 @@ class _Other:
     """A custodian with the clips that this one missed."""
 
     name = "other"
+    member = bytes(33)
 
     def __init__(self, clips: Sequence[SealedClip]) -> None:
         self._clips = {clip.record_id: clip for clip in clips}
