@@ -274,6 +274,7 @@ class NodeComponents:
             is_in_touch=self._has_heard_the_network,
             final_height=lambda: self.writer.queued_height,
             hold_room=None if place.reserve is None else place.reserve.hold,
+            room_gib=place.room_gib,
         )
         self.peers.clips = custody
         return custody

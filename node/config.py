@@ -12,6 +12,7 @@ from consensus.bounded_text import TextInvalidError, read_toml_text
 from consensus.chain.genesis import Genesis, genesis_from_json, require_possession
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from consensus.state.identity import ROOM_MAX_GIB
 from node.clips_place import REGION_DEFAULT, ClipsPlace, read_place
 from node.limits.disk_reserve import RESERVE_DEFAULT_MIB
 from pages.listening import is_loopback
@@ -41,7 +42,7 @@ SECTIONS: dict[str, frozenset[str]] = {
     "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
     "metrics": frozenset({"host", "port"}),
     "custody": frozenset(
-        {"store", "reserve_mib", "clips", "clips_endpoint", "clips_region", "clips_ca", "clips_credentials"}
+        {"store", "reserve_mib", "room_gib", "clips", "clips_endpoint", "clips_region", "clips_ca", "clips_credentials"}
     ),
     "log": frozenset({"level", "to"}),
     "faults": frozenset({"enabled"}),
@@ -84,6 +85,8 @@ class NodeConfig:
     """Where the log goes: "file", in the data directory, "stdout", or "both"."""
     custody_reserve_mib: int = RESERVE_DEFAULT_MIB
     """Free space below which the node takes no uploads; 0: none."""
+    custody_room_gib: int = 0
+    """The room that the custodian declares on the chain; 0: none."""
     clips: ClipsPlace | None = None
     """Where the custodian's ciphertexts lie; None: in its store."""
     faults_enabled: bool = False
@@ -166,10 +169,11 @@ class _Section:
             raise _invalid(f"[{self._name}] needs a port number {field!r}.")
         return value
 
-    def count(self, field: str, least: int, default: int) -> int:
+    def count(self, field: str, least: int, default: int, most: int = 1 << 62) -> int:
         value = self._table.get(field, default)
-        if not isinstance(value, int) or isinstance(value, bool) or not (value == 0 or value >= least):
-            raise _invalid(f"[{self._name}] needs 0, or a number of at least {least}, for {field!r}.")
+        if not isinstance(value, int) or isinstance(value, bool) or not (value == 0 or least <= value <= most):
+            text = f"0, or {least} to {most}," if most < 1 << 62 else f"0, or a number of at least {least},"
+            raise _invalid(f"[{self._name}] needs {text} for {field!r}.")
         return value
 
     def size(self, field: str, least: int, default: int) -> int:
@@ -255,6 +259,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         metrics_port=ports[-1] if metrics_host else 0,
         clips=_read_clips(custody, data_dir),
         custody_reserve_mib=custody.count("reserve_mib", 1, RESERVE_DEFAULT_MIB),
+        custody_room_gib=custody.count("room_gib", 1, 0, ROOM_MAX_GIB),
         faults_enabled=faults.flag("enabled"),
         archive=storage.flag("archive"),
         keep_blocks=storage.size("keep_blocks", KEEP_BLOCKS_MIN_COUNT, KEEP_BLOCKS_COUNT),
@@ -296,6 +301,7 @@ def config_to_toml(config: NodeConfig) -> str:
         "[custody]",
         f'store = "{config.custody_store}"',
         f"reserve_mib = {config.custody_reserve_mib}",
+        *([f"room_gib = {config.custody_room_gib}"] if config.custody_room_gib else []),
         *(_clips_lines(config.clips) if config.clips else []),
         "",
         "[log]",

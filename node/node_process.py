@@ -263,7 +263,7 @@ class Node:
         erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
         await self._stack.enter_async_context(store)
         reserve = DiskReserve(config.data_dir, config.custody_reserve_mib)
-        return CustodyPlace(key, store, erase_keys, reserve)
+        return CustodyPlace(key, store, erase_keys, reserve, config.custody_room_gib)
 
     def _require_custody_space(self) -> None:
         if self._faults is not None:

@@ -6,12 +6,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
+from msgspec import structs
+
 from clients.sdk.connections import NodeAddress, check_address
 from clients.sdk.proof_checks import ProvedState
 from consensus.chain.genesis import Genesis, NodeEntry
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire
 from consensus.records.placement import Placement
+from consensus.state.identity import ROOM
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow
 from consensus.state.settings import CUSTODY_COPIES, QUOTA
 
@@ -30,12 +33,20 @@ class KnownNode(Wire, frozen=True):
     ca_certificate: str
 
 
+class KnownCustodian(Wire, frozen=True):
+    """A custodian: its node, key and declared room (GiB, 0: none)."""
+
+    name: str
+    key: bytes
+    room_gib: int = 0
+
+
 class KnownNodes(Wire, frozen=True):
-    """Active nodes as of a height; 0 is the genesis file's. `custodians`: names and keys, even without a usable address."""
+    """Active nodes as of a height; 0 is the genesis file's. `custodians`: even without a usable address."""
 
     height: int
     nodes: tuple[KnownNode, ...]
-    custodians: tuple[tuple[str, bytes], ...]
+    custodians: tuple[KnownCustodian, ...]
     custody_copies: int
 
     @property
@@ -55,8 +66,8 @@ def nodes_of_genesis(genesis: Genesis) -> KnownNodes:
     return KnownNodes(0, tuple(found), _custodians_of(genesis.nodes), 0)
 
 
-def _custodians_of(nodes: Collection[NodeEntry | NodeRow]) -> tuple[tuple[str, bytes], ...]:
-    return tuple((node.name, node.custodian_key) for node in nodes if node.custodian_key)
+def _custodians_of(nodes: Collection[NodeEntry | NodeRow]) -> tuple[KnownCustodian, ...]:
+    return tuple(KnownCustodian(node.name, node.custodian_key) for node in nodes if node.custodian_key)
 
 
 def address_of(node: KnownNode, url: str | None = None) -> NodeAddress:
@@ -87,16 +98,18 @@ async def read_known_nodes(read: StateReading, before: KnownNodes) -> KnownNodes
     """Proved, known ones first; `before` if none is usable."""
     height, active, copies = await read_active_nodes(read)
     owners = sorted({row.organisation for row in active if row.api_url.startswith("https:")})[:ORGANISATIONS_MAX_COUNT]
-    certificates: dict[str, str] = {}
-    if owners:
-        found = (await read([ORGANISATION.key(name) for name in owners])).values
-        rows = [ORGANISATION.among(found, name) for name in owners]
-        certificates = {row.name: row.ca_certificate for row in rows if row is not None}
+    custodians = _custodians_of(active)
+    keys = [*map(ORGANISATION.key, owners), *(ROOM.key(each.key) for each in custodians)]
+    found = (await read(keys)).values if keys else {}
+    rows = [ORGANISATION.among(found, name) for name in owners]
+    certificates = {row.name: row.ca_certificate for row in rows if row is not None}
+    rooms = {each.key: room.gib for each in custodians if (room := ROOM.among(found, each.key)) is not None}
+    custodians = tuple(structs.replace(each, room_gib=rooms.get(each.key, 0)) for each in custodians)
     nodes = [KnownNode(row.name, row.api_url, certificates.get(row.organisation, "")) for row in active]
     places_before = {name: place for place, name in enumerate(before.names)}
     usable = [node for node in nodes if _usable(node)]
     usable.sort(key=lambda node: (places_before.get(node.name, len(places_before)), node.name))
-    return KnownNodes(height, tuple(usable), _custodians_of(active), copies) if usable else before
+    return KnownNodes(height, tuple(usable), custodians, copies) if usable else before
 
 
 class NodeDirectory:
@@ -119,7 +132,7 @@ class NodeDirectory:
             self.addresses = tuple(address_of(by_name[name], url) for name, url in urls.items())
         if not self.addresses:
             raise BlockRobotError("CONFIGURATION_INVALID", "There is no node to ask.")
-        self._custodians = dict(first.custodians) | dict(self.known.custodians)
+        self._custodians = {each.name: each for each in (*first.custodians, *self.known.custodians)}
         self._given: dict[str, NodeAddress] = {}
         self.unlisted: tuple[NodeAddress, ...] = ()
 
@@ -149,9 +162,10 @@ class NodeDirectory:
 
     def rank_custodians(self, record_id: bytes) -> tuple[tuple[NodeAddress, ...], tuple[NodeAddress, ...]]:
         """Those that keep a record's clip, of those with an address, and the others in the order in which they would."""
-        placement = Placement.even([self._custodians[node.name] for node in self.custodians], self.known.custody_copies)
+        rooms = {each.key: each.room_gib for each in (self._custodians[node.name] for node in self.custodians)}
+        placement = Placement.of(rooms, self.known.custody_copies)
         places = {key: place for place, key in enumerate(placement.rank(record_id))}
-        ranked = tuple(sorted(self.custodians, key=lambda node: places[self._custodians[node.name]]))
+        ranked = tuple(sorted(self.custodians, key=lambda node: places[self._custodians[node.name].key]))
         return ranked[: placement.count], ranked[placement.count :]
 
     def note_failure(self) -> None:
@@ -177,5 +191,5 @@ class NodeDirectory:
             return False
         before, self.known = self.addresses, found
         self.addresses = self._as_given([address_of(node) for node in found.nodes])
-        self._custodians = dict(found.custodians)
+        self._custodians = {each.name: each for each in found.custodians}
         return self.addresses != before

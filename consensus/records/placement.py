@@ -37,6 +37,12 @@ class Placement:
     copies: int = 0
 
     @classmethod
+    def of(cls, declared: Mapping[bytes, int], copies: int) -> Placement:
+        """Who declares no room (0) counts as the least of those who do."""
+        least = min((room for room in declared.values() if room), default=1)
+        return cls({key: room or least for key, room in declared.items()}, copies)
+
+    @classmethod
     def even(cls, custodians: Iterable[bytes], copies: int) -> Placement:
         return cls(dict.fromkeys(custodians, 1), copies)
 

@@ -13,6 +13,7 @@ IDENTITY = "identity"
 SHORT_HANDLE_BYTES = 10
 ROBOT_NAME_MAX_CHARS = 32
 ROBOT_PLACE_MAX_CHARS = 48
+ROOM_MAX_GIB = 16_777_216
 SUBJECT = "subject"
 
 
@@ -47,6 +48,13 @@ class CustodianRow(Row, frozen=True):
     org: str
 
 
+class RoomRow(Row, frozen=True):
+    """The room (GiB) that a custodian declares, 0: none, and since when (ms)."""
+
+    gib: int
+    time: int
+
+
 class RobotNameRow(Row, frozen=True):
     """An organisation's name for a robot, and since when (ms)."""
 
@@ -71,6 +79,8 @@ REMOVED: Prefix[int] = Prefix(IDENTITY, "removed/", (TEXT,), int)
 CUSTODIAN: Prefix[CustodianRow] = Prefix(IDENTITY, "custodian/", (KEY_BYTES,), CustodianRow)
 CUSTODIANS: StateKey[list[bytes]] = StateKey(IDENTITY, "custodians", list[bytes])
 """The keys of all custodians, sorted."""
+ROOM: Prefix[RoomRow] = Prefix(IDENTITY, "room/", (KEY_BYTES,), RoomRow)
+"""Only of custodians that declared one."""
 ROBOT_NAME: Prefix[RobotNameRow] = Prefix(IDENTITY, "robot-name/", (KEY_BYTES,), RobotNameRow)
 PURPOSE: Prefix[bool] = Prefix(IDENTITY, "purpose/", (TEXT,), bool)
 """There for each purpose that the genesis file names."""
@@ -88,6 +98,7 @@ LAYOUT = (
     REMOVED,
     CUSTODIAN,
     CUSTODIANS,
+    ROOM,
     ROBOT_NAME,
     PURPOSE,
     ROTATIONS,
@@ -150,6 +161,12 @@ def office_of(state: Reader, key: bytes) -> tuple[str, str] | None:
 
 def custodians(state: Reader) -> list[bytes]:
     return CUSTODIANS.read(state) or []
+
+
+def custodian_rooms(state: Reader) -> dict[bytes, int]:
+    """Declared room (GiB, 0: none) by custodian."""
+    rows = {key: ROOM.at(state, key) for key in custodians(state)}
+    return {key: 0 if row is None else row.gib for key, row in rows.items()}
 
 
 @dataclass(frozen=True, slots=True)

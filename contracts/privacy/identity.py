@@ -22,6 +22,7 @@ NOT_SEEN = "\x7f\u00a0\u00ad"
 LAST_LATIN = "\u024f"
 DAY_MS = 86400000
 ROTATIONS_A_DAY_MAX_COUNT = 16
+ROOM_MAX_GIB = 16777216
 
 
 @genesis
@@ -95,8 +96,25 @@ def remove_custodians(keys: list):
     require(len(remaining) > 0, "LAST_CUSTODIAN", "Somebody must keep what is recorded: add a custodian first.")
     for key in keys:
         state.delete(b"custodian/" + key)
+        state.delete(b"room/" + key)
     state.put(b"custodians", remaining)
     emit("custodians_removed", {"custodians": keys})
+
+
+@export
+def declare_room(gib: int):
+    """Say how much room the caller has for clips, 0: not said; clips are shared out after it. Who may call: a custodian.
+
+    Once a day, since each time the others work out anew what they keep.
+    """
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+    require(is_custodian(ctx.caller), "NOT_A_CUSTODIAN", "Only a custodian may do that.")
+    require(0 <= gib and gib <= ROOM_MAX_GIB, "ROOM_WRONG", f"Room is 0 to {ROOM_MAX_GIB} GiB.")
+    before = state.get(b"room/" + ctx.caller)
+    is_due = before is None or ctx.time >= before["time"] + DAY_MS
+    require(is_due, "ROOM_DECLARED_TODAY", "A custodian says once a day how much room it has.")
+    state.put(b"room/" + ctx.caller, {"gib": gib, "time": ctx.time})
+    emit("room_declared", {"custodian": ctx.caller, "gib": gib})
 
 
 def check_keys(spend: bytes, view: bytes, sealing: bytes):

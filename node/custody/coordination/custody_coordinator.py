@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import structlog
 
@@ -19,13 +19,14 @@ from consensus.chain.block import Block, Receipt, Receipts
 from consensus.chain.genesis import Genesis
 from consensus.chain.transaction import SALT_SIZE_BYTES, Transaction, sign_transaction
 from consensus.errors import BlockRobotError
-from consensus.limits import CLIP_SIZE_MAX_BYTES
+from consensus.limits import CLIP_SIZE_MAX_BYTES, DAY_MS
 from consensus.primitives.encoding import decode, decode_value, encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.placement import Placement
 from consensus.records.png import check_depth_png
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
+from consensus.state.identity import CUSTODIAN, ROOM
 from consensus.state.records import EMPTY_FRAME
 from consensus.state.settings import read_quotas
 from node.custody.chain_facts import ChainFacts, read_placement, require_grantee, require_open_grant
@@ -120,10 +121,12 @@ class CustodyCoordinator:
         is_in_touch: Callable[[], bool] = lambda: True,
         final_height: Callable[[], int] = lambda: -1,
         hold_room: HoldRoom | None = None,
+        room_gib: int = 0,
     ) -> None:
         """`is_in_touch`: the node is as far as a quorum; nothing is served before.
 
-        `final_height` includes final blocks not yet stored; `hold_room` reserves disk room.
+        `final_height` includes final blocks not yet stored; `hold_room` reserves disk room; `room_gib` is declared on the
+        chain.
         """
         self.admission = UploadAdmission(ledger, feed, custodian, hold_room)
         self._genesis = genesis
@@ -139,6 +142,7 @@ class CustodyCoordinator:
         self._custodians = custodians or (lambda: {node.name: node.custodian_key for node in genesis.custodians})
         self._is_in_touch = is_in_touch
         self._final_height = final_height
+        self._room_gib, self._room_pending_until_ms = room_gib, 0
         self._serves_from: int | None = None
         self._submitted: dict[tuple[str, bytes, int], _Submission] = {}
         self._served: OrderedDict[bytes, bytes] = OrderedDict()
@@ -362,12 +366,14 @@ class CustodyCoordinator:
 
     async def _submit_due(self) -> None:
         now_ms = self._clock()
+        await self._declare_room(now_ms)
         rows = {row.key: row for row in await self._custodian.ready_outbox(OUTBOX_BATCH_COUNT)}
         self._forget_submissions(rows.keys(), now_ms)
         due = [row for row in rows.values() if self._is_due(row, now_ms)]
         if not due:
             return
-        transactions = [self._sign(row, now_ms + OUTBOX_LIFETIME_MS) for row in due]
+        until_ms = now_ms + OUTBOX_LIFETIME_MS
+        transactions = [self._sign(row.contract, row.entry, decode_value(row.arguments), until_ms) for row in due]
         results = await self._pool.submit([transaction.wire for transaction in transactions])
         for row, transaction, result in zip(due, transactions, results, strict=True):
             if result.error is not None:
@@ -395,13 +401,26 @@ class CustodyCoordinator:
             submission.valid_until_ms > now_ms + OUTBOX_LIFETIME_MS
         )  # signed while this clock was ahead of the others
 
-    def _sign(self, row: OutboxRow, valid_until_ms: int) -> Transaction:
+    async def _declare_room(self, now_ms: int) -> None:
+        """Where the chain says otherwise; the contract takes it once a day."""
+        with self._ledger.snapshot() as snapshot:
+            row, is_custodian = ROOM.at(snapshot, self._key.public_key), CUSTODIAN.has(snapshot, self._key.public_key)
+        declared_gib, due_ms = (0, 0) if row is None else (row.gib, row.time + DAY_MS)
+        if not is_custodian or declared_gib == self._room_gib or now_ms < max(due_ms, self._room_pending_until_ms):
+            return
+        transaction = self._sign("identity", "declare_room", [self._room_gib], now_ms + OUTBOX_LIFETIME_MS)
+        [result] = await self._pool.submit([transaction.wire])
+        self._room_pending_until_ms = transaction.body.valid_until_ms
+        if result.error is not None:
+            log.warning("room_not_declared", code=result.error.code)
+
+    def _sign(self, contract: str, entry: str, arguments: list[Any], valid_until_ms: int) -> Transaction:
         return sign_transaction(
             self._key,
             chain_id=self._genesis.chain_id,
-            contract=row.contract,
-            entry=row.entry,
-            arguments=decode_value(row.arguments),
+            contract=contract,
+            entry=entry,
+            arguments=arguments,
             valid_until_ms=valid_until_ms,
             salt=self._randomness(SALT_SIZE_BYTES),
         )
@@ -469,6 +488,7 @@ class CustodyPlace:
     store: CustodyStore
     erase_keys: ErasableKeys
     reserve: DiskReserve | None = None
+    room_gib: int = 0
 
     def make_custodian(self, ledger: LedgerStore, clock_ms: Callable[[], int]) -> Custodian:
         def is_frame_approved(digest: bytes) -> bool:

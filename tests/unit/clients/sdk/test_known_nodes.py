@@ -18,6 +18,7 @@ from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import sha256
 from consensus.records.placement import Placement
 from consensus.state import records
+from consensus.state.identity import ROOM, RoomRow
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow, OrganisationRow
 from consensus.state.settings import CUSTODY_COPIES, QUOTA
 from node.api.routes import proofs
@@ -255,19 +256,21 @@ async def test_a_client_begins_with_the_node_it_was_told_to(town: Town) -> None:
 def test_the_beginning_is_the_genesis_file(nodes: Any) -> None:
     known = nodes_of_genesis(nodes["n0"].node.ledger.genesis)
     assert (known.height, known.names) == (0, ("n0", "n1", "n2", "n3"))
-    assert [name for name, _ in known.custodians] == [known.nodes[0].name]
+    assert [each.name for each in known.custodians] == [known.nodes[0].name]
 
 
 async def test_who_keeps_a_clip_follows_from_the_proved_members_and_setting(town: Town) -> None:
     await town.say(ACTIVE)
     keys = {name: b"\x02" + sha256(name.encode()) for name in ACTIVE}
     rows = {NODE.key(name): NODE.encode(replaced_key(town, name, key)) for name, key in keys.items()}
-    await town.ledger.extend(writes=rows | {QUOTA.key(CUSTODY_COPIES): encode_value(2)})
+    rooms = dict(zip(keys.values(), (1_000, 0, 4_000), strict=True))
+    said = {ROOM.key(key): ROOM.encode(RoomRow(gib, 0)) for key, gib in rooms.items() if gib}
+    await town.ledger.extend(writes=rows | said | {QUOTA.key(CUSTODY_COPIES): encode_value(2)})
     client = town.client()
     await client.find_nodes(SUBJECT)
     for number in range(9):
         record_id = sha256(b"%d" % number)[:16]
-        ranked = Placement.even(keys.values(), 2).rank(record_id)
+        ranked = Placement.of(rooms, 2).rank(record_id)
         keepers, others = client.custody.rank(record_id)
         assert [keys[node.name] for node in (*keepers, *others)] == list(ranked)
         assert len(keepers) == 2

@@ -110,3 +110,11 @@ def test_one_order_is_written_down() -> None:
         [keys.index(key) for key in placement.rank(record)] for placement in (even, uneven) for record in records(4)
     ]
     assert named == ORDERS
+
+
+def test_who_declares_no_room_counts_as_the_least_of_those_who_do() -> None:
+    first, second, third = (custodian(number) for number in range(3))
+    assert Placement.of({first: 0, second: 0}, 2) == Placement.even([first, second], 2)
+    assert Placement.of({first: 0, second: 500, third: 2_000}, 2) == Placement(
+        {first: 500, second: 500, third: 2_000}, 2
+    )

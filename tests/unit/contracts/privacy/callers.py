@@ -186,6 +186,7 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("identity", "remove_organisation", lambda _: ["ward"], set()),
     ("identity", "add_custodian", lambda _: [bytes(33), "node", "ward"], set()),
     ("identity", "remove_custodians", lambda _: [[]], set()),
+    ("identity", "declare_room", lambda _: [4_000], {"custodian"}),
     ("consent", "begin", lambda s: [s.anna.handle, ["care"]], set()),
     ("consent", "end", lambda s: [s.anna.handle], set()),
     ("consent", "end_mandate", lambda s: [s.people["child"].handle, s.mandates["active"]], set()),

@@ -6,7 +6,7 @@ import pytest
 
 from consensus.members.vouchers import sign_rotation
 from consensus.primitives.keys import PrivateKey
-from consensus.state.identity import RobotName, read_robot_name
+from consensus.state.identity import ROOM_MAX_GIB, RobotName, custodian_rooms, read_robot_name
 from consensus.visible_text import find_hidden
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, data_of, key_of
 
@@ -235,3 +235,18 @@ def test_no_two_handles_begin_alike_so_that_a_short_one_names_one_member(hospita
     card = hospital.card("ben", handle=anna.handle[:10] + bytes(22))
     receipt = hospital.send(ben.identity, "identity", "register", *hospital.register_arguments(ben, card))
     assert receipt.code == "HANDLE_TAKEN"
+
+
+def test_a_custodian_says_once_a_day_how_much_room_it_has(hospital: Hospital) -> None:
+    custodian = hospital.custodians[0]
+    assert data_of(hospital.must(custodian, "identity", "declare_room", 4_000), "room_declared") == {
+        "custodian": custodian.public_key,
+        "gib": 4_000,
+    }
+    hospital.time_ms += DAY_MS - 1_000
+    assert hospital.send(custodian, "identity", "declare_room", 5_000).code == "ROOM_DECLARED_TODAY"
+    hospital.time_ms += 1_000
+    for wrong in (-1, ROOM_MAX_GIB + 1):
+        assert hospital.send(custodian, "identity", "declare_room", wrong).code == "ROOM_WRONG"
+    hospital.must(custodian, "identity", "declare_room", ROOM_MAX_GIB)
+    assert custodian_rooms(hospital.state)[custodian.public_key] == ROOM_MAX_GIB

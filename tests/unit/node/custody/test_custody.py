@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from dataclasses import replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,11 +13,13 @@ import pytest
 from consensus.chain.block import Block, FinalityProof, Header, QuorumCertificate, Receipt, Receipts
 from consensus.chain.transaction import decode_transaction
 from consensus.errors import BlockRobotError
+from consensus.limits import DAY_MS
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload
 from consensus.records.sharing import SharedRequest
+from consensus.state.identity import CUSTODIAN, ROOM, CustodianRow, RoomRow
 from node.custody.coordination.custody_coordinator import (
     CLIP_PART_BYTES,
     OUTBOX_BATCH_COUNT,
@@ -115,7 +118,9 @@ class Rig:
             clock=lambda: self.now_ms,
         )
 
-    async def finalize(self, height: int, *receipts: Receipt) -> None:
+    async def finalize(
+        self, height: int, *receipts: Receipt, writes: Mapping[bytes, bytes] = MappingProxyType({})
+    ) -> None:
         block = _block(height)
         position = await self.ledger.commit(
             [
@@ -126,6 +131,7 @@ class Rig:
                     receipts_bytes=encode(Receipts(receipts)),
                     timestamp_ms=height + 1,
                     state_root=bytes(32),
+                    state_writes=writes,
                 )
             ],
             b"",
@@ -432,3 +438,30 @@ async def test_after_a_block_no_part_of_a_clip_is_as_it_was_kept_before(rig: Rig
     part = decode(await rig.custody.serve_peer("node-2", RequestKind.CLIP, following), ClipPart)
     assert part.total == len(encode(rig.custodian.clip))
     await rig.custody.stop()
+
+
+def room_calls(rig: Rig) -> list[list[Any]]:
+    calls = [decode_transaction(wire) for wire in rig.pool.wires]
+    return [call.arguments() for call in calls if call.body.entry == "declare_room"]
+
+
+async def test_a_custodian_declares_the_room_of_its_configuration_once_a_day(rig: Rig) -> None:
+    rig.custody._room_gib = 4_000
+    await rig.custody._submit_due()
+    assert room_calls(rig) == [], "it is no custodian of the chain yet"
+    await rig.finalize(0, writes={CUSTODIAN.key(KEY.public_key): CUSTODIAN.encode(CustodianRow("node-1", "ward"))})
+    await rig.custody._submit_due()
+    await rig.custody._submit_due()
+    assert room_calls(rig) == [[4_000]]
+    rig.now_ms += OUTBOX_LIFETIME_MS
+    await rig.custody._submit_due()
+    assert room_calls(rig) == [[4_000]] * 2, "the first never became final"
+    await rig.finalize(1, writes={ROOM.key(KEY.public_key): ROOM.encode(RoomRow(4_000, rig.now_ms))})
+    rig.now_ms += OUTBOX_LIFETIME_MS
+    await rig.custody._submit_due()
+    rig.custody._room_gib = 0
+    await rig.custody._submit_due()
+    assert len(room_calls(rig)) == 2
+    rig.now_ms += DAY_MS
+    await rig.custody._submit_due()
+    assert room_calls(rig)[2:] == [[0]]
