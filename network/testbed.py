@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
@@ -68,8 +69,11 @@ class Stage:
     def roster_file(self) -> Path:
         return self.robots / "robot" / "roster.sealed"
 
-    async def start_network(self, name: str) -> list[int]:
-        """Start four nodes of two organisations, wait until ready; return their peer counts."""
+    async def start_network(self, name: str, configure: Callable[[Cluster], None] | None = None) -> list[int]:
+        """Start four nodes of two organisations, wait until ready; return their peer counts.
+
+        `configure` may change their files before.
+        """
         create_network(
             self.network_dir,
             nodes=NODES_COUNT,
@@ -80,6 +84,8 @@ class Stage:
             faults=True,
         )
         self._cluster = Cluster(self.network_dir)
+        if configure is not None:
+            configure(self._cluster)
         self._cluster.start_all()
         await self._cluster.wait_ready()
         return await self._count_peers()

@@ -22,6 +22,7 @@ from consensus.members.vouchers import Card, decode_card_code
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.records.owner_keys import open_visit_keys
+from network.bench.clips_apart import ClipsApart
 from network.bench.nginx import trust_proxy
 from network.cluster import Cluster
 from network.demo.tampering import drop_databases
@@ -88,12 +89,15 @@ class FreshNetwork:
         store: str = "sqlite",
         stolen: int = 0,
         proxy: str = "",
+        apart: ClipsApart | None = None,
     ) -> None:
         """`faults` allows deliberate faults; `store` is the custodians' store.
 
         Each custodian has its own organisation. `stolen` further nodes are in genesis but never started: an attacker
-        has their certificates. `proxy` is the address of a proxy that all nodes trust.
+        has their certificates. `proxy` is the address of a proxy that all nodes trust. `apart`: where custodians keep their
+        clips.
         """
+        self._apart = apart
         self._proxy = proxy
         self._stolen_count = stolen
         self._nodes_count = nodes
@@ -140,6 +144,8 @@ class FreshNetwork:
                 for entry in self._genesis.nodes[: self._nodes_count]:
                     trust_proxy(place / "nodes" / entry.name, self._proxy)
             self._cluster = Cluster(place)
+            if self._apart is not None:
+                self._apart.configure(self._cluster)
             self._cluster.start_all()
             await self._cluster.wait_ready()
         except BaseException:
@@ -158,6 +164,8 @@ class FreshNetwork:
         if self._cluster is not None:
             await asyncio.to_thread(self._cluster.stop_all)
             await asyncio.to_thread(drop_databases, self._cluster)
+        if self._apart is not None:
+            await self._apart.remove(self._folder)
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def client_of(self, number: int) -> NetworkClient:

@@ -24,6 +24,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload
 from consensus.records.owner_keys import open_visit_keys, scan_announcement
+from network.bench.clips_apart import ClipsApart
 from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.custody.custody_clips import ClipRobot, SealedClip, seal_clip
 from network.bench.custody.custody_held import HeldRow, measure_held
@@ -47,7 +48,9 @@ OnProgress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class CustodyOptions:
-    """Store, erasures, backlog and clip size; with `held` only erasing beside kept clips is measured."""
+    """Store, erasures, backlog and clip size; with `held` only erasing beside kept clips is measured; `apart`: where clips
+    are kept.
+    """
 
     store: str = "sqlite"
     erasures: int = 50
@@ -55,6 +58,7 @@ class CustodyOptions:
     frames: int = 5
     frame_bytes: int = 12_000
     held: tuple[int, ...] = ()
+    apart: ClipsApart | None = None
 
 
 class _Custody:
@@ -69,11 +73,12 @@ class _Custody:
 
 
 @asynccontextmanager
-async def _open_custody(uri: str, folder: Path) -> AsyncIterator[_Custody]:
+async def _open_custody(uri: str, folder: Path, apart: ClipsApart | None) -> AsyncIterator[_Custody]:
     name = f"blockrobot-bench-{secrets.token_hex(4)}"
     own = urlunsplit(urlsplit(uri)._replace(path=f"/{name}")) if uri.startswith(MONGO_SCHEMES) else uri
     try:
-        async with open_store(own, folder / "custody") as store:
+        place = None if apart is None else apart.place_of(folder.name, folder)
+        async with open_store(own, folder / "custody", clips=place) as store:
             with EraseKeys(folder / "erase-keys") as keys:
                 yield _Custody(store, keys, own)
     finally:
@@ -102,7 +107,8 @@ class FollowingFigures(Struct, frozen=True, kw_only=True):
     """What following the chain costs a custodian.
 
     `hook_records_per_s`: staged clips confirmed in blocks of fifty; `catchup_s`: following and fetching `behind` clips;
-    `store_overhead`: disk bytes, erase keys included, per ciphertext byte, null where the store does not tell.
+    `store_overhead`: disk bytes, erase keys included, clips that are kept apart not, per ciphertext byte, null where the
+    store does not tell.
     """
 
     hook_records_per_s: float
@@ -135,7 +141,10 @@ class HeldFigures(Struct, frozen=True, kw_only=True):
 
 
 async def _measure_following(options: CustodyOptions, folder: Path, on_progress: OnProgress) -> FollowingFigures:
-    async with _open_custody(options.store, folder / "a") as awake, _open_custody(options.store, folder / "b") as away:
+    async with (
+        _open_custody(options.store, folder / "a", options.apart) as awake,
+        _open_custody(options.store, folder / "b", options.apart) as away,
+    ):
         size_bytes, hook_s = 0, 0.0
         blocks: list[FinalizedEvents] = []
         for first in range(0, options.behind, BLOCK_RECORDS_COUNT):
@@ -203,7 +212,7 @@ def _measure_scanning() -> float:
 async def _measure_erasing(options: CustodyOptions, on_progress: OnProgress) -> tuple[list[float], dict[str, int]]:
     took_ms: list[float] = []
     errors: dict[str, int] = {}
-    async with FreshNetwork(NODES_COUNT, store=options.store) as network:
+    async with FreshNetwork(NODES_COUNT, store=options.store, apart=options.apart) as network:
         (enrolled,) = await network.enrol_robots(1)
         robot = ClipRobot(enrolled.key, network.open_client())
         owner = await robot.open_visit()
@@ -241,6 +250,7 @@ async def run_custody_benchmark(
     conditions = measure_conditions(
         nodes=NODES_COUNT,
         store="mongodb" if options.store.startswith(MONGO_SCHEMES) else options.store,
+        clips=options.apart.kind if options.apart else "store",
         erasures=options.erasures,
         behind=options.behind,
         frames_a_clip=options.frames,
@@ -252,6 +262,8 @@ async def run_custody_benchmark(
         took_ms, errors = await _measure_erasing(options, on_progress)
         following = await _measure_following(options, folder, on_progress)
     finally:
+        if options.apart is not None:
+            await options.apart.remove(folder)
         await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
     on_progress("scanning")
     scanned_per_s = await asyncio.to_thread(_measure_scanning)

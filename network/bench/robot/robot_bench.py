@@ -19,6 +19,7 @@ from msgspec import UNSET, Struct, UnsetType
 
 from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scenario_bag import load_or_draw_tags, make_bag
+from network.bench.clips_apart import ClipsApart
 from network.bench.conditions import Condition, Result, measure_conditions, percentile
 from network.bench.fresh_network import find_base_port
 from network.bench.robot.robot_counts import (
@@ -47,7 +48,7 @@ OnProgress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class RobotOptions:
-    """`cut_s` is the partition length, 0 for none; recordings are kept in `cache`."""
+    """`cut_s` is the partition length, 0 for none; recordings are kept in `cache`; `apart`: where clips are kept."""
 
     seconds: float
     robots: int
@@ -55,6 +56,7 @@ class RobotOptions:
     cut_s: float
     seed: int
     cache: Path
+    apart: ClipsApart | None = None
 
     @property
     def frames(self) -> int:
@@ -99,7 +101,7 @@ async def run_robot_benchmark(options: RobotOptions, on_progress: OnProgress) ->
     stage = Stage(folder, store="sqlite", base_port=find_base_port(NODES_COUNT), purpose=PURPOSE)
     try:
         on_progress("starting four nodes")
-        await stage.start_network("bench-robot")
+        await stage.start_network("bench-robot", options.apart.configure if options.apart else None)
         on_progress("registering people and robots")
         for alias in PEOPLE:
             await stage.enrol_person(alias, tags[alias])
@@ -113,6 +115,8 @@ async def run_robot_benchmark(options: RobotOptions, on_progress: OnProgress) ->
         owners = await _look(stage)
     finally:
         await stage.stop()
+        if options.apart is not None:
+            await options.apart.remove(folder)
         shutil.rmtree(folder, ignore_errors=True)
     played = [(robot.member, robot.summary, robot.logged) for robot in robots if robot.summary is not None]
     figures = make_figures(options, played, owners, _cut_figures(robots, cut))
@@ -130,6 +134,7 @@ def _conditions(options: RobotOptions, scene: Scenario) -> dict[str, Condition]:
         recording_s=scene.duration_s,
         cut_s=options.cut_s,
         cut_by="SIGSTOP of all nodes" if options.cut_s else "",
+        clips=options.apart.kind if options.apart else "store",
     )
 
 

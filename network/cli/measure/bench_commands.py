@@ -16,6 +16,7 @@ from clients.sdk.terminal.safe_output import overwrite_line
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, home_folder, print_json
 from network.bench.conditions import Result
 from network.bench.processes import run_to_end
+from network.cli.measure.clips_option import with_clips
 from network.cli.measure.cluster_option import with_cluster
 
 LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
@@ -193,21 +194,24 @@ def _read_counts(_context: click.Context, _option: click.Parameter, text: str | 
     "--behind", default=10_000, show_default=True, type=click.IntRange(50, 1_000_000), help="Records to catch up."
 )
 @click.option("--held", callback=_read_counts, help="Only erasing, beside so many kept clips: 250,4000,100000. SQLite.")
+@with_clips
 @command_output
-def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...], as_json: bool) -> None:
+def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...], apart: Any, as_json: bool) -> None:
     """Measure what custody costs: erasing until every receipt is final, following, catching up, scanning, room.
 
-    A server for --store has to run already; its databases are the benchmark's own and are dropped. A line of progress
-    goes to standard error. 10,000 records take a few minutes and about 3 GB of disk.
+    A server for --store or --clips has to run already; databases and objects of the benchmark are removed at its end. A
+    line of progress goes to standard error. 10,000 records take a few minutes and about 3 GB of disk.
 
+    \b
     Example: blockrobot bench custody --store sqlite --json
+    Example: blockrobot bench custody --clips s3://ward/bench --clips-endpoint http://127.0.0.1:8333
     """
     from network.bench.custody.custody_bench import CustodyOptions, run_custody_benchmark  # noqa: PLC0415 - only when it is needed
 
     uri = LOCAL_MONGO_URI if store == "mongodb" else store
-    if held and uri != "sqlite":
-        raise click.UsageError("--held measures the embedded store; leave --store out.")
-    options = CustodyOptions(store=uri, erasures=erasures, behind=behind, held=held)
+    if held and (uri != "sqlite" or apart is not None):
+        raise click.UsageError("--held measures the embedded store; leave --store and --clips out.")
+    options = CustodyOptions(store=uri, erasures=erasures, behind=behind, held=held, apart=apart)
     _finish(run_to_end(run_custody_benchmark(options, _Teller())), as_json=as_json)
 
 
@@ -451,8 +455,9 @@ def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path |
 @click.option(
     "--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the scene is drawn from."
 )
+@with_clips
 @command_output
-def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, as_json: bool) -> None:
+def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, apart: Any, as_json: bool) -> None:
     """Measure whether a robot keeps up with its camera, two registered people in view; no frame may be lost or doubled.
 
     A stretch of at most 20 s is rendered once, kept, and looped; then robots, nodes and wallets run for real. At the
@@ -467,7 +472,13 @@ def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, 
     if cut >= seconds:
         raise click.UsageError("--cut is a part of --seconds, and must be shorter.")
     options = RobotOptions(
-        seconds=seconds, robots=robots, fps=fps, cut_s=cut, seed=seed, cache=home_folder() / "recordings"
+        seconds=seconds,
+        robots=robots,
+        fps=fps,
+        cut_s=cut,
+        seed=seed,
+        cache=home_folder() / "recordings",
+        apart=apart,
     )
     _finish(run_to_end(run_robot_benchmark(options, _Teller())), as_json=as_json)
 
