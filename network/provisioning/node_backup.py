@@ -158,6 +158,8 @@ def _workplace(parent: Path, *name: str) -> Iterator[Path]:
     """
     place = parent / f".{'-'.join(name)}.{HALF_DONE}"
     require_own_folder(place)
+    if not (place / LOCK_FILE_NAME).exists() and any(place.iterdir()):
+        raise BlockRobotError("FILE_EXISTS", f"{place} was not made by this command: nothing was deleted.")
     lock = DirectoryLock(place)
     try:
         for left in place.iterdir():

@@ -262,6 +262,18 @@ def test_what_a_cut_leaves_of_a_backup_or_a_restore_is_removed_by_the_next(
     assert [path.name for path in anew.parent.iterdir()] == ["anew"]
 
 
+def test_a_folder_of_somebodys_by_the_name_of_half_a_node_is_left_as_it_is(config: NodeConfig, tmp_path: Path) -> None:
+    back_up(config, tmp_path / "backup", with_keys=True)
+    mine = tmp_path / ".anew.halfdone" / "mine"
+    mine.mkdir(parents=True)
+    with pytest.raises(BlockRobotError, match=r"^FILE_EXISTS"):
+        restored_from(tmp_path / "backup", tmp_path)
+    assert mine.is_dir()
+    mine.rmdir()
+    restored_from(tmp_path / "backup", tmp_path)
+    assert not mine.parent.exists()
+
+
 def test_two_backups_of_a_node_do_not_take_each_others_files(config: NodeConfig, tmp_path: Path) -> None:
     def tell(step: str) -> None:
         if step == "ledger":
