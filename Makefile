@@ -126,6 +126,10 @@ build/deploy-tools/.tools: requirements/deploy.txt
 	$(@D)/bin/python -m pip --disable-pip-version-check --quiet $(HASHED) $<
 	touch $@
 
+SHIPPED := requirements/runtime.txt requirements/s3.txt
+# Each pin once: the two overlap.
+PINS := awk '/^[^ ]/ {is_new = !seen[$$0]++} is_new' $(SHIPPED)
+
 # All that a host installs, for the Python of $(PYTHON) on this platform: what is committed, and what it needs.
 wheelhouse: $(TOOLS)/.tools
 	@wanted="$$(git rev-parse HEAD) $$($(PYTHON) --version)"; test "$$(cat build/wheelhouse.made 2>&1)" = "$$wanted" || \
@@ -136,10 +140,10 @@ collected-wheels:
 	mkdir -p build/committed
 	git archive HEAD | tar -x -C build/committed
 	$(TOOLS)/bin/python -m pip --python "$$(command -v $(PYTHON))" --disable-pip-version-check --quiet download \
-		--require-hashes --no-deps --requirement requirements/runtime.txt --dest build/wheelhouse
+		--require-hashes --no-deps $(SHIPPED:%=--requirement %) --dest build/wheelhouse
 	$(TOOLS)/bin/uv build --quiet --wheel --require-hashes --build-constraint requirements/build.txt \
 		--out-dir build/wheelhouse build/committed
-	{ cat requirements/runtime.txt; cd build/wheelhouse; sha256sum blockrobot-*.whl | sed 's|\(.*\)  \(.*\)|./\2 --hash=sha256:\1|'; } \
+	{ $(PINS); cd build/wheelhouse; sha256sum blockrobot-*.whl | sed 's|\(.*\)  \(.*\)|./\2 --hash=sha256:\1|'; } \
 		> build/wheels.txt
 	mv build/wheels.txt build/wheelhouse/wheels.txt
 	tar -C build/wheelhouse -cf build/wheelhouse.tar .
@@ -161,8 +165,8 @@ lock: $(TOOLS)/.tools
 	done
 
 sbom: $(TOOLS)/.tools
-	$(TOOLS)/bin/cyclonedx-py requirements --output-reproducible --output-format JSON --pyproject pyproject.toml \
-		--output-file build/sbom.cdx.json requirements/runtime.txt
+	$(PINS) | $(TOOLS)/bin/cyclonedx-py requirements --output-reproducible --output-format JSON --pyproject pyproject.toml \
+		--output-file build/sbom.cdx.json -
 	@echo build/sbom.cdx.json
 
 clean:

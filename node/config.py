@@ -136,8 +136,17 @@ class NodeConfig:
         return self.data_dir / "erase-keys"
 
     @property
+    def clips_dir(self) -> Path | None:
+        """Where the custodian's ciphertexts are files, maybe of a disk of its own."""
+        return None if self.clips is None else self.clips.folder
+
+    @property
     def log_path(self) -> Path:
         return self.data_dir / "node.log"
+
+    def name_of(self, path: Path) -> str:
+        """From the data directory on, if it lies there."""
+        return str(path.relative_to(self.data_dir) if path.is_relative_to(self.data_dir) else path)
 
 
 def _invalid(detail: str) -> BlockRobotError:
@@ -272,8 +281,8 @@ def load_config(data_dir: Path) -> NodeConfig:
 
 
 def config_to_toml(config: NodeConfig) -> str:
-    """Paths are relative to its data directory."""
-    relative = {
+    """Paths in its data directory are relative to that."""
+    keys = {
         "tls_certificate": config.tls_certificate_path,
         "tls_key": config.tls_key_path,
         "producer": config.producer_key_path,
@@ -282,7 +291,7 @@ def config_to_toml(config: NodeConfig) -> str:
     lines = [
         "[node]",
         f'name = "{config.name}"',
-        f'genesis = "{config.genesis_path.relative_to(config.data_dir)}"',
+        f"genesis = {_quoted(config.name_of(config.genesis_path))}",
         *([f'organisation = "{config.organisation}"'] if config.organisation else []),
         "",
         "[listen]",
@@ -295,11 +304,11 @@ def config_to_toml(config: NodeConfig) -> str:
         f"operator_port = {config.operator_port}",
         "",
         "[keys]",
-        *(f'{name} = "{path.relative_to(config.data_dir)}"' for name, path in relative.items() if path),
+        *(f"{name} = {_quoted(config.name_of(path))}" for name, path in keys.items() if path),
         *(_metrics_lines(config) if config.metrics_host else []),
         "",
         "[custody]",
-        f'store = "{config.custody_store}"',
+        f"store = {_quoted(config.custody_store)}",
         f"reserve_mib = {config.custody_reserve_mib}",
         *([f"room_gib = {config.custody_room_gib}"] if config.custody_room_gib else []),
         *(_clips_lines(config.clips) if config.clips else []),
@@ -345,7 +354,12 @@ def _clips_lines(place: ClipsPlace) -> list[str]:
         "clips_ca": place.ca_path,
         "clips_credentials": place.credentials_path,
     }
-    return [f"{name} = {json.dumps(str(value))}" for name, value in fields.items() if value]
+    return [f"{name} = {_quoted(str(value))}" for name, value in fields.items() if value]
+
+
+def _quoted(text: str) -> str:
+    """JSON's escapes are TOML's, but for those of characters beyond 16 bits."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _metrics_lines(config: NodeConfig) -> list[str]:

@@ -92,6 +92,7 @@ def _new_event_loop() -> asyncio.AbstractEventLoop:
 
 def _run(data_dir: Path, make_node: Callable[[NodeConfig], Node]) -> None:
     os.umask(0o077)  # what a node writes is for its own user
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the node is open: it would end the process
     guard_process()
     config = load_config(data_dir)
     lock = DirectoryLock(data_dir)

@@ -262,7 +262,7 @@ class Node:
         store = open_store(config.custody_store, config.custody_dir, self._require_custody_space, config.clips)
         erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
         await self._stack.enter_async_context(store)
-        reserve = DiskReserve(config.data_dir, config.custody_reserve_mib)
+        reserve = DiskReserve(config.data_dir, config.custody_reserve_mib, config.clips_dir)
         return CustodyPlace(key, store, erase_keys, reserve, config.custody_room_gib)
 
     def _require_custody_space(self) -> None:

@@ -15,6 +15,7 @@ from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
@@ -70,7 +71,7 @@ class _ClusterPool(Executor):
         self._client = client
         self._dask = client.get_executor()
         self._name = f"blockrobot-{uuid.uuid4().hex}"
-        self._count = 0
+        self._count = count()  # calls are sent from Dask's threads too
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         call = pickle.dumps((fn, args, kwargs))
@@ -79,8 +80,7 @@ class _ClusterPool(Executor):
         return outcome
 
     def _send(self, call: bytes, outcome: Future[T], lost: int) -> None:
-        self._count += 1
-        sent = self._dask.submit(do_call, call, describe_code(), key=f"{self._name}-{self._count}")
+        sent = self._dask.submit(do_call, call, describe_code(), key=f"{self._name}-{next(self._count)}")
         sent.add_done_callback(lambda answered: self._take(answered, call, outcome, lost))
 
     def _take(self, answered: Future[Answer], call: bytes, outcome: Future[T], lost: int) -> None:

@@ -72,7 +72,7 @@ def check_authorities(directory: DirectoryContent, now_ms: int) -> list[Finding]
 def check_keys(config: NodeConfig) -> list[Finding]:
     keys = [config.tls_key_path, config.producer_key_path, config.custodian_key_path]
     found = [
-        Finding("KEY_FILE_MISSING", config.name, f"{path.relative_to(config.data_dir)} is missing.")
+        Finding("KEY_FILE_MISSING", config.name, f"{config.name_of(path)} is missing.")
         for path in keys
         if path is not None and not path.exists()
     ]
@@ -80,7 +80,7 @@ def check_keys(config: NodeConfig) -> list[Finding]:
     for path in secrets:
         mode = _mode(path)
         if mode is not None and mode & _OTHERS:
-            name = "the data directory" if path == config.data_dir else str(path.relative_to(config.data_dir))
+            name = "the data directory" if path == config.data_dir else config.name_of(path)
             found.append(Finding("KEY_FILE_EXPOSED", config.name, f"{name} has mode {stat.S_IMODE(mode):o}."))
     return found
 
@@ -94,14 +94,13 @@ def _mode(path: Path) -> int | None:
 
 def check_disk(config: NodeConfig, disk_free: tuple[int, int] | None = None) -> list[Finding]:
     found = []
-    if disk_free is None:
-        usage = shutil.disk_usage(config.data_dir)
-        disk_free = usage.free, usage.total
-    free, total = disk_free
-    if free < DISK_FREE_LEAST_BYTES or free * 100 < total * DISK_FREE_LEAST_PER_CENT:
-        detail = f"{free // 2**20} MiB of {total // 2**20} MiB are free."
-        found.append(Finding("DISK_LOW", config.name, detail))
-    for folder in (config.data_dir, config.journal_dir, config.ledger_dir):
+    clips = [] if config.clips_dir is None or not config.clips_dir.is_dir() else [config.clips_dir]
+    disks = {disk_free or _room_at(place): place for place in (*clips, config.data_dir)}
+    for (free, total), place in disks.items():
+        if free < DISK_FREE_LEAST_BYTES or free * 100 < total * DISK_FREE_LEAST_PER_CENT:
+            detail = f"{free // 2**20} MiB of {total // 2**20} MiB are free at {place}."
+            found.append(Finding("DISK_LOW", config.name, detail))
+    for folder in (config.data_dir, config.journal_dir, config.ledger_dir, *clips):
         if not folder.is_dir():
             continue
         try:
@@ -113,6 +112,11 @@ def check_disk(config: NodeConfig, disk_free: tuple[int, int] | None = None) -> 
             detail = f"{folder} takes no file: {error.strerror}."
             found.append(Finding("DIRECTORY_UNWRITABLE", config.name, detail))
     return found
+
+
+def _room_at(place: Path) -> tuple[int, int]:
+    usage = shutil.disk_usage(place)
+    return usage.free, usage.total
 
 
 def check_journal(config: NodeConfig) -> list[Finding]:

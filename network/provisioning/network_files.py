@@ -11,6 +11,8 @@ from consensus.errors import BlockRobotError
 
 _ORGANISATION = r"organisations/(?:\.[a-z0-9-]+\.[a-z0-9_]{8}/)?[a-z0-9-]+/"
 _NODE = r"nodes/(?:\.[a-z0-9-]+\.[a-z0-9_]{8}/)?[a-z0-9-]+/"
+_UNFINISHED = r"\.unfinished-[0-9a-f]{16}"
+HALF_DONE = "halfdone"
 _PIN = r"(?:client\.pin|\.client\.pin\.[0-9a-f]{8})"
 NETWORK_FILES = "|".join(
     (
@@ -19,7 +21,12 @@ NETWORK_FILES = "|".join(
         _ORGANISATION + r"(?:cards\.json|\.cards\.json\.tmp|" + _PIN + ")",
         _NODE + r"(?:node\.toml|genesis\.json|directory\.json|node-entry\.json|operator(?:-read)?\.token|owner\.lock)",
         _NODE + r"(?:output\.log|node\.log(?:\.\d+)?|faults\.(?:json|tmp)|prune\.(?:request|tmp))",
-        _NODE + r"custody/custody\.sqlite3(?:-wal|-shm|-journal|-swept)?",
+        r"nodes/\.[a-z0-9-]+\." + HALF_DONE + r"/owner\.lock",
+        _NODE + r"(?:node\.csr|node-entry\.draft\.json|node\.toml\.moving|" + _UNFINISHED + ")",
+        _NODE + r"custody(?:\.mov(?:ed|ing))?/custody\.sqlite3(?:-wal|-shm|-journal|-swept)?",
+        _NODE + r"custody(?:\.mov(?:ed|ing))?/(?:clips\.json|" + _UNFINISHED + ")",
+        _NODE + r"clips/(?:custodian|(?:[0-9a-f]{2}/){2}(?:[0-9a-f]{60}-[0-9a-f]{16}|" + _UNFINISHED + "))",
+        _NODE + r"clips/" + _UNFINISHED,
         _NODE + r"erase-keys/erase-keys(?:\.new|\.tmp)?",
         _NODE + r"journal/votes\.journal(?:\.new|\.damaged)?",
         _NODE + r"keys/(?:(?:producer|custodian)\.key|tls\.(?:crt|key)\.pem(?:\.new)?)",

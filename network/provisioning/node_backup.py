@@ -12,22 +12,30 @@ import hashlib
 import shutil
 import sqlite3
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qsl, urlsplit
 
 import msgspec
 
-from clients.sdk.new_files import new_file, read_given_file, read_given_text, sync_folder, write_new_file
+from clients.sdk.new_files import (
+    new_file,
+    read_given_file,
+    read_given_text,
+    require_own_folder,
+    sync_folder,
+    write_new_file,
+)
 from consensus.bounded_text import JSON_MAX_BYTES, TextInvalidError, read_json_as, read_toml_text
 from consensus.chain.genesis import Genesis
 from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
 from contracts.execution.epochs import read_epoch
+from network.provisioning.network_files import HALF_DONE
+from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, load_config, load_genesis, load_key
 from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
@@ -36,11 +44,13 @@ from node.directory.directory_file import DIRECTORY_FILE
 from node.snapshot.making import make_snapshot_folder
 from node.snapshot.restoring import restore_ledger
 from node.snapshot.snapshot_format import SnapshotFolder
+from node.storage.directory_lock import LOCK_FILE_NAME, DirectoryLock
 from node.storage.lmdb_reader import LedgerFile
 
 MANIFEST_FILE = "backup.json"
 VERSION = 1
-NODE, LEDGER, CUSTODY, KEYS = "node", "ledger", "custody", "keys"
+NODE, LEDGER, KEYS = "node", "ledger", "keys"
+CUSTODY_DATABASE, CUSTODY_PLACE = f"custody/{DATABASE_FILE_NAME}", f"custody/{PLACE_FILE_NAME}"
 FILES_MAX_COUNT = 100_000
 KEEP_MAX_COUNT = 1_000
 _SECRET_OPTIONS = ("password", "authmechanismproperties")
@@ -76,29 +86,32 @@ class Restored:
 def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lambda _step: None) -> BackupManifest:
     """Make the folder `out`, whole or not at all, of a node that runs or not; it is on the disk once this returns.
 
-    The password of a MongoDB server is left out. Raises FILE_EXISTS, DATA_DIRECTORY_INVALID, CONFIGURATION_INVALID,
-    STORAGE_*, FILE_UNUSABLE.
+    The password of a MongoDB server is left out. Raises FILE_EXISTS, DATA_DIRECTORY_*, CONFIGURATION_INVALID, STORAGE_*,
+    FILE_UNUSABLE.
     """
     if out.exists():
         raise BlockRobotError("FILE_EXISTS", f"There is something in {out} already.")
     genesis = load_genesis(config)
+    if with_keys:
+        _require_keys_inside(config)
     out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as own:
-        making = Path(own, out.name)
+    with _workplace(out.parent, config.name, genesis.chain_id.hex()) as own:
+        making = own / out.name
         for folder in (making, making / NODE):
             folder.mkdir(mode=0o700)
         write_new_file(making / NODE / CONFIG_FILE, _settings_without_password(config))
-        for name in ("genesis.json", DIRECTORY_FILE):
-            if (config.data_dir / name).is_file():
-                _copy(config.data_dir / name, making / NODE / name)
+        for path in (config.genesis_path, config.data_dir / DIRECTORY_FILE):
+            if path.parent == config.data_dir and path.is_file():
+                _copy(path, making / NODE / path.name)
         if with_keys:
             tell("keys")
             _copy_all(config.data_dir / KEYS, making / KEYS)
-        if config.custodian_key_path is not None and config.custody_store == "sqlite":
+        if config.custodian_key_path is not None:
             tell("custody")
-            _copy_database(config.custody_dir / DATABASE_FILE_NAME, making / CUSTODY / DATABASE_FILE_NAME)
+            if config.custody_store == "sqlite":
+                _copy_database(config.custody_dir / DATABASE_FILE_NAME, making / CUSTODY_DATABASE)
             if (config.custody_dir / PLACE_FILE_NAME).is_file():
-                _copy(config.custody_dir / PLACE_FILE_NAME, making / CUSTODY / PLACE_FILE_NAME)
+                _copy(config.custody_dir / PLACE_FILE_NAME, making / CUSTODY_PLACE)
         tell("ledger")
         # Last, so that the ledger is not older than what the custodian has followed.
         with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
@@ -131,10 +144,31 @@ def delete_old(out: Path, made: BackupManifest, keep: int) -> list[Path]:
     old = [place for _, place in sorted(others, reverse=True)[keep - 1 :]]
     for place in old:
         # By a rename first: what a power cut leaves of it does not look like a backup.
-        with TemporaryDirectory(prefix=f".{place.name}.", dir=place.parent) as leaving:
-            place.rename(Path(leaving, place.name))
+        with _workplace(place.parent, made.node, made.chain_id) as leaving:
+            place.rename(leaving / place.name)
     sync_folder(out.parent)
     return sorted(old)
+
+
+@contextmanager
+def _workplace(parent: Path, *name: str) -> Iterator[Path]:
+    """A folder of one name, so that the next one finds and removes what a power cut or a kill left of this.
+
+    Raises DATA_DIRECTORY_IN_USE, FILE_EXISTS.
+    """
+    place = parent / f".{'-'.join(name)}.{HALF_DONE}"
+    require_own_folder(place)
+    if not (place / LOCK_FILE_NAME).exists() and any(place.iterdir()):
+        raise BlockRobotError("FILE_EXISTS", f"{place} was not made by this command: nothing was deleted.")
+    lock = DirectoryLock(place)
+    try:
+        for left in place.iterdir():
+            if left.name != LOCK_FILE_NAME:
+                shutil.rmtree(left)
+        yield place
+    finally:
+        shutil.rmtree(place)
+        lock.release()
 
 
 def _read_own(place: Path) -> BackupManifest | None:
@@ -203,40 +237,45 @@ def restore(
     keys: Path | None = None,
     erase_keys: Path | None = None,
     genesis: Genesis | None = None,
+    outside: Sequence[Path] = (),
     tell: Tell = lambda _step: None,
 ) -> Restored:
     """Make a node's data directory of a backup, whole or not at all. Its first start has to be with `--restored`.
 
     `keys`: the node's keys, if the backup has none; `erase_keys`: the newest that are left of its custodian, without
-    which its database could not be read and is left out; `genesis`: that of its network, known from elsewhere. The ledger
-    is proved from the genesis file on.
-    Raises NODE_EXISTS, FILE_UNUSABLE, CONFIGURATION_INVALID, GENESIS_DIFFERS, SNAPSHOT_*.
+    which its database could not be read and is left out; `genesis`: that of its network, known from elsewhere; `outside`:
+    files and folders of the host that it may use. The ledger is proved from the genesis file on.
+    Raises NODE_EXISTS, FILE_UNUSABLE, CONFIGURATION_INVALID, GENESIS_DIFFERS, DATA_DIRECTORY_IN_USE, SNAPSHOT_*.
     """
     manifest = read_backup(place)
     if data_dir.exists():
         raise BlockRobotError("NODE_EXISTS", f"There is something in {data_dir} already.")
-    if keys is None and not manifest.has(KEYS):
-        raise BlockRobotError("FILE_UNUSABLE", "The backup holds no keys of the node: name their folder with --keys.")
     data_dir.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=f".{data_dir.name}.", dir=data_dir.parent) as own:
-        making = Path(own, data_dir.name)
+    with _workplace(data_dir.parent, data_dir.name) as own:
+        making = own / data_dir.name
         making.mkdir(mode=0o700)
         for path in _files_of(place / NODE):
             _copy(path, making / path.name)
-        _copy_all(keys or place / KEYS, making / KEYS)
+        if keys is not None or manifest.has(KEYS):
+            _copy_all(keys or place / KEYS, making / KEYS)
         config = load_config(making)
-        _require_own_paths(config)
+        _require_own_paths(config, outside)
+        for path in _keys_of(config):
+            if not path.is_file():
+                detail = f"There is no {path.name} of the node: name the folder of its keys with --keys."
+                raise BlockRobotError("FILE_UNUSABLE", detail)
         own_genesis = load_genesis(config)
         _require_network(own_genesis, manifest, genesis)
         tell("ledger")
         head = restore_ledger(SnapshotFolder(place / LEDGER), own_genesis, config.ledger_dir)
-        has_custody = erase_keys is not None and manifest.has(CUSTODY)
-        if erase_keys is not None and has_custody:
+        has_custody = erase_keys is not None and manifest.has(CUSTODY_DATABASE)
+        if erase_keys is not None and config.custodian_key_path is not None:
             tell("custody")
             _copy(erase_keys / ERASE_KEYS_FILE_NAME, config.erase_keys_dir / ERASE_KEYS_FILE_NAME)
-            for name in (DATABASE_FILE_NAME, PLACE_FILE_NAME):
-                if manifest.has(f"{CUSTODY}/{name}"):
-                    _copy(place / CUSTODY / name, config.custody_dir / name)
+        if has_custody:
+            _copy(place / CUSTODY_DATABASE, making / CUSTODY_DATABASE)
+        if manifest.has(CUSTODY_PLACE):
+            _copy(place / CUSTODY_PLACE, making / CUSTODY_PLACE)
         making.rename(data_dir)
     config = load_config(data_dir)
     return Restored(config, own_genesis, head.header.height, has_custody, warn_of_restored(config))
@@ -262,13 +301,37 @@ def warn_of_restored(config: NodeConfig) -> str:
     )
 
 
-def _require_own_paths(config: NodeConfig) -> None:
-    """A backup may have been changed: its node reads nothing of the host's. Raises CONFIGURATION_INVALID."""
-    home = config.data_dir.resolve()
-    for path in _fields_of(config).values():
-        if isinstance(path, Path) and not path.resolve().is_relative_to(home):
+def _require_own_paths(config: NodeConfig, outside: Sequence[Path]) -> None:
+    """A backup may have been changed: its node uses nothing of the host's unasked. Raises CONFIGURATION_INVALID."""
+    allowed = [place.resolve() for place in (config.data_dir, *outside)]
+    for path in _paths_of(config):
+        if not any(path.resolve().is_relative_to(place) for place in allowed):
             detail = (
-                f"The backup's {CONFIG_FILE} names {path}, outside of the node's folder: restore this node by hand."
+                f"The backup's {CONFIG_FILE} names {path}, outside of the node's folder. If it may: --outside {path}."
+            )
+            raise BlockRobotError("CONFIGURATION_INVALID", detail)
+
+
+def _paths_of(config: NodeConfig) -> Iterator[Path]:
+    """All that `node.toml` names, also in the address of a MongoDB server."""
+    named = {**_fields_of(config), **({} if config.clips is None else _fields_of(config.clips))}
+    yield from (value for value in named.values() if isinstance(value, Path))
+    for option, value in parse_qsl(config.custody_store.partition("?")[2]):
+        if option.lower().endswith("file"):
+            yield Path(value)
+
+
+def _keys_of(config: NodeConfig) -> Iterator[Path]:
+    paths = (config.tls_certificate_path, config.tls_key_path, config.producer_key_path, config.custodian_key_path)
+    yield from filter(None, paths)
+
+
+def _require_keys_inside(config: NodeConfig) -> None:
+    """Raises CONFIGURATION_INVALID."""
+    for path in _keys_of(config):
+        if not path.resolve().is_relative_to((config.data_dir / KEYS).resolve()):
+            detail = (
+                f"{path} is not in the node's folder {KEYS}/: keep a copy of it elsewhere, and leave --with-keys out."
             )
             raise BlockRobotError("CONFIGURATION_INVALID", detail)
 
@@ -283,7 +346,7 @@ def _require_network(found: Genesis, manifest: BackupManifest, known: Genesis | 
         )
 
 
-def _fields_of(config: NodeConfig) -> dict[str, Any]:
+def _fields_of(config: NodeConfig | ClipsPlace) -> dict[str, Any]:
     return {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from consensus.errors import BlockRobotError
 from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, CUSTODY_NAME, NodeConfig, config_to_toml
+from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.stores.copying import Tell, copy_store
 from node.custody.stores.custody_store import StoreCounts
-from node.custody.stores.open_store import open_store
+from node.custody.stores.open_store import open_index, open_store
 from node.storage.synced_files import sync_directory, write_synced
 
 MOVING_NAME, MOVED_NAME = "custody.moving", "custody.moved"
@@ -23,8 +24,9 @@ async def move_custody(
 ) -> StoreCounts:
     """Copy, compare, and only then let `node.toml` name the new place; begun again after a crash, it goes on.
 
-    What was before stays as `custody.moved` (and in its database, bucket or folder). The caller holds the data
-    directory's lock. Raises CONFIGURATION_INVALID if nothing would change, FILE_EXISTS, STORE_UNAVAILABLE.
+    What was before stays as `custody.moved` (and in its database, bucket or folder). Clips that lie apart and stay where
+    they are are not touched. The caller holds the data directory's lock.
+    Raises CONFIGURATION_INVALID if nothing would change, FILE_EXISTS, STORE_UNAVAILABLE.
     """
     moving, moved = config.data_dir / MOVING_NAME, config.data_dir / MOVED_NAME
     if (store, clips) == (config.custody_store, config.clips):
@@ -35,14 +37,26 @@ async def move_custody(
     if moved.exists():
         detail = f"{moved} is left of an earlier move: delete it, once nothing of it is needed."
         raise BlockRobotError("FILE_EXISTS", detail)
-    old = open_store(config.custody_store, config.custody_dir, clips=config.clips)
-    async with old as source, open_store(store, moving, clips=clips) as target:
-        counts = await copy_store(source, target, tell)
     moving.mkdir(mode=0o700, exist_ok=True)
+    if clips is not None and clips == config.clips:
+        old, new = open_index(config.custody_store, config.custody_dir), open_index(store, moving)
+        if (config.custody_dir / PLACE_FILE_NAME).exists():
+            write_synced(moving / PLACE_FILE_NAME, (config.custody_dir / PLACE_FILE_NAME).read_bytes())
+    else:
+        old = open_store(config.custody_store, config.custody_dir, clips=config.clips)
+        new = open_store(store, moving, clips=clips)
+    async with old as source, new as target:
+        counts = await copy_store(source, target, tell)
     changed = dataclasses.replace(config, custody_store=store, clips=clips)
     write_synced(config.data_dir / SETTINGS_NAME, config_to_toml(changed).encode())
     finish_move(config.data_dir)
     return counts
+
+
+async def count_moved(config: NodeConfig) -> StoreCounts:
+    """Of a move that was cut off when all was copied. Raises STORE_UNAVAILABLE."""
+    async with open_index(config.custody_store, config.custody_dir) as index:
+        return await index.counts()
 
 
 def finish_move(data_dir: Path) -> bool:

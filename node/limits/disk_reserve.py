@@ -18,17 +18,17 @@ RESERVE_DEFAULT_MIB = 1_024
 
 
 class DiskReserve:
-    """Free space of a folder's disk, minus a reserve (0: none)."""
+    """Free space of the fuller of two folders' disks, minus a reserve (0: none)."""
 
-    def __init__(self, folder: Path, reserve_mib: int) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, reserve_mib: int, second: Path | None = None) -> None:
+        self._folders = (folder,) if second is None else (folder, second)
         self._held: Counter[bytes] = Counter()
         self.reserve_bytes = reserve_mib * MIB_BYTES
 
     @property
     def free_bytes(self) -> int:
-        found = os.statvfs(self._folder)
-        return found.f_bavail * found.f_frsize
+        found = map(os.statvfs, self._folders)
+        return min(each.f_bavail * each.f_frsize for each in found)
 
     @property
     def is_reached(self) -> bool:

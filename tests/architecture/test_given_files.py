@@ -47,6 +47,7 @@ DELETES_BESIDE = {
     "network/provisioning/network_layout.py": "mkdtemp",
     # what holds nothing but files of the program's own
     "network/provisioning/network_removal.py": "a half-made network, by its mark, without a foreign file",
+    "network/provisioning/node_backup.py": "half a backup or a half restored node, by its lock, in a folder named for that",
     "network/run_folder.py": "a folder that is reserved by its mark, without a foreign file",
     # folders that a program keeps for itself
     "clients/robot/synthetic/scenario_bag.py": "half a recording in the cache, named by a hash",

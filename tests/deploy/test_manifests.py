@@ -93,7 +93,8 @@ def test_an_image_is_built_of_what_is_named_and_its_last_stage_of_wheels() -> No
     patterns = [line for line in lines if not line.startswith("#")]
     with (ROOT / "pyproject.toml").open("rb") as file:
         packages = tomllib.load(file)["tool"]["setuptools"]["packages"]["find"]["include"]
-    files = {"LICENSE", "README.md", "pyproject.toml", "requirements/build.txt", "requirements/runtime.txt"}
+    pins = {f"requirements/{name}.txt" for name in ("build", "runtime", "s3")}
+    files = {"LICENSE", "README.md", "pyproject.toml", *pins}
     assert patterns[0] == "*"
     let_in = {pattern[1:] for pattern in patterns if pattern.startswith("!")}
     assert let_in == files | {package.rstrip("*") for package in packages}

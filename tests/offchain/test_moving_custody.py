@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
+import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 from consensus.errors import BlockRobotError
+from network.cli.node.custody_move_commands import move
 from node.clips_place import ClipsPlace, read_place
 from node.config import NodeConfig, config_to_toml, load_config
 from node.custody import moving
@@ -134,6 +139,48 @@ async def test_from_sqlite_to_mongodb_and_an_s3_bucket_and_back(
         await move_custody(moved, mongo_database, None)
     await move_custody(moved, "sqlite", None)
     await life.check()
+
+
+async def test_the_rows_move_alone_and_the_clips_stay_where_they_are(life: Life, mongo_database: str) -> None:
+    there = read_place("folder:blobs", life.data_dir)
+    await move_custody(load_config(life.data_dir), "sqlite", there)
+    assert there.folder is not None
+    before = {path: path.stat().st_ino for path in there.folder.rglob("*")}
+    for store in (mongo_database, "sqlite"):
+        shutil.rmtree(life.data_dir / MOVED_NAME)
+        counts = await move_custody(load_config(life.data_dir), store, there)
+        assert (counts.confirmed, counts.staged, counts.erased) == (3, 1, 1)
+        assert (load_config(life.data_dir).custody_store, load_config(life.data_dir).clips) == (store, there)
+        assert {path: path.stat().st_ino for path in there.folder.rglob("*")} == before
+    await life.check()
+
+
+def test_the_same_command_finishes_a_move_that_was_cut_off_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data_dir = tmp_path / "node"
+    safe = tmp_path / "safe"
+    text = config_to_toml(config_in(data_dir)).replace("keys/", f"{safe}/")
+    (data_dir / "node.toml").write_text(text)
+    life = Life(data_dir)
+    asyncio.run(life.begin())
+    typed = [str(data_dir), "--clips", "folder:blobs", "--json"]
+    with monkeypatch.context() as patches:
+        patches.setattr(moving, "finish_move", lambda _data_dir: os._exit(9))
+        child = os.fork()
+        if not child:
+            CliRunner().invoke(move, typed)
+            os._exit(0)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+    assert load_config(data_dir).clips is None
+    again = CliRunner().invoke(move, typed)
+    assert again.exit_code == 0, again.output
+    answer = json.loads(again.stdout)
+    assert (answer["clips"], answer["old"]) == (4, str(data_dir / MOVED_NAME))
+    assert load_config(data_dir).tls_key_path == safe / "tls.key"
+    refusal = json.loads(CliRunner().invoke(move, typed).stdout)["error"]
+    assert refusal["code"] == "CONFIGURATION_INVALID"
+    asyncio.run(life.check())
 
 
 async def test_a_move_to_where_it_is_or_onto_another_custodians_clips_is_refused(life: Life, tmp_path: Path) -> None:

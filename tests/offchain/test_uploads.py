@@ -193,13 +193,17 @@ async def test_an_operator_is_told_of_each_robot_the_trend_and_what_is_left(
 def test_the_reserve_is_not_used_and_none_is_kept_back_if_it_is_zero(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(os, "statvfs", lambda _folder: SimpleNamespace(f_bavail=10, f_frsize=MIB_BYTES))
+    clips = tmp_path / "clips"
+    room = {tmp_path: 10, clips: 5}
+    monkeypatch.setattr(os, "statvfs", lambda folder: SimpleNamespace(f_bavail=room[folder], f_frsize=MIB_BYTES))
     DiskReserve(tmp_path, 10).require(0)
     DiskReserve(tmp_path, 0).require(100 * MIB_BYTES)
     with pytest.raises(BlockRobotError, match=r"^DISK_RESERVE_REACHED:"):
         DiskReserve(tmp_path, 10).require(1)
     assert not DiskReserve(tmp_path, 10).is_reached
     assert DiskReserve(tmp_path, 11).is_reached
+    assert DiskReserve(tmp_path, 10, clips).is_reached, "the clips' own disk is the fuller one"
+    assert not DiskReserve(tmp_path, 5, clips).is_reached
 
 
 async def test_a_fetched_clip_counts_for_no_robot(opened: CustodianHarness) -> None:

@@ -15,7 +15,7 @@ RUNS_COUNT = 15
 WARM_UP_COUNT = 3
 SCANS_COUNT = 3
 SCAN_ENOUGH_S = 5.0
-PEAK_SIZE_MAX_COUNT = 10_000
+PEAK_SIZE_MAX_COUNT = 100_000
 """Above it what a scan holds is not measured: watching each allocation makes it several times as slow."""
 
 

@@ -15,7 +15,7 @@ from network.cli.node.node_answers import NodeBackupAnswer, NodeRestoreAnswer
 from network.cli.node.node_commands import get_node_config
 from network.provisioning.founding import fingerprint
 from network.provisioning.node_backup import (
-    CUSTODY,
+    CUSTODY_DATABASE,
     KEEP_MAX_COUNT,
     KEYS,
     Tell,
@@ -59,7 +59,7 @@ def backup(node: str, out: Path, with_keys: bool, keep: int | None, folder: Path
             height=made.height,
             files=len(made.files),
             has_keys=made.has(KEYS),
-            has_custody=made.has(CUSTODY),
+            has_custody=made.has(CUSTODY_DATABASE),
             store_elsewhere=store_elsewhere,
             clips_elsewhere=clips_elsewhere,
             password_left_out=password_left_out,
@@ -67,7 +67,10 @@ def backup(node: str, out: Path, with_keys: bool, keep: int | None, folder: Path
         )
         print_answer(answer)
         return
-    what = " and its clips, which nobody can open without its erase keys" if made.has(CUSTODY) else ""
+    what = ""
+    if made.has(CUSTODY_DATABASE):
+        kept = "its clips" if config.clips is None else "its custodian's rows"
+        what = f" and {kept}, which nobody can open without its erase keys"
     console.print(
         f"{escape(made.node)} up to block {made.height}{what}: {len(made.files)} files in {escape(str(out))}."
     )
@@ -91,14 +94,26 @@ def backup(node: str, out: Path, with_keys: bool, keep: int | None, folder: Path
 @click.option("--keys", type=FOLDER, help="The node's keys, if they are not in the backup.")
 @click.option("--erase-keys", type=FOLDER, help="The newest folder erase-keys that is left of the node.")
 @click.option("--genesis", type=EXISTING_FILE, help="The network's genesis file, of which the backup has to be.")
+@click.option(
+    "--outside",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="A file or folder outside of the node's that its settings may name; may be given again.",
+)
 @command_output
 def restore(
-    place: Path, data_dir: Path, keys: Path | None, erase_keys: Path | None, genesis: Path | None, as_json: bool
+    place: Path,
+    data_dir: Path,
+    keys: Path | None,
+    erase_keys: Path | None,
+    genesis: Path | None,
+    outside: tuple[Path, ...],
+    as_json: bool,
 ) -> None:
     """Make a node of a backup, on a host where nothing of it is left. The ledger is proved first.
 
-    A backup that lay elsewhere may have been changed. Paths that leave the node's folder are refused; look at the other
-    settings, which are shown, and compare the fingerprint of the network, or name its genesis file.
+    A backup that lay elsewhere may have been changed. Paths that leave the node's folder are refused, but for --outside;
+    look at the other settings, which are shown, and compare the fingerprint of the network, or name its genesis file.
 
     A custodian whose erase keys are lost begins without clips, and fetches them from the other custodians.
 
@@ -110,6 +125,7 @@ def restore(
         keys=keys,
         erase_keys=erase_keys,
         genesis=None if genesis is None else load_genesis(genesis),
+        outside=outside,
         tell=_teller(as_json=as_json),
     )
     changed = unusual_settings(made.config)

@@ -15,7 +15,7 @@ from network.cli.node.node_answers import NodeMoveCustodyAnswer
 from network.cli.node.node_commands import get_node_config
 from node.clips_place import REGION_DEFAULT, read_place
 from node.config import load_config
-from node.custody.moving import MOVED_NAME, finish_move, move_custody
+from node.custody.moving import MOVED_NAME, count_moved, finish_move, move_custody
 from node.storage.directory_lock import DirectoryLock
 
 IN_THE_STORE = "store"
@@ -26,8 +26,7 @@ IN_THE_STORE = "store"
 @click.option("--store", help="Its new store: sqlite, or mongodb://... for an empty database. Default: the one it has.")
 @click.option(
     "--clips",
-    required=True,
-    help="Where its clips' ciphertexts are to lie: store, folder:PATH or s3://BUCKET/PREFIX.",
+    help="Where its clips' ciphertexts are to lie: store, folder:PATH or s3://BUCKET/PREFIX. Default: where they are.",
 )
 @click.option("--clips-endpoint", default="", help="The S3 server's URL. Default: AWS.")
 @click.option("--clips-region", default=REGION_DEFAULT, show_default=True, help="The S3 server's region.")
@@ -38,7 +37,7 @@ IN_THE_STORE = "store"
 def move(
     node: str,
     store: str | None,
-    clips: str,
+    clips: str | None,
     clips_endpoint: str,
     clips_region: str,
     clips_ca: Path | None,
@@ -53,15 +52,20 @@ def move(
 
     Example: blockrobot node move-custody node-2 --clips s3://ward/node-2 --clips-endpoint https://s3.hospital.example
     """
+    if clips is None and (clips_endpoint or clips_ca or clips_credentials):
+        raise click.UsageError("An S3 server's options need --clips s3://BUCKET/PREFIX.")
     config = get_node_config(node, folder)
     lock = DirectoryLock(config.data_dir)
     try:
-        if finish_move(config.data_dir):
+        is_finished = finish_move(config.data_dir)
+        if is_finished:
             config = load_config(config.data_dir)
         if config.custodian_key_path is None:
             raise BlockRobotError("NOT_FOUND", f"{config.name} is no custodian.")
-        place = None
-        if clips != IN_THE_STORE:
+        place = config.clips
+        if clips == IN_THE_STORE:
+            place = None
+        elif clips is not None:
             place = read_place(
                 clips,
                 config.data_dir,
@@ -70,9 +74,13 @@ def move(
                 ca_path=None if clips_ca is None else clips_ca.resolve(),
                 credentials_path=None if clips_credentials is None else clips_credentials.resolve(),
             )
-        with status_line("Copying", as_json=as_json) as say:
-            tell = lambda done, count: say(f"Copied and compared {done} of {count} clips.")  # noqa: E731
-            counts = asyncio.run(move_custody(config, store or config.custody_store, place, tell))
+        store = store or config.custody_store
+        if is_finished and (store, place) == (config.custody_store, config.clips):
+            counts = asyncio.run(count_moved(config))
+        else:
+            with status_line("Copying", as_json=as_json) as say:
+                tell = lambda done, count: say(f"Copied and compared {done} of {count} clips.")  # noqa: E731
+                counts = asyncio.run(move_custody(config, store, place, tell))
     finally:
         lock.release()
     old = config.data_dir / MOVED_NAME

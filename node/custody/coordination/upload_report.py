@@ -163,6 +163,6 @@ def render_uploads(report: UploadReport) -> bytes:
             count_of.labels(name).set(value)
     if report.disk_free_bytes is not None and report.disk_reserve_bytes is not None:
         free, kept = (f"blockrobot_custody_disk_{what}_bytes" for what in ("free", "reserve"))
-        Gauge(free, "Free space of the custodian's disk.", registry=registry).set(report.disk_free_bytes)
+        Gauge(free, "Free space of its disk, or of its clips'.", registry=registry).set(report.disk_free_bytes)
         Gauge(kept, "What of it is kept back.", registry=registry).set(report.disk_reserve_bytes)
     return generate_latest(registry)

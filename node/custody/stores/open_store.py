@@ -26,7 +26,7 @@ def open_store(
     `require_space` precedes embedded writes and may raise OSError. Raises EXTRA_MISSING, and
     CONFIGURATION_INVALID, also for clips that are somewhere else.
     """
-    index = _open_index(uri, folder, require_space)
+    index = open_index(uri, folder, require_space)
     require_place(folder, clips)
     if clips is None:
         return index
@@ -34,7 +34,8 @@ def open_store(
     return cast("CustodyStore", BlobBackedStore(index, open_blobs(clips), open_names(folder, clips)))
 
 
-def _open_index(uri: str, folder: Path, require_space: Callable[[], None]) -> CustodyStore:
+def open_index(uri: str, folder: Path, require_space: Callable[[], None] = lambda: None) -> CustodyStore:
+    """The store itself: where clips lie apart, with references in place of ciphertexts."""
     if uri == "sqlite":
         return SqliteStore(folder, require_space)
     if uri.startswith(MONGO_SCHEMES):

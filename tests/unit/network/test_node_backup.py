@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import shutil
+import signal
 import sqlite3
 import stat
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -45,6 +48,14 @@ async def config(tmp_path: Path) -> NodeConfig:
     with EraseKeys(config.erase_keys_dir) as keys:
         keys.allocate(3)
     return config
+
+
+def changed(config: NodeConfig, old: str, new: str) -> NodeConfig:
+    """Its node.toml, with another text in place of one."""
+    path = config.data_dir / "node.toml"
+    assert path.read_text().count(old) == 1
+    path.write_text(path.read_text().replace(old, new))
+    return load_config(config.data_dir)
 
 
 def restored_from(place: Path, tmp_path: Path, **options: Any) -> node_backup.Restored:
@@ -122,10 +133,9 @@ def test_the_password_of_a_store_is_in_no_backup(
 
 
 def test_a_password_behind_escapes_is_refused(config: NodeConfig, tmp_path: Path) -> None:
-    path = config.data_dir / "node.toml"
-    path.write_text(path.read_text().replace('store = "sqlite"', 'store = "mongodb://u:hunter\\u0032@h/db"'))
+    escaped = changed(config, 'store = "sqlite"', 'store = "mongodb://u:hunter\\u0032@h/db"')
     with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID.*escapes"):
-        back_up(load_config(config.data_dir), tmp_path / "backup", with_keys=False)
+        back_up(escaped, tmp_path / "backup", with_keys=False)
 
 
 def test_a_backup_is_on_the_disk_before_it_has_its_name(
@@ -169,6 +179,111 @@ def test_what_a_custodian_kept_comes_back_only_with_the_newest_erase_keys(config
         assert len(keys.held) == 3
 
 
+async def test_a_custodian_whose_clips_lie_elsewhere_starts_again_without_its_erase_keys(
+    config: NodeConfig, tmp_path: Path
+) -> None:
+    place, out = tmp_path / "clips", tmp_path / "backup"
+    config = changed(config, 'store = "sqlite"', f'store = "sqlite"\nclips = "folder:{place}"')
+    async with Node(config):
+        pass
+    back_up(config, out, with_keys=True)
+    said = CliRunner().invoke(backup, [str(config.data_dir), "--out", str(tmp_path / "again")]).stdout
+    assert "its custodian's rows" in said
+    assert "and its clips" not in said
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .* --outside"):
+        restored_from(out, tmp_path)
+    made = restored_from(out, tmp_path, outside=[place])
+    assert not made.has_custody
+    async with Node(made.config, restored=True) as node:
+        assert node.describe()["finalized_height"] == 0
+
+
+@pytest.mark.parametrize("with_erase_keys", [False, True])
+def test_of_a_custodian_with_mongodb_the_place_of_its_clips_and_its_erase_keys_come_back(
+    config: NodeConfig, tmp_path: Path, with_erase_keys: bool
+) -> None:
+    moved = changed(config, 'store = "sqlite"', 'store = "mongodb://h/db"\nclips = "s3://ward/node-1"')
+    (config.custody_dir / "clips.json").write_text("the key of the names")
+    assert back_up(moved, tmp_path / "backup", with_keys=True).has("custody/clips.json")
+    said = CliRunner().invoke(backup, [str(config.data_dir), "--out", str(tmp_path / "again"), "--json"])
+    assert json.loads(said.stdout)["has_custody"] is False
+    made = restored_from(tmp_path / "backup", tmp_path, erase_keys=config.erase_keys_dir if with_erase_keys else None)
+    assert (made.config.custody_dir / "clips.json").read_text() == "the key of the names"
+    assert made.config.erase_keys_dir.exists() == with_erase_keys
+    assert not made.has_custody
+
+
+def test_keys_outside_of_the_nodes_folder_are_said_not_to_be_in_a_backup(config: NodeConfig, tmp_path: Path) -> None:
+    safe = tmp_path / "safe"
+    shutil.copytree(config.data_dir / "keys", safe)
+    (config.data_dir / "keys" / "producer.key").unlink()
+    apart = changed(config, 'producer = "keys/producer.key"', f'producer = "{safe / "producer.key"}"')
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .*safe/producer.key is not in"):
+        back_up(apart, tmp_path / "backup", with_keys=True)
+    back_up(apart, tmp_path / "backup", with_keys=False)
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE.*tls.crt.pem.*--keys"):
+        restored_from(tmp_path / "backup", tmp_path, outside=[safe])
+    made = restored_from(tmp_path / "backup", tmp_path, outside=[safe], keys=config.data_dir / "keys")
+    assert made.config.producer_key_path == safe / "producer.key"
+
+
+def test_a_genesis_file_by_another_name_is_in_a_backup(config: NodeConfig, tmp_path: Path) -> None:
+    named = changed(config, 'genesis = "genesis.json"', 'genesis = "ward.json"')
+    (config.data_dir / "genesis.json").rename(named.genesis_path)
+    back_up(named, tmp_path / "backup", with_keys=True)
+    assert restored_from(tmp_path / "backup", tmp_path).genesis == load_genesis(named)
+
+
+def test_what_a_cut_leaves_of_a_backup_or_a_restore_is_removed_by_the_next(
+    config: NodeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A child that is killed in the middle, as by a power cut or a shutdown."""
+
+    def killed(work: Callable[[], object]) -> None:
+        child = os.fork()
+        if not child:
+            with monkeypatch.context() as patch:
+                for name in ("sync_folder", "restore_ledger"):
+                    patch.setattr(node_backup, name, lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+                work()
+            os._exit(0)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+
+    folder, anew = tmp_path / "backups", tmp_path / "nodes" / "anew"
+    back_up(config, folder / "whole", with_keys=True)
+    killed(lambda: back_up(config, folder / "first", with_keys=True))
+    killed(lambda: node_backup.restore(folder / "whole", anew))
+    assert [len(list(place.rglob("*.key"))) for place in (folder, anew.parent)] == [4, 2]
+    made = back_up(config, folder / "second", with_keys=False)
+    killed(lambda: node_backup.delete_old(folder / "second", made, 1))
+    node_backup.restore(folder / "second", anew, keys=config.data_dir / "keys")
+    back_up(config, folder / "third", with_keys=False)
+    assert {path.name for path in folder.iterdir()} == {"second", "third"}
+    assert [path.name for path in anew.parent.iterdir()] == ["anew"]
+
+
+def test_a_folder_of_somebodys_by_the_name_of_half_a_node_is_left_as_it_is(config: NodeConfig, tmp_path: Path) -> None:
+    back_up(config, tmp_path / "backup", with_keys=True)
+    mine = tmp_path / ".anew.halfdone" / "mine"
+    mine.mkdir(parents=True)
+    with pytest.raises(BlockRobotError, match=r"^FILE_EXISTS"):
+        restored_from(tmp_path / "backup", tmp_path)
+    assert mine.is_dir()
+    mine.rmdir()
+    restored_from(tmp_path / "backup", tmp_path)
+    assert not mine.parent.exists()
+
+
+def test_two_backups_of_a_node_do_not_take_each_others_files(config: NodeConfig, tmp_path: Path) -> None:
+    def tell(step: str) -> None:
+        if step == "ledger":
+            with pytest.raises(BlockRobotError, match=r"^DATA_DIRECTORY_IN_USE"):
+                back_up(config, tmp_path / "second", with_keys=False)
+
+    back_up(config, tmp_path / "first", with_keys=False, tell=tell)
+    assert read_backup(tmp_path / "first")
+
+
 @pytest.mark.parametrize("harm", ["changed", "missing", "added", "linked", "version", "not a backup", "no keys"])
 def test_a_backup_that_is_not_whole_makes_no_node(config: NodeConfig, tmp_path: Path, harm: str) -> None:
     out = tmp_path / "backup"
@@ -210,14 +325,24 @@ def test_a_backup_names_no_file_outside_of_its_node(config: NodeConfig, tmp_path
     out = tmp_path / "backup"
     back_up(config, out, with_keys=True)
     text = (out / "node" / "node.toml").read_text()
-    for field in ("tls_certificate", "tls_key", "producer", "custodian", "genesis"):
-        for path in ("/etc/hostname", "../../elsewhere/file", "keys/../../file"):
-            changed = re.sub(rf'(?m)^{field} = ".*"$', f'{field} = "{path}"', text)
-            assert changed != text
-            forged(out, "node/node.toml", changed)
-            with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .* outside of the node's folder"):
-                restored_from(out, tmp_path)
-            assert not (tmp_path / "anew").exists()
+    text = text.replace("[custody]\n", '[custody]\nclips = ""\nclips_credentials = ""\nclips_ca = ""\n')
+    inside = {"clips": "s3://bucket", "clips_credentials": "keys/s3", "clips_ca": "keys/ca"}
+    paths = ("/etc/hostname", "../../elsewhere/file", "keys/../../file")
+    changes = [(field, path) for field in ("tls_certificate", "tls_key", "producer", "custodian") for path in paths]
+    changes += [(field, path) for field in ("genesis", "clips_credentials", "clips_ca") for path in paths]
+    changes += [("clips", f"folder:{path}") for path in paths]
+    changes += [
+        ("store", f"mongodb://h/db?tls=true&{option}={paths[0]}") for option in ("tlsCAFile", "tlsCertificateKeyFile")
+    ]
+    for change in changes:
+        changed = text
+        for field, value in {**inside, **dict([change])}.items():
+            changed, count = re.subn(rf'(?m)^{field} = ".*"$', f'{field} = "{value}"', changed)
+            assert count == 1
+        forged(out, "node/node.toml", changed)
+        with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .* outside of the node's folder"):
+            restored_from(out, tmp_path)
+        assert not (tmp_path / "anew").exists()
 
 
 def test_a_backup_with_another_networks_genesis_file_makes_no_node(config: NodeConfig, tmp_path: Path) -> None:

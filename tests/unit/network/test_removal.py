@@ -17,8 +17,12 @@ from click.testing import CliRunner
 from consensus.errors import BlockRobotError
 from network.cli.main import main
 from network.cluster import Cluster
+from network.provisioning.network_files import HALF_DONE
 from network.provisioning.network_layout import create_network
 from network.provisioning.network_removal import MAKING_MARK, remove_network
+from node.custody.blobs.blob_backed_store import OWNER_NAME
+from node.custody.blobs.blob_names import BlobNames
+from node.custody.blobs.folder_blobs import FolderBlobs
 
 
 @pytest.fixture
@@ -53,6 +57,33 @@ def test_a_network_that_cannot_be_made_leaves_nothing_and_what_else_lies_in_its_
     (place / "thesis.tex").write_text("words", encoding="utf-8")
     remove_network(place)
     assert contents(place) == ["thesis.tex"]
+
+
+def test_what_custodians_and_new_nodes_leave_goes_with_their_network(tmp_path: Path) -> None:
+    place = tmp_path / "network"
+    create_network(place, nodes=1, organisations=1, base_port=25_000)
+    node, unfinished = place / "nodes" / "node-1", ".unfinished-" + "a" * 16
+    blobs = FolderBlobs(node / "clips")
+    names = BlobNames(bytes(32))
+
+    async def fill() -> None:
+        async with blobs:
+            await blobs.put(OWNER_NAME, b"me")
+            await blobs.put(names.name(bytes(16), bytes(8)), b"a picture")
+
+    asyncio.run(fill())
+    (blob,) = node.glob("clips/*/*/*")
+    left = [blob.with_name(unfinished), node / "clips" / unfinished, node / unfinished, node / "node.toml.moving"]
+    left += [node / name for name in ("node.csr", "node-entry.draft.json")]
+    cut_off = place / "nodes" / f".anew.{HALF_DONE}"  # a restore
+    left += [cut_off / "owner.lock", cut_off / "anew" / "node.toml"]
+    for custody in ("custody", "custody.moved", "custody.moving"):
+        left += [node / custody / name for name in ("clips.json", "custody.sqlite3", "custody.sqlite3-wal", unfinished)]
+    for path in left:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("")
+    remove_network(place)
+    assert contents(tmp_path) == []
 
 
 def test_a_network_may_be_made_in_an_empty_folder_and_is_removed_with_it(tmp_path: Path) -> None:

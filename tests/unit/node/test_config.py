@@ -44,6 +44,14 @@ def test_paths_are_relative_and_what_is_written_is_what_is_read(tmp_path: Path) 
     assert load_config(_write(tmp_path, config_to_toml(config))) == config
 
 
+def test_paths_elsewhere_and_names_beyond_ascii_are_written_as_they_were_read(tmp_path: Path) -> None:
+    elsewhere = GOOD.replace("keys/", "/srv/Schlüssel 🔑/").replace("[node]", '[node]\ngenesis = "/srv/genesis.json"')
+    more = '[custody]\nstore = "mongodb://me:\\"@h/db"\nclips = "folder:/mnt/🎞"\n'
+    config = load_config(_write(tmp_path, elsewhere + more))
+    assert config.producer_key_path == Path("/srv/Schlüssel 🔑/producer.key")
+    assert load_config(_write(tmp_path, config_to_toml(config))) == config
+
+
 @pytest.mark.parametrize(
     ("listen", "api_host", "api_tls"),
     [

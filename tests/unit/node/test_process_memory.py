@@ -1,14 +1,35 @@
-"""Secrets in memory: wiped where they lie, and a process that leaves no core file."""
+"""A node's process: secrets are wiped where they lie, it leaves no core file, and a signal in its start does not end it."""
 
 from __future__ import annotations
 
 import secrets
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from consensus.errors import BlockRobotError
+from node import main
 from node.process_memory import wipe
+
+
+def test_a_reload_before_the_node_is_open_does_not_end_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+
+    def load(_data_dir: Path) -> None:
+        signal.raise_signal(signal.SIGHUP)
+        seen.append(signal.getsignal(signal.SIGHUP))
+        raise BlockRobotError("DATA_DIRECTORY_INVALID")
+
+    monkeypatch.setattr(main, "load_config", load)
+    before = signal.signal(signal.SIGHUP, lambda *_: seen.append("ended"))
+    try:
+        assert main.run_process(tmp_path) == 1
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert seen == [signal.SIG_IGN]
 
 
 def test_bytes_and_bytearrays_are_wiped_where_they_lie() -> None:

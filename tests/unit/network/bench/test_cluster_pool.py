@@ -5,13 +5,27 @@ from __future__ import annotations
 import hashlib
 import pickle
 import sys
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, cast
 
 import pytest
 from click.testing import CliRunner
 
 from consensus.errors import BlockRobotError
-from network.bench.cluster import check_address, check_answer, check_seeds, cluster_pool, describe_code
+from network.bench import cluster
+from network.bench.cluster import (
+    Answer,
+    _ClusterPool,
+    check_address,
+    check_answer,
+    check_seeds,
+    cluster_pool,
+    describe_code,
+)
 from network.cli.main import main
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 CALL = b"a call"
 LIKE = {**describe_code(), "threads": "1"}
@@ -61,6 +75,31 @@ def test_without_the_extra_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch
     ):
         pytest.fail("there is a pool")
     assert refusal.value.code == "EXTRA_MISSING"
+
+
+def test_two_calls_that_are_sent_at_once_have_keys_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second is sent in the middle of the first, as a thread of Dask's may."""
+    keys: list[str] = []
+
+    class Dask:
+        def get_executor(self) -> Dask:
+            return self
+
+        def submit(self, *_call: object, key: str) -> Future[Answer]:
+            keys.append(key)
+            return Future()
+
+    pool = _ClusterPool(cast("Client", Dask()))
+
+    def describe() -> dict[str, str]:
+        if not keys:
+            keys.append("the second is on its way")
+            pool.submit(len, "second")
+        return {}
+
+    monkeypatch.setattr(cluster, "describe_code", describe)
+    pool.submit(len, "first")
+    assert len(set(keys)) == len(keys) == 3
 
 
 def test_the_answer_of_its_own_call_is_taken() -> None:

@@ -18,7 +18,14 @@ from network.bench.growth.growth_figures import (
     fit_exponent,
     judge,
 )
-from network.bench.growth.growth_timing import RUNS_COUNT, WARM_UP_COUNT, Spent, time_operation, time_scan
+from network.bench.growth.growth_timing import (
+    PEAK_SIZE_MAX_COUNT,
+    RUNS_COUNT,
+    WARM_UP_COUNT,
+    Spent,
+    time_operation,
+    time_scan,
+)
 from network.cli.measure.bench_commands import GROWTH_AXES
 
 SIZES = (1_000, 10_000, 100_000)
@@ -75,6 +82,11 @@ def test_full_sizes_go_on_where_the_default_ones_end() -> None:
         assert 2 <= len(sizes) < len(full[name])
         assert full[name][: len(sizes)] == sizes == tuple(sorted(sizes))
     assert choose_sizes(("clips",), is_full=False) == {"clips": usual["clips"]}
+
+
+@pytest.mark.parametrize("axis", ["clips", "state"])
+def test_what_scans_hold_is_watched_at_two_default_sizes(axis: str) -> None:
+    assert len([size for size in choose_sizes((axis,), is_full=False)[axis] if size <= PEAK_SIZE_MAX_COUNT]) >= 2
 
 
 async def test_a_size_is_filled_once_and_anew_after_a_filling_that_was_cut_off(

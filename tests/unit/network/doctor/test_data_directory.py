@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import socket
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,7 +16,8 @@ from network.doctor.examination import Examination, examine_network, examine_nod
 from network.doctor.findings import Finding
 from network.provisioning.network_layout import create_network
 from network.provisioning.node_certificates import DAY_MS, get_authority, now_ms, read_report, renew
-from node.config import NodeConfig
+from node.clips_place import read_place
+from node.config import NodeConfig, config_to_toml
 from node.directory.node_directory import DirectoryContent, content_of_genesis
 from node.storage.directory_lock import DirectoryLock
 from tests.cluster.network_under_test import find_base_port
@@ -83,6 +86,33 @@ def test_a_disk_that_is_nearly_full(config: NodeConfig, free: int, total: int) -
     assert codes(check_disk(config, (free, total))) == ["DISK_LOW"]
 
 
+def test_a_disk_of_its_own_for_clips_is_looked_at_as_the_nodes_is(
+    config: NodeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips = tmp_path / "clips"
+    clips.mkdir()
+    config = replace(config, clips=read_place(f"folder:{clips}", config.data_dir))
+    free = {config.data_dir: 20 * GIB, clips: 0}
+    monkeypatch.setattr(shutil, "disk_usage", lambda place: SimpleNamespace(total=40 * GIB, free=free[place]))
+    (found,) = check_disk(config)
+    assert (found.code, found.detail) == ("DISK_LOW", f"0 MiB of 40960 MiB are free at {clips}.")
+    free[config.data_dir] = 0
+    assert codes(check_disk(config)) == ["DISK_LOW"], "one disk, one finding"
+
+
+def test_keys_outside_of_the_data_directory_are_looked_at_too(
+    config: NodeConfig, directory: DirectoryContent, tmp_path: Path
+) -> None:
+    safe = tmp_path / "safe"
+    config.tls_key_path.parent.rename(safe)
+    paths = {"tls_certificate_path": safe / "tls.crt.pem", "tls_key_path": safe / "tls.key.pem"}
+    apart = replace(config, **paths, producer_key_path=safe / "gone.key", custodian_key_path=None)
+    apart.tls_key_path.chmod(0o640)
+    found = check_directory(apart, directory, now_ms(), (20 * GIB, 40 * GIB))
+    assert codes(found) == ["KEY_FILE_MISSING", "KEY_FILE_EXPOSED"]
+    assert [each.detail.split()[0] for each in found] == [f"{safe}/gone.key", f"{safe}/tls.key.pem"]
+
+
 def test_a_journal_that_is_gone_or_damaged(config: NodeConfig, directory: DirectoryContent) -> None:
     room = (20 * GIB, 40 * GIB)
     config.journal_path.write_bytes(b"rubbish, not a journal")
@@ -104,6 +134,14 @@ def test_authorities_in_their_last_year_or_that_cannot_be_read_are_named(directo
     assert "university" in found.detail
     damaged["university"] = replace(damaged["university"], is_active=False)
     assert check_authorities(replace(directory, organisations=damaged), now_ms()) == []
+
+
+def test_a_port_for_metrics_that_another_program_took(config: NodeConfig) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        settings = replace(config, metrics_host="127.0.0.1", metrics_port=taken.getsockname()[1])
+        (config.data_dir / "node.toml").write_text(config_to_toml(settings))
+        assert "PORT_TAKEN" in of(examine_node(config.data_dir), "node-1")
+    assert "PORT_TAKEN" not in of(examine_node(config.data_dir), "node-1")
 
 
 def test_nodes_that_do_not_run_and_a_port_that_another_program_took(folder: Path, config: NodeConfig) -> None:
