@@ -172,8 +172,8 @@ def _is_locked(data_dir: Path) -> bool:
 
 
 def _places(config: NodeConfig) -> tuple[tuple[str, int], ...]:
-    own = (config.host, config.p2p_port), (config.api_host, config.api_port)
-    return *own, (OPERATOR_HOST, config.operator_port)
+    own = [(config.host, config.p2p_port), (config.api_host, config.api_port), (OPERATOR_HOST, config.operator_port)]
+    return tuple(own + ([(config.metrics_host, config.metrics_port)] if config.metrics_host else []))
 
 
 def _is_taken(host: str, port: int) -> bool:

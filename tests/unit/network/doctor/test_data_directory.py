@@ -114,6 +114,15 @@ def test_nodes_that_do_not_run_and_a_port_that_another_program_took(folder: Path
     assert of(examination, "node-2") & {"NODE_DOWN", "PORT_TAKEN"} == {"NODE_DOWN"}
 
 
+def test_a_port_for_metrics_that_another_program_took(config: NodeConfig) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with (config.data_dir / "node.toml").open("a", encoding="utf-8") as file:
+            file.write(f'\n[metrics]\nhost = "127.0.0.1"\nport = {port}\n')
+        assert "PORT_TAKEN" in of(examine_node(config.data_dir), "node-1")
+    assert "PORT_TAKEN" not in of(examine_node(config.data_dir), "node-1")
+
+
 def test_a_node_that_holds_its_directory_but_says_nothing_is_silent_not_down(config: NodeConfig) -> None:
     lock = DirectoryLock(config.data_dir)
     try:
