@@ -12,10 +12,10 @@ from typing import Any
 
 import msgspec
 
-from clients.sdk.new_files import replace_file
+from clients.sdk.new_files import read_given_text, replace_file
 from clients.sdk.node_places import check_place, place_of
 from clients.sdk.trust_pin import PIN_FILE
-from consensus.bounded_text import read_json_text
+from consensus.bounded_text import JSON_MAX_BYTES, read_json_text
 from consensus.chain.genesis import (
     GENESIS_VERSION,
     ChainSettings,
@@ -256,7 +256,7 @@ def _came_later(entry: Path, network: Path, offered: Genesis | None) -> bool:
     path = (entry.parent if is_node else network) / "genesis.json"
     if not path.is_file():
         return False
-    begun = genesis_from_json(path.read_text(encoding="utf-8"))
+    begun = genesis_from_json(read_given_text(path, JSON_MAX_BYTES))
     if is_node:
         return read_node_entry(entry)["name"] not in {node.name for node in begun.nodes}
     return begun == offered and entry.parent.name not in {owner.name for owner in begun.organisations}
