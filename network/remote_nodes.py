@@ -16,6 +16,7 @@ from clients.sdk.given_nodes import use_given_nodes
 from clients.sdk.known_nodes import NODES_MAX_COUNT, KnownNode, KnownNodes
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.node_answers import read_answer
+from clients.sdk.node_hints import HINTS
 from clients.sdk.proof_checks import ProofVerifier
 from clients.sdk.terminal.json_answers import Answer, Height, Problem, TimeMs, doc
 from clients.sdk.terminal.terminal import problem_json
@@ -61,8 +62,9 @@ async def ask_remote_nodes(
     genesis on; an epoch that one of them proved is not proved again of the others.
     """
     others = [node for name, node in directory.active.items() if name not in here][:NODES_MAX_COUNT]
-    usable = [node for node in others if _is_usable(node)]
-    if not usable:
+    given = any(HINTS.read(genesis.chain_id))
+    usable = [node for node in (directory.active.values() if given else others) if _is_usable(node)]
+    if not usable and not given:
         unusable = BlockRobotError("NODE_ADDRESS_UNUSABLE")
         return [_Asked.listed(node).answered(None, unusable) for node in others]
     known = [
@@ -71,7 +73,7 @@ async def ask_remote_nodes(
             node.api_url,
             directory.organisations[node.organisation].ca_certificate,
         )
-        for node in usable
+        for node in usable[:NODES_MAX_COUNT]
     ]
     pin = write_pin(LightClient(genesis), KnownNodes(directory.height, tuple(known), (), 0))
     deadline_s = asyncio.get_running_loop().time() + ASK_ALL_REMOTE_MAX_S

@@ -135,7 +135,7 @@ async def read_claim(given: GivenNode) -> Claim:
             str(subject.get_attributes_for_oid(oid)[0].value)
             for oid in (NameOID.COMMON_NAME, NameOID.ORGANIZATION_NAME)
         )
-    except (ValueError, IndexError):
+    except (ValueError, IndexError, x509.InvalidVersion):
         raise BlockRobotError("NODE_ADDRESS_WRONG", f"{given.place} shows no node's certificate.") from None
     return Claim(name, organisation)
 

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from cryptography import x509
-from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from cryptography.x509.oid import NameOID
 
+from consensus.chain.genesis import Organisation
 from consensus.errors import BlockRobotError
 from consensus.state.membership import OrganisationRow
-from node.p2p.identity import load_authorities
+from node.p2p.identity import UNREADABLE, load_authorities
 
 _OWNER_FIELDS = {"add_org": "name", "replace_ca": "organisation"}
 
@@ -23,7 +23,7 @@ def check_authority_change(kind: str, arguments: Mapping[str, Any], organisation
         check_authority(arguments["ca_certificate"], arguments[_OWNER_FIELDS[kind]], organisations)
 
 
-def check_authority(ca_certificate: str, owner: str, organisations: Iterable[OrganisationRow]) -> None:
+def check_authority(ca_certificate: str, owner: str, organisations: Iterable[OrganisationRow | Organisation]) -> None:
     """Reject certificates (PEM) unfit as `owner`'s authority. Raises AUTHORITY_INVALID.
 
     Each has to be a CA, with a key of no other organisation's authority and no other organisation's name in its
@@ -50,7 +50,7 @@ def _key_of(certificate: x509.Certificate) -> bytes:
     """Return the public key (DER); if unreadable, the certificate itself."""
     try:
         return certificate.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
-    except (ValueError, UnsupportedAlgorithm):
+    except UNREADABLE:
         return certificate.public_bytes(Encoding.DER)
 
 
@@ -58,7 +58,7 @@ def _may_sign(certificate: x509.Certificate) -> bool:
     try:
         extensions = certificate.extensions
         basic = extensions.get_extension_for_class(x509.BasicConstraints).value
-    except (ValueError, x509.ExtensionNotFound, x509.DuplicateExtension, x509.UnsupportedGeneralNameType):
+    except UNREADABLE:
         return False
     try:
         usage = extensions.get_extension_for_class(x509.KeyUsage).value

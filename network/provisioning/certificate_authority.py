@@ -19,6 +19,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from consensus.errors import BlockRobotError
 from node.config import LOOPBACK
+from node.p2p.identity import UNREADABLE
 
 AUTHORITY_KEY_FILE, AUTHORITY_CERTIFICATE_FILE = "ca.key.pem", "ca.crt.pem"
 AUTHORITY_LIFETIME_DAYS = 10 * 365
@@ -104,9 +105,12 @@ def load_authority(folder: Path, organisation: str = "") -> Authority:
     try:
         key = serialization.load_pem_private_key((folder / AUTHORITY_KEY_FILE).read_bytes(), None)
         certificate = x509.load_pem_x509_certificate((folder / AUTHORITY_CERTIFICATE_FILE).read_bytes())
-    except (ValueError, TypeError):
+    except (TypeError, *UNREADABLE):
         raise BlockRobotError("FILE_UNUSABLE", f"The authority in {folder} cannot be read.") from None
-    if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        detail = f"The authority's key in {folder} is not of an elliptic curve: its own programs sign requests"
+        raise BlockRobotError("FILE_UNUSABLE", f"{detail} (blockrobot certificate request).")
+    if key.public_key() != certificate.public_key():
         raise BlockRobotError("FILE_UNUSABLE", f"The authority's key in {folder} is not that of its certificate.")
     return Authority(organisation=organisation or folder.name, certificate=certificate, key=key)
 
@@ -154,7 +158,11 @@ def certify(
 ) -> x509.Certificate:
     """As `issue_node_certificate`, for a key whose other half is elsewhere."""
     names = [x509.DNSName(node), *host_names(hosts)]
-    issuer_key = authority.certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
+    try:
+        named = authority.certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
+        issuer_key = x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(named)
+    except x509.ExtensionNotFound:
+        issuer_key = x509.AuthorityKeyIdentifier.from_issuer_public_key(authority.key.public_key())
     return (
         _builder(subject_of(authority.organisation, node), authority.certificate.subject, lifetime, now)
         .public_key(key)
@@ -165,17 +173,15 @@ def certify(
         )
         .add_extension(x509.SubjectAlternativeName(names), critical=False)
         .add_extension(x509.SubjectKeyIdentifier.from_public_key(key), critical=False)
-        .add_extension(
-            x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(issuer_key),
-            critical=False,
-        )
+        .add_extension(issuer_key, critical=False)
         .sign(authority.key, hashes.SHA256())
     )
 
 
 def certified_hosts(certificate: x509.Certificate | x509.CertificateSigningRequest) -> tuple[str, ...]:
-    """Where a certificate, or a request for one, says its node is reached, besides by its name."""
-    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    """Where a certificate, or a request for one, says its node is reached, besides by its name. Raises `UNREADABLE`."""
+    found = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    names = [name for name in found if isinstance(name, x509.DNSName | x509.IPAddress)]
     own = {str(name.value) for name in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)}
     return tuple(text for text in (str(name.value) for name in names) if text not in own)
 

@@ -15,7 +15,7 @@ from consensus.errors import BlockRobotError
 from network.provisioning.certificate_authority import Authority, certified_hosts, certify, host_names, subject_of
 from node.config import NodeConfig
 from node.directory.node_directory import DirectoryContent
-from node.p2p.identity import identify_peer, read_facts
+from node.p2p.identity import UNREADABLE, identify_peer, read_facts
 from node.p2p.tls import read_private_key
 
 
@@ -40,18 +40,23 @@ def sign_request(authority: Authority, pem: bytes, days: int) -> x509.Certificat
     try:
         request = x509.load_pem_x509_csr(pem)
         facts, hosts = read_facts(request), certified_hosts(request)
-        is_signed = request.is_signature_valid
-    except (ValueError, x509.ExtensionNotFound, x509.InvalidVersion):
+        key, is_signed = request.public_key(), request.is_signature_valid
+    except UNREADABLE:
         raise BlockRobotError(
             "FILE_UNUSABLE", "That is no certificate request in PEM, or one without addresses."
         ) from None
-    key = request.public_key()
     if not is_signed or not isinstance(key, ec.EllipticCurvePublicKey):
         raise BlockRobotError("FILE_UNUSABLE", "The request is not signed by its own key, of an elliptic curve.")
     if facts.organisation != authority.organisation:
         detail = f"The request is of {facts.organisation!r}, not of {authority.organisation!r}."
         raise BlockRobotError("FILE_UNUSABLE", detail)
-    return certify(authority, facts.name, hosts, key, dt.timedelta(days=days))
+    try:
+        return certify(authority, facts.name, hosts, key, dt.timedelta(days=days))
+    except ValueError:
+        detail = (
+            f"The request names {facts.name!r}, which is no name of a node, or an address that no certificate can name."
+        )
+        raise BlockRobotError("FILE_UNUSABLE", detail) from None
 
 
 def check_certificate(config: NodeConfig, pem: bytes, directory: DirectoryContent, now_ms: int) -> x509.Certificate:
@@ -61,7 +66,7 @@ def check_certificate(config: NodeConfig, pem: bytes, directory: DirectoryConten
     """
     try:
         certificate = x509.load_pem_x509_certificate(pem)
-    except (ValueError, x509.InvalidVersion):
+    except UNREADABLE:
         raise BlockRobotError("FILE_UNUSABLE", "That is no certificate in PEM.") from None
     if certificate.public_key() != read_private_key(config.tls_key_path).public_key():
         raise BlockRobotError("FILE_UNUSABLE", "The certificate is not for the key of this node: make a request anew.")
@@ -76,7 +81,7 @@ def check_fit(certificate: x509.Certificate, names: Sequence[str]) -> None:
     try:
         named = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         missing = [name for name in host_names(names) if name not in named]
-    except x509.ExtensionNotFound:
+    except UNREADABLE:
         missing = host_names(names)
     if missing:
         shown = ", ".join(str(name.value) for name in missing)

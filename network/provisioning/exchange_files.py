@@ -17,7 +17,7 @@ from consensus.bounded_text import read_json_text
 from consensus.chain.genesis import NodeEntry
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import is_public_key
-from node.p2p.identity import load_authorities
+from node.p2p.identity import UNREADABLE, load_authorities
 
 ORGANISATION_ENTRY_FILE = "organisation-entry.json"
 HANDED_OVER_MAX_BYTES = 256 * 1024
@@ -57,7 +57,7 @@ def read_certificate(path: Path) -> x509.Certificate:
     """Raises FILE_UNUSABLE."""
     try:
         return x509.load_pem_x509_certificate(read_given_file(path, HANDED_OVER_MAX_BYTES))
-    except (ValueError, x509.InvalidVersion):
+    except UNREADABLE:
         raise BlockRobotError("FILE_UNUSABLE", f"{path} is no certificate in PEM.") from None
 
 

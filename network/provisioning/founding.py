@@ -10,31 +10,38 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from clients.sdk.new_files import replace_file
+import msgspec
+
+from clients.sdk.new_files import read_given_text, replace_file
 from clients.sdk.node_places import check_place, place_of
 from clients.sdk.trust_pin import PIN_FILE
-from consensus.bounded_text import read_json_text
+from consensus.bounded_text import JSON_MAX_BYTES, read_json_text
 from consensus.chain.genesis import (
     GENESIS_VERSION,
     ChainSettings,
     Genesis,
     NodeEntry,
     Organisation,
+    genesis_from_json,
     genesis_to_json,
     require_possession,
 )
 from consensus.errors import BlockRobotError
 from consensus.limits import PRODUCERS_MAX_COUNT
+from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.rights.purposes import PURPOSES
 from contracts.execution.genesis import complete_genesis
-from contracts.lifecycle.registry import contract_entries
+from contracts.execution.results import BlockContext
+from contracts.execution.views import run_view
+from contracts.lifecycle.registry import contract_entries, load_contracts
+from contracts.state.view import MemoryState
 from contracts.vm import LANGUAGE_VERSION
-from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
+from network.provisioning.authority_check import check_authority
+from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE, read_node_entry
 from network.provisioning.founding_entries import NodeOffer, OrganisationOffer, refuse
 from network.provisioning.new_node import (
     DRAFT_FILE,
     NODE_ENTRY_FILE,
-    check_name,
     require_certified,
 )
 from node.config import CONFIG_FILE, load_config
@@ -118,11 +125,13 @@ def _check_signer(offer: NodeOffer, organisations: Sequence[OrganisationOffer]) 
 
 def _check_entries(organisations: Sequence[tuple[str, Organisation]], nodes: Sequence[tuple[str, NodeEntry]]) -> None:
     """Each by itself, and that no two have what only one may have; with the source of each, for its refusal."""
+    all_owners = [owner for _, owner in organisations]
     for source, owner in organisations:
-        _check(source, partial(check_name, owner.name, "an organisation"))
-    names = {owner.name for _, owner in organisations}
+        _check(source, partial(_check_form, "add_org", owner))
+        _check(source, partial(check_authority, owner.ca_certificate, owner.name, all_owners))
+    names = {owner.name for owner in all_owners}
     for source, entry in nodes:
-        _check(source, partial(check_name, entry.name, "a node"))
+        _check(source, partial(_check_form, "add_node", entry))
         if entry.organisation not in names:
             raise refuse(source, f"is of the organisation {entry.organisation!r}, whose entry is missing")
         _check(source, partial(check_place, entry.name, entry.host, entry.p2p_port, entry.api_url))
@@ -134,6 +143,16 @@ def _check_entries(organisations: Sequence[tuple[str, Organisation]], nodes: Seq
     owned = ((source, (*owner.admins, *owner.registrars)) for source, owner in organisations)
     held = ((source, (entry.producer_key, entry.custodian_key)) for source, entry in nodes)
     _refuse_second(((source, key) for source, keys in (*owned, *held) for key in keys if key), "a key")
+
+
+def _check_form(kind: str, entry: NodeEntry | Organisation) -> None:
+    """As the chain looks at one that is to be let in later. Raises CALL_REFUSED."""
+    fields = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in msgspec.structs.asdict(entry).items()
+    }
+    nowhere = BlockContext(chain_id=bytes(HASH_SIZE_BYTES), height=0, time_ms=0)
+    run_view(MemoryState(), load_contracts(), nowhere, "forms", "check", [kind, fields])
 
 
 def _refuse_second(values: Iterable[tuple[str, str | bytes]], what: str) -> None:
@@ -217,13 +236,30 @@ def fingerprint(genesis: Genesis) -> str:
     return " ".join(digits[place : place + 4] for place in range(0, 32, 4))
 
 
-def find_own_entries(network: Path, data_dirs: Iterable[Path] = ()) -> list[Path]:
-    """Return the entry files of a network's folder, and of data directories elsewhere. Raises NODE_NOT_CERTIFIED."""
+def find_own_entries(network: Path, data_dirs: Iterable[Path] = (), offered: Genesis | None = None) -> list[Path]:
+    """Return the entry files of a network's folder, and of data directories elsewhere.
+
+    Not of what came later to a network that was founded by now, by the genesis file `offered`. Raises NODE_NOT_CERTIFIED,
+    GENESIS_INVALID.
+    """
     for draft in [*network.glob(f"nodes/*/{DRAFT_FILE}"), *(place / DRAFT_FILE for place in data_dirs)]:
         require_certified(draft.parent)
     found = sorted(network.glob(f"organisations/*/{ORGANISATION_ENTRY_FILE}"))
     found += sorted(network.glob(f"nodes/*/{NODE_ENTRY_FILE}"))
-    return found + [place / NODE_ENTRY_FILE for place in data_dirs]
+    found += [place / NODE_ENTRY_FILE for place in data_dirs]
+    return [path for path in found if not _came_later(path, network, offered)]
+
+
+def _came_later(entry: Path, network: Path, offered: Genesis | None) -> bool:
+    """Whether the genesis file here does not name the node or the organisation of an entry."""
+    is_node = entry.name == NODE_ENTRY_FILE
+    path = (entry.parent if is_node else network) / "genesis.json"
+    if not path.is_file():
+        return False
+    begun = genesis_from_json(read_given_text(path, JSON_MAX_BYTES))
+    if is_node:
+        return read_node_entry(entry)["name"] not in {node.name for node in begun.nodes}
+    return begun == offered and entry.parent.name not in {owner.name for owner in begun.organisations}
 
 
 @contextmanager

@@ -129,7 +129,7 @@ def create_node(
     folder: Path,
     new: NewNode,
     authority: Authority | None,
-    network: str,
+    network: str = "",
     *,
     files: dict[str, bytes] | None = None,
     organisation: str = "",
@@ -137,6 +137,7 @@ def create_node(
 ) -> NodeEntry:
     """Make the data directory in one step; return the node's entry.
 
+    `network`: what its database on a MongoDB server is named after, else a draw, which keeps two networks apart;
     `files`: what lies in it besides, by name; `organisation`: of a node that the genesis file does not name. Without an
     authority it gets a request for a certificate, and a draft of its entry (`certify_founder`).
     Raises NODE_EXISTS, CONFIGURATION_INVALID.
@@ -164,7 +165,12 @@ def create_node(
     with TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as own:
         making = Path(own, folder.name)
         making.mkdir(mode=0o700)  # ledger and custody tell who was where when
-        config = _config_of(making, new, store_uri_of(new.store, network, new.name), organisation)
+        config = _config_of(
+            making,
+            new,
+            store_uri_of(new.store, network or f"blockrobot-{secrets.token_hex(4)}", new.name),
+            organisation,
+        )
         if authority is None:
             write_secret(config.tls_key_path, encode_private_key(ec.generate_private_key(ec.SECP256R1())))
             (making / REQUEST_FILE).write_bytes(make_request(config, new.organisation, hosts_of(entry)))

@@ -22,8 +22,11 @@ from clients.sdk.chain.governance import (
 from clients.sdk.network_client import NetworkClient
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from node.config import LOOPBACK
+from pages.listening import is_loopback
 
 SEAT_TIMEOUT_S = 60.0
+FAR_SHOWN_COUNT = 3
 _POLL_S = 0.2
 
 
@@ -50,7 +53,9 @@ class NodeAddition:
     waiting_for: list[str] = field(default_factory=list)
 
     async def begin(self) -> MembershipView:
-        """Read the membership. Raises GOVERNANCE_NOT_ADMIN if no local key may ask."""
+        """Read the membership. Raises GOVERNANCE_NOT_ADMIN if no local key may ask, CONFIGURATION_INVALID if some of its
+        nodes are on other machines, where nobody would find one at this machine's own address.
+        """
         membership: MembershipView | None = None
         known = {}
         for name, key in self.voices.items():
@@ -65,6 +70,12 @@ class NodeAddition:
         if membership is None or not known:
             raise BlockRobotError("GOVERNANCE_NOT_ADMIN")
         self.voices = known
+        far = [node.name for node in membership.nodes if node.status == "active" and not is_loopback(node.host)]
+        if far:
+            detail = (
+                f"{', '.join(far[:FAR_SHOWN_COUNT])} of this network would not reach a node at {LOOPBACK}: make it with"
+            )
+            raise BlockRobotError("CONFIGURATION_INVALID", f"{detail} `blockrobot node init --bind ADDRESS`.")
         return membership
 
     def _order(self, first: str) -> list[str]:

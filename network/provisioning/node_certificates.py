@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime as dt
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -29,7 +29,7 @@ from network.provisioning.certificate_authority import (
     write_secret,
 )
 from node.config import NodeConfig
-from node.p2p.identity import CertificateFacts, read_facts
+from node.p2p.identity import UNREADABLE, CertificateFacts, read_facts
 from node.p2p.tls import EXPIRY_WARNING_MS, read_private_key
 
 CERTIFICATE_FILE = "tls.crt.pem"
@@ -85,7 +85,7 @@ def read_report(config: NodeConfig) -> CertificateReport:
     try:
         certificate = x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())
         facts = read_facts(certificate)
-    except (OSError, ValueError):
+    except (OSError, *UNREADABLE):
         return CertificateReport(config.name, None, "The certificate cannot be read.")
     trouble = ""
     try:
@@ -101,6 +101,9 @@ def read_report(config: NodeConfig) -> CertificateReport:
 
 def issue_into(folder: Path, authority: Authority, name: str, *hosts: str, days: int = NODE_LIFETIME_DAYS) -> int:
     """Return the serial. Raises FileExistsError."""
+    for path in (folder / KEY_FILE, folder / CERTIFICATE_FILE):
+        if path.exists():  # before the first is written: half of a pair would not fit the other's half
+            raise FileExistsError(path)
     issued = issue_node_certificate(authority, name, *hosts, lifetime=dt.timedelta(days=days))
     write_secret(folder / KEY_FILE, issued.key_pem)
     write_secret(folder / CERTIFICATE_FILE, issued.certificate_pem)
@@ -114,25 +117,28 @@ def renew(
     days: float = NODE_LIFETIME_DAYS,
     new_key: bool = False,
     hosts: Sequence[str] = (),
+    check: Callable[[x509.Certificate], None] = lambda _made: None,
 ) -> int:
     """Return the new serial number; `hosts`: what the certificate names, else as the old one did.
 
-    A running node reloads it within a second. Raises FILE_UNUSABLE if the kept key is unreadable.
+    A running node reloads it within a second. The old one stays if `check` raises. Raises FILE_UNUSABLE if the kept key
+    is unreadable.
     """
     key = None if new_key else read_private_key(config.tls_key_path)
     named = hosts or own_hosts(config)
     issued = issue_node_certificate(authority, config.name, *named, lifetime=dt.timedelta(days=days), key=key)
+    check(x509.load_pem_x509_certificate(issued.certificate_pem))
     key_pair = [(config.tls_key_path, issued.key_pem)] if new_key else []
     _replace([*key_pair, (config.tls_certificate_path, issued.certificate_pem)])
     return issued.serial
 
 
-def own_hosts(config: NodeConfig) -> tuple[str, ...]:
-    """What the certificate on disk names; without a readable one, where the node listens."""
+def own_hosts(config: NodeConfig, otherwise: Sequence[str] = ()) -> tuple[str, ...]:
+    """What the certificate on disk names; without a readable one `otherwise`, or where the node listens."""
     try:
         return certified_hosts(x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes()))
-    except (OSError, ValueError, x509.ExtensionNotFound):
-        return (config.host,)
+    except (OSError, *UNREADABLE):
+        return tuple(otherwise) or (config.host,)
 
 
 def install(config: NodeConfig, certificate: x509.Certificate) -> None:

@@ -86,4 +86,4 @@ def init_node(
     files = {"genesis.json": genesis_to_json(genesis).encode()}
     if directory.height > 0:
         files[DIRECTORY_FILE] = encode_directory(genesis.chain_id, directory)
-    return create_node(folder, new, authority, genesis.network, files=files, organisation=new.organisation)
+    return create_node(folder, new, authority, files=files, organisation=new.organisation)

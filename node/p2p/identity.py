@@ -17,6 +17,15 @@ from pages.time_format import format_utc_time
 
 PROVEN_REFUSALS = frozenset({"PEER_CUT_OFF", "PEER_REMOVED", "PEER_CERTIFICATE_REVOKED", "PEER_CERTIFICATE_EXPIRED"})
 """Refusals of certificates that the CA of the named node's organisation did issue: their holders may be told why."""
+UNREADABLE = (
+    ValueError,
+    UnsupportedAlgorithm,
+    x509.InvalidVersion,
+    x509.ExtensionNotFound,
+    x509.DuplicateExtension,
+    x509.UnsupportedGeneralNameType,
+)
+"""What reading a certificate of somebody's, or its extensions, may raise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +76,7 @@ def load_authorities(ca_certificate: str) -> tuple[x509.Certificate, ...]:
     """
     try:
         found = x509.load_pem_x509_certificates(ca_certificate.encode())
-    except (ValueError, UnsupportedAlgorithm, x509.InvalidVersion):
+    except UNREADABLE:
         return ()
     return tuple(certificate for certificate in found if _is_known_to_tls(certificate))
 
@@ -92,7 +101,7 @@ def identify_peer(certificate_der: bytes | None, directory: DirectoryContent, no
     try:
         certificate = x509.load_der_x509_certificate(certificate_der)
         facts = read_facts(certificate)
-    except (ValueError, UnsupportedAlgorithm, x509.InvalidVersion):
+    except UNREADABLE:
         raise BlockRobotError("PEER_REFUSED", "The peer's certificate cannot be read.") from None
     node = directory.nodes.get(facts.name)
     if node is None:

@@ -23,7 +23,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 from consensus.errors import BlockRobotError
 from node.directory.node_directory import DirectoryContent
 from node.limits.work_costs import RECORD_US
-from node.p2p.identity import CertificateFacts, load_authorities, read_facts
+from node.p2p.identity import UNREADABLE, CertificateFacts, load_authorities, read_facts
 from pages.time_format import format_utc_time
 
 EXPIRY_WARNING_MS = 30 * 24 * 3600 * 1000
@@ -149,7 +149,7 @@ class Credentials:
         stamp = self._stamp()
         try:
             certificate = x509.load_pem_x509_certificate(self._certificate_path.read_bytes())
-        except (OSError, ValueError):
+        except (OSError, *UNREADABLE):
             raise BlockRobotError("CONFIGURATION_INVALID", "The node's TLS certificate cannot be read.") from None
         return OwnCertificate(facts=read_facts(certificate), stamp=stamp)
 

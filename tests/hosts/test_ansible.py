@@ -59,6 +59,7 @@ class Fleet:
         }
         own[NEWCOMER] |= {"blockrobot_organisation": "clinic"}
         own["ward-1"] |= {"blockrobot_wheelhouse": str(ROOT / "build" / "wheelhouse")}  # for all: they share /opt
+        own["ward-1"] |= {"blockrobot_custodian": True}
         common = {
             "ansible_connection": "local",
             "ansible_python_interpreter": PYTHON,
@@ -131,6 +132,19 @@ def test_a_fleet_is_founded_grows_and_is_left_alone_once_it_is_as_it_should_be(f
     assert "propose add-org" in fleet.said, "the newcomer is told what its organisation needs"
     statuses = {name: fleet.type(name, "status")["nodes"][0] for name in FOUNDERS}
     assert {name: status["peers"] for name, status in statuses.items()} == {"ward-1": ["lab-1"], "lab-1": ["ward-1"]}
+    checked = {name: fleet.type(name, "genesis", "check", "/srv/blockrobot/genesis.json") for name in FOUNDERS}
+    owned = {owner["name"]: owner["custodians"] for owner in checked["lab-1"]["organisations"]}
+    assert owned == {"hospital": ["ward-1"], "university": []}
+
+    # Two hosts make keys for one organisation.
+    founders = json.dumps({"blockrobot_founding_nodes": FOUNDERS | {NEWCOMER: "hospital"}})
+    fleet.play("--limit", NEWCOMER, "--extra-vars", founders, fails=True)
+    assert "name one node of it" in fleet.said
+    handed = (fleet.exchange / "organisation-hospital.json").read_bytes()
+    fleet.play("--limit", NEWCOMER, "--extra-vars", "blockrobot_organisation=hospital", fails=True)
+    assert "two hosts made keys for one organisation" in fleet.said
+    assert (fleet.exchange / "organisation-hospital.json").read_bytes() == handed
+    shutil.rmtree(fleet.hosts[NEWCOMER].home / "srv" / "blockrobot" / "network" / "organisations" / "hospital")
 
     # A third organisation is let in, and its node.
     shared = fleet.hosts["ward-1"].home / "srv" / "blockrobot"
@@ -145,6 +159,8 @@ def test_a_fleet_is_founded_grows_and_is_left_alone_once_it_is_as_it_should_be(f
 
     assert fleet.play() == dict.fromkeys(fleet.hosts, 0), fleet.said
     assert fleet.play("--check") == dict.fromkeys(fleet.hosts, 0), fleet.said
+    joined = fleet.type(NEWCOMER, "genesis", "check", "/srv/blockrobot/network/genesis.json")
+    assert joined["fingerprint"] == checked["ward-1"]["fingerprint"], "also where a node came later"
 
     # What would change is shown and not done; then it is done, and comes into force.
     level = "--extra-vars={'blockrobot_settings': {'log': {'level': 'warning'}}}"

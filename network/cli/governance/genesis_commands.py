@@ -108,7 +108,7 @@ def check(file: Path, adopt: bool, data_dirs: tuple[Path, ...], folder: Path | N
     offered, place = load_genesis(file), network_folder(folder)
     check_genesis(offered)
     require_begun(offered, now_ms())
-    organisations, nodes = read_offers(find_own_entries(place, data_dirs))
+    organisations, nodes = read_offers(find_own_entries(place, data_dirs, offered))
     differences = list(find_own_differences(offered, organisations, nodes))
     if differences:
         raise _differs(f"{file} says otherwise than the entries here", differences)

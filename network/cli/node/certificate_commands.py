@@ -9,9 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from clients.sdk.new_files import write_new_file
+from clients.sdk.new_files import read_given_file, write_new_file
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
@@ -22,6 +23,8 @@ from clients.sdk.terminal.terminal import (
     load_genesis,
     print_answer,
 )
+from consensus.bounded_text import JSON_MAX_BYTES
+from consensus.chain.genesis import NodeEntry
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_signer import (
@@ -67,13 +70,22 @@ from network.provisioning.node_certificates import (
 from network.provisioning.node_certificates import install as install_certificate
 from network.provisioning.node_joining import newest_directory, organisation_of
 from node.config import LOOPBACK, NodeConfig
-from node.p2p.identity import read_facts
+from node.directory.directory_file import DIRECTORY_FILE, decode_directory
+from node.directory.node_directory import DirectoryContent, DirectoryNode
+from node.p2p.identity import identify_peer, read_facts
 
 authority_option = click.option(
     "--authority", type=FOLDER, help="The folder with ca.crt.pem and ca.key.pem, if it is not in the network's folder."
 )
 days_option = click.option(
     "--days", default=NODE_LIFETIME_DAYS, show_default=True, type=click.IntRange(1, 3650), help="How long it counts."
+)
+
+directory_option = click.option(
+    "--directory",
+    "directory_file",
+    type=EXISTING_FILE,
+    help=f"A {DIRECTORY_FILE} of another machine (see node directory), if this node has missed a new authority.",
 )
 
 
@@ -182,9 +194,8 @@ def request(node: str, out: Path, hosts: tuple[str, ...], folder: Path | None, a
     Example: blockrobot certificate request node-7 --out node-7.csr
     """
     config = get_node_config(node, folder)
-    founding = read_founding_entry(config.data_dir)
     organisation = _organisation(config, folder)
-    named = hosts or (own_hosts(config) if founding is None else hosts_of(founding))
+    named = hosts or _own_hosts(config, _known(config)[1])
     write_new_file(out, make_request(config, organisation, named), private=False)
     if as_json:
         answer = CertificateRequestAnswer(node=config.name, organisation=organisation, hosts=list(named), file=str(out))
@@ -240,9 +251,17 @@ def sign(
     type=FOLDER,
     help="Of a node that founds a network: its organisation's folder, if it is not in the network's folder.",
 )
+@directory_option
 @folder_option
 @command_output
-def install(node: str, certificate_file: Path, authority: Path | None, folder: Path | None, as_json: bool) -> None:
+def install(
+    node: str,
+    certificate_file: Path,
+    authority: Path | None,
+    directory_file: Path | None,
+    folder: Path | None,
+    as_json: bool,
+) -> None:
     """Give a node the certificate that was issued for its request. A running node takes it within a second.
 
     It is refused, and the old one stays, if it is not for the node's key, its name and the addresses at which others
@@ -255,7 +274,7 @@ def install(node: str, certificate_file: Path, authority: Path | None, folder: P
     pem = read_public_text(certificate_file).encode()
     founding = read_founding_entry(config.data_dir)
     if founding is None:
-        known = newest_directory(load_genesis(config.genesis_path), [config])
+        known = _directory(config, directory_file)
         made = check_certificate(config, pem, known, now_ms())
         check_fit(made, (config.name, *hosts_of(known.nodes[config.name])))
         install_certificate(config, made)
@@ -284,6 +303,7 @@ def install(node: str, certificate_file: Path, authority: Path | None, folder: P
 )
 @days_option
 @authority_option
+@directory_option
 @folder_option
 @command_output
 def renew_certificate(
@@ -292,19 +312,30 @@ def renew_certificate(
     hosts: tuple[str, ...],
     days: int,
     authority: Path | None,
+    directory_file: Path | None,
     folder: Path | None,
     as_json: bool,
 ) -> None:
     """Renew a node's certificate in its data directory. A running node takes it within a second.
+
+    It is refused, and the old one stays, if it does not name the addresses at which others reach the node, or is not of
+    the authority that the network knows.
 
     Example: blockrobot certificate renew node-2 --days 365
     """
     config = get_node_config(node, folder)
     organisation = _organisation(config, folder)
     ca = get_authority(network_folder(folder), organisation, authority)
-    if hosts:
-        _require_advertised(config, hosts)
-    serial = renew(config, ca, days=days, new_key=new_key, hosts=hosts)
+    known, entry = _known(config, directory_file)
+
+    def check(made: x509.Certificate) -> None:
+        if known is not None:
+            identify_peer(made.public_bytes(Encoding.DER), known, now_ms())
+        if entry is not None:
+            check_fit(made, (config.name, *hosts_of(entry)))
+
+    named = hosts or _own_hosts(config, entry)
+    serial = renew(config, ca, days=days, new_key=new_key, hosts=named, check=check)
     report = read_report(config)
     expires = "" if report.facts is None else report.facts.expires
     if as_json:
@@ -350,15 +381,30 @@ def revoke(
     report_decision(submitted, f"revoke certificate {number:x} of {owner}", "org", as_json=as_json)
 
 
-def _require_advertised(config: NodeConfig, hosts: tuple[str, ...]) -> None:
-    """Whether peers and clients would still find the node that they look for. Raises CERTIFICATE_UNFIT."""
-    entry = read_founding_entry(config.data_dir) or newest_directory(
-        load_genesis(config.genesis_path), [config]
-    ).nodes.get(config.name)
-    missing = [] if entry is None else sorted({*hosts_of(entry)} - {*hosts})
-    if missing:
-        detail = f"Others reach {config.name} at {', '.join(missing)} now: name that too, until it has moved."
-        raise BlockRobotError("CERTIFICATE_UNFIT", detail)
+def _directory(config: NodeConfig, file: Path | None) -> DirectoryContent:
+    """Who is there, by a node's ledger or by a file that knows more."""
+    genesis = load_genesis(config.genesis_path)
+    known = newest_directory(genesis, [config])
+    if file is None:
+        return known
+    given = decode_directory(read_given_file(file, JSON_MAX_BYTES), genesis.chain_id)
+    return max(known, given, key=lambda content: content.height)
+
+
+def _known(
+    config: NodeConfig, file: Path | None = None
+) -> tuple[DirectoryContent | None, NodeEntry | DirectoryNode | None]:
+    """The directory, if it names a node already, and how that is entered: there, or for the founding of its network."""
+    founding = read_founding_entry(config.data_dir)
+    if founding is not None:
+        return None, founding
+    known = _directory(config, file)
+    entry = known.nodes.get(config.name)
+    return None if entry is None else known, entry
+
+
+def _own_hosts(config: NodeConfig, entry: NodeEntry | DirectoryNode | None) -> tuple[str, ...]:
+    return own_hosts(config, () if entry is None else hosts_of(entry))
 
 
 def _organisation(config: NodeConfig, folder: Path | None) -> str:

@@ -27,7 +27,7 @@ from network.provisioning.new_node import NewNode
 from network.provisioning.node_adding import NodeAddition, Step
 from network.provisioning.node_certificates import get_authority
 from network.provisioning.node_joining import init_node, newest_directory, next_base_port, of_chain
-from node.config import load_config
+from node.config import LOOPBACK, load_config
 from node.directory.node_directory import DirectoryContent
 
 
@@ -125,7 +125,7 @@ def _make(cluster: Cluster, membership: MembershipView, growth: NodeAddition, wa
     newcomer = NewNode(
         name=name,
         organisation=owner,
-        host="127.0.0.1",
+        host=LOOPBACK,
         base_port=wanted.base_port or next_base_port(known, configs),
         is_custodian=wanted.is_custodian,
         faults=any(config.faults_enabled for config in configs),

@@ -30,7 +30,6 @@ from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from network.provisioning.certificate_authority import AUTHORITY_CERTIFICATE_FILE, AUTHORITY_KEY_FILE
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
-from network.provisioning.founding import NETWORK_NAME
 from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
 from network.provisioning.new_node import NODE_ENTRY_FILE, REQUEST_FILE, Founder, NewNode, create_node
 from network.provisioning.new_organisation import ADMIN_KEY_FILE
@@ -167,7 +166,7 @@ def _init_founding(
     founder = Founder(admin, time.time_ns() // 1_000_000)
     is_held = (home / AUTHORITY_KEY_FILE).is_file() or not (home / AUTHORITY_CERTIFICATE_FILE).is_file()
     signer = get_authority(network, new.organisation, authority) if is_held else None
-    entry = create_node(place, new, signer, NETWORK_NAME, founder=founder)
+    entry = create_node(place, new, signer, founder=founder)
     where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
     is_elsewhere = place.parent != (network / "nodes").resolve()
     data_dir = f" --data-dir {shlex.quote(str(place))}" if is_elsewhere else ""

@@ -15,6 +15,7 @@ from network.lab.hosts.founded_network import HOSTS, ORGANISATIONS, PROGRAM, Fou
 from network.lab.hosts.namespaces import Hosts
 from network.lab.hosts.outcomes import Outcome, Tell, describe, end_clients
 from network.lab.hosts.steady_clients import SteadyClients
+from network.provisioning.certificate_authority import NODE_LIFETIME_DAYS
 from network.provisioning.node_certificates import get_authority, renew
 from node.config import load_config
 from node.faults import STATE_FILE_NAME
@@ -54,7 +55,7 @@ class Clocks(Outcome, kw_only=True):
 
 
 class Renewals(Outcome, kw_only=True):
-    """`taken`: whether each node serves the last of its certificates; `expired`: how many ran out meanwhile."""
+    """`taken`: whether each node serves the last of its certificates; `expired`: how many that were served ran out."""
 
     renewals: int
     expired: int
@@ -145,30 +146,38 @@ def _clock_offset_ms(network: FoundedNetwork, organisation: str) -> int:
 
 def renew_all_day(network: FoundedNetwork, tell: Tell) -> Renewals:
     """Certificates that count for half a minute, renewed again and again while clients make new connections."""
-    serials: dict[str, int] = {}
-    issued_s: list[float] = []
+    ends_ms: dict[str, int] = {}
     with SteadyClients(network) as clients:
         clients.see()
         for number in range(1, RENEWALS_COUNT + 1):
-            issued_s.append(time.monotonic())
-            for name in ORGANISATIONS:
-                config = load_config(network.data_dir(name))
-                serials[name] = renew(config, get_authority(network.folder(name), name), days=LIFETIME_S / DAY_S)
+            _renew_everywhere(network, days=LIFETIME_S / DAY_S)
             time.sleep(RENEW_EVERY_S)
             if number % 6 == 0:
+                ends_ms |= dict(_served(network, name) for name in ORGANISATIONS)
                 tell(f"Each node was given its certificate no. {number}, which counts for {LIFETIME_S:g} s.")
-        expired = sum(time.monotonic() - moment_s > LIFETIME_S for moment_s in issued_s)
-        taken = {
-            node_of(name): str(network.status(name)["certificate"]["serial"]) == f"{serials[name]:x}"
-            for name in ORGANISATIONS
-        }
-        for name in ORGANISATIONS:
-            network.run(network.hosts[name], "certificate", "renew", node_of(name))
+        expired = sum(end_ms < time.time() * 1000 for end_ms in ends_ms.values())
+        last = _renew_everywhere(network)
+        time.sleep(RENEW_EVERY_S)
+        taken = {node_of(name): _served(network, name)[0] == serial for name, serial in last.items()}
         network.wait(network.is_whole, "all nodes are linked")
         seen = [clients.see(WATCH_S)]
         tell(describe(seen[-1]))
         kept = end_clients(clients, tell)
     return Renewals(seen=seen, kept=kept, renewals=RENEWALS_COUNT, expired=expired, taken=taken)
+
+
+def _renew_everywhere(network: FoundedNetwork, days: float = NODE_LIFETIME_DAYS) -> dict[str, str]:
+    """Serial numbers by organisation."""
+    return {
+        name: f"{renew(load_config(network.data_dir(name)), get_authority(network.folder(name), name), days=days):x}"
+        for name in ORGANISATIONS
+    }
+
+
+def _served(network: FoundedNetwork, name: str) -> tuple[str, int]:
+    """Serial number and end (ms) of the certificate that a node shows."""
+    certificate = network.status(name)["certificate"]
+    return str(certificate["serial"]), int(certificate["not_after_ms"])
 
 
 def catch_a_liar(network: FoundedNetwork, tell: Tell) -> Liar:

@@ -20,19 +20,26 @@ from cryptography.x509.oid import NameOID
 from clients.sdk import connections
 from consensus.errors import BlockRobotError
 from network.cli.node.certificate_commands import certificate
+from network.cli.node.node_setup_commands import init
 from network.cluster import Cluster
 from network.provisioning.certificate_authority import (
     Authority,
     certified_hosts,
     certify,
     create_authority,
+    encode_private_key,
     load_authority,
+    write_secret,
 )
 from network.provisioning.certificate_requests import check_certificate, make_request, sign_request
+from network.provisioning.exchange_files import read_node_entry
 from network.provisioning.network_layout import create_network
+from network.provisioning.new_node import NODE_ENTRY_FILE
+from network.provisioning.new_organisation import create_organisation
 from network.provisioning.node_certificates import now_ms, read_report
-from node.config import NodeConfig
-from node.directory.node_directory import DirectoryContent, content_of_genesis
+from node.config import NodeConfig, load_config
+from node.directory.directory_file import encode_directory
+from node.directory.node_directory import DirectoryContent, DirectoryNode, content_of_genesis
 from node.p2p.tls import Credentials, read_private_key
 
 
@@ -123,14 +130,65 @@ def test_a_certificate_is_not_renewed_without_the_address_at_which_its_node_is_r
     )
 
 
-def request_of(key: Any, organisation: str = "hospital", name: str = "node-1", *, hosts: bool = True) -> bytes:
-    subject = [
-        x509.NameAttribute(NameOID.ORGANIZATION_NAME, organisation),
-        x509.NameAttribute(NameOID.COMMON_NAME, name),
-    ]
+def test_a_certificate_is_not_renewed_by_an_authority_that_the_network_does_not_know(
+    folder: Path, config: NodeConfig, directory: DirectoryContent
+) -> None:
+    """Unless the network knows it by now, which a node that was cut off has not seen."""
+    stranger, old = create_authority("hospital"), config.tls_certificate_path.read_bytes()
+    place, known = folder.parent / "new-ca", folder.parent / "directory.json"
+    write_secret(place / "ca.key.pem", encode_private_key(stranger.key))
+    (place / "ca.crt.pem").write_text(stranger.certificate_pem)
+    renewal = ("renew", "node-1", "--authority", str(place), "--dir", str(folder))
+    for options in ((), ("--new-key",)):
+        said = run(*renewal, *options)
+        assert "PEER_CERTIFICATE_FOREIGN" in said.stderr
+        assert config.tls_certificate_path.read_bytes() == old
+        assert read_report(config).state(now_ms()) == "valid"
+    owner = replace(directory.organisations["hospital"], ca_certificate=stranger.certificate_pem)
+    newer = replace(directory, height=9, organisations={**directory.organisations, "hospital": owner})
+    known.write_bytes(encode_directory(Cluster(folder).genesis.chain_id, newer))
+    assert run(*renewal, "--directory", str(known)).exit_code == 0
+    assert config.tls_certificate_path.read_bytes() != old
+
+
+@pytest.mark.parametrize("is_founding", [False, True])
+def test_a_certificate_that_cannot_be_read_is_renewed_for_where_others_reach_the_node(
+    folder: Path, tmp_path: Path, is_founding: bool
+) -> None:
+    """Not for where it listens, which may be everywhere."""
+    home, words = folder, ("--bind", "0.0.0.0", "--advertise", "ward-1.hospital.example")
+    if is_founding:
+        home = tmp_path / "founder"
+        create_organisation(home, "hospital")
+        words = (*words, "--founding")
+    made = CliRunner().invoke(init, ["ward-1", "--organisation", "hospital", *words, "--dir", str(home)])
+    assert made.exit_code == 0, made.output
+    config = load_config(home / "nodes" / "ward-1")
+    if not is_founding:
+        entered = content_of_genesis(Cluster(folder).genesis)
+        fields = read_node_entry(config.data_dir / NODE_ENTRY_FILE)
+        del fields["producer_possession"]
+        newer = replace(entered, height=9, nodes={**entered.nodes, "ward-1": DirectoryNode(**fields)})
+        (tmp_path / "directory.json").write_bytes(encode_directory(Cluster(folder).genesis.chain_id, newer))
+    config.tls_certificate_path.write_bytes(b"rubbish")
+    known = () if is_founding else ("--directory", str(tmp_path / "directory.json"))
+    said = run("renew", "ward-1", "--dir", str(home), *known)
+    assert said.exit_code == 0, said.output
+    renewed = x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())
+    assert certified_hosts(renewed) == ("ward-1.hospital.example",)
+
+
+def request_of(
+    key: Any, organisation: str = "hospital", name: str = "node-1", *, names: list[x509.GeneralName] | None = None
+) -> bytes:
+    """`names`: else the node's own; without a name of the node: none in its subject."""
+    subject = [x509.NameAttribute(NameOID.ORGANIZATION_NAME, organisation)]
+    if name:
+        subject.append(x509.NameAttribute(NameOID.COMMON_NAME, name))
     builder = x509.CertificateSigningRequestBuilder().subject_name(x509.Name(subject))
-    if hosts:
-        builder = builder.add_extension(x509.SubjectAlternativeName([x509.DNSName(name)]), critical=False)
+    found = [x509.DNSName(name)] if names is None else names
+    if found:
+        builder = builder.add_extension(x509.SubjectAlternativeName(found), critical=False)
     algorithm = None if isinstance(key, ed25519.Ed25519PrivateKey) else hashes.SHA256()
     return builder.sign(key, algorithm).public_bytes(serialization.Encoding.PEM)
 
@@ -147,7 +205,8 @@ def test_an_authority_signs_requests_of_its_organisation_alone_and_only_what_is_
     forged = ssl.DER_cert_to_PEM_cert(bytes(swapped)).replace("CERTIFICATE", "CERTIFICATE REQUEST").encode()
     for wrong in (
         request_of(key, "university"),
-        request_of(key, hosts=False),
+        request_of(key, names=[]),
+        request_of(key, name="", names=[x509.DNSName("node-1")]),
         request_of(ed25519.Ed25519PrivateKey.generate()),
         forged,
         b"",
@@ -156,6 +215,35 @@ def test_an_authority_signs_requests_of_its_organisation_alone_and_only_what_is_
     ):
         with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE"):
             sign_request(authority, wrong, 10)
+
+
+def test_only_names_and_addresses_of_hosts_are_certified_of_what_a_request_names(authority: Authority) -> None:
+    person = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "Estação 1")])
+    names = [
+        x509.DirectoryName(person),
+        x509.RFC822Name("ward@hospital.example"),
+        x509.DNSName("ward-1.hospital.example"),
+    ]
+    made = sign_request(authority, request_of(ec.generate_private_key(ec.SECP256R1()), names=names), 10)
+    assert certified_hosts(made) == ("ward-1.hospital.example",)
+    named = made.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert list(named) == [x509.DNSName("node-1"), x509.DNSName("ward-1.hospital.example")]
+
+
+def test_an_authority_whose_certificate_names_no_key_identifier_signs_too(authority: Authority) -> None:
+    bare = (
+        x509.CertificateBuilder()
+        .subject_name(authority.certificate.subject)
+        .issuer_name(authority.certificate.subject)
+        .public_key(authority.key.public_key())
+        .serial_number(7)
+        .not_valid_before(dt.datetime.now(dt.UTC) - dt.timedelta(days=1))
+        .not_valid_after(dt.datetime.now(dt.UTC) + dt.timedelta(days=1))
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .sign(authority.key, hashes.SHA256())
+    )
+    made = sign_request(replace(authority, certificate=bare), request_of(ec.generate_private_key(ec.SECP256R1())), 10)
+    made.verify_directly_issued_by(bare)
 
 
 def test_a_node_takes_no_certificate_that_is_not_its_own(

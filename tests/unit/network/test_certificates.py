@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
@@ -124,12 +126,20 @@ def test_issuing_never_overwrites_and_names_an_authority_that_is_not_here(tmp_pa
     issue_into(tmp_path / "keys", authority, "node-9", "ward.example")
     with pytest.raises(FileExistsError):
         issue_into(tmp_path / "keys", authority, "node-9", "127.0.0.1")
+    (tmp_path / "keys" / "tls.key.pem").unlink()
+    with pytest.raises(FileExistsError):
+        issue_into(tmp_path / "keys", authority, "node-9", "127.0.0.1")
+    assert [path.name for path in (tmp_path / "keys").iterdir()] == ["tls.crt.pem"], "no key that does not fit"
     with pytest.raises(BlockRobotError, match="AUTHORITY_NOT_HERE"):
         get_authority(folder, "clinic")
     wrong, other = create_authority("clinic"), create_authority("clinic")
     write_secret(tmp_path / "ca" / "ca.key.pem", encode_private_key(other.key))
     (tmp_path / "ca" / "ca.crt.pem").write_text(wrong.certificate_pem)
     with pytest.raises(BlockRobotError, match="not that of its certificate"):
+        get_authority(folder, "clinic", tmp_path / "ca")
+    usual = rsa.generate_private_key(65537, 2048).private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    (tmp_path / "ca" / "ca.key.pem").write_bytes(usual)
+    with pytest.raises(BlockRobotError, match=r"not of an elliptic curve.*certificate request"):
         get_authority(folder, "clinic", tmp_path / "ca")
 
 

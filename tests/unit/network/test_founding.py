@@ -9,6 +9,7 @@ import random
 import shutil
 import stat
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +24,18 @@ from clients.sdk.terminal.terminal import console
 from clients.sdk.trust_pin import PIN_FILE
 from consensus.chain.genesis import ChainSettings, Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
 from contracts.execution.genesis import complete_genesis
 from network.cli.governance.genesis_commands import genesis as genesis_group
 from network.cli.governance.governance_signer import read_private_key
 from network.cli.governance.org_commands import org
 from network.cli.node.node_setup_commands import init
 from network.provisioning import founding, new_organisation
-from network.provisioning.founding import find_differences, fingerprint, make_genesis
-from network.provisioning.founding_entries import node_entry_to_json, read_offers
+from network.provisioning.founding import check_genesis, find_differences, fingerprint, make_genesis
+from network.provisioning.founding_entries import node_entry_to_json, organisation_entry_to_json, read_offers
 from node.config import load_config, load_genesis
+from node.directory.directory_file import encode_directory
+from node.directory.node_directory import DirectoryOrganisation, content_of_genesis
 from node.storage.directory_lock import DirectoryLock
 from node.storage.lmdb_store import LmdbStore
 
@@ -203,6 +207,43 @@ def test_a_hostile_party_enters_nothing_of_somebody_elses(world: Path, handed: d
     sign_anew(handed["lab-1"], world / "university", **fields[what])
     with pytest.raises(BlockRobotError, match=r"^(FOUNDING_ENTRY_INVALID|GENESIS_INVALID): .*(lab-1|ward-1)"):
         made_of(*handed.values())
+
+
+@pytest.mark.parametrize(
+    ("what", "why"),
+    [
+        ("a node's certificate", "is not that of an authority"),
+        ("another's authority beside its own", "is that of hospital, not of clinic"),
+        ("no admin", "ADMINS_MISSING"),
+        ("too many registrars", "KEYS_TOO_MANY"),
+    ],
+)
+def test_what_the_chain_lets_in_of_no_organisation_founds_no_network(
+    world: Path, handed: dict[str, Path], what: str, why: str
+) -> None:
+    """Its voice would count for the majority, and nobody could speak with it; or it would vouch for another's nodes."""
+    true, home = made_of(*handed.values()), world / "clinic"
+    own = {name: read_private_key(home / "organisations" / "clinic" / f"{name}.key") for name in ("admin", "registrar")}
+    more = [PrivateKey(bytes([number]) * 32) for number in range(1, 18)]
+    (clinic, hospital) = (
+        next(each for each in true.organisations if each.name == name) for name in ("clinic", "hospital")
+    )
+    fields: dict[str, dict[str, Any]] = {
+        "a node's certificate": {"ca_certificate": (home / "nodes" / "ward-2" / "keys" / "tls.crt.pem").read_text()},
+        "another's authority beside its own": {"ca_certificate": clinic.ca_certificate + hospital.ca_certificate},
+        "no admin": {"admins": ()},
+        "too many registrars": {"registrars": tuple(key.public_key for key in more)},
+    }
+    false = msgspec.structs.replace(clinic, **fields[what])
+    keys = [own["admin"]] * len(false.admins) + ([own["registrar"]] if len(false.registrars) == 1 else more)
+    handed["clinic"].write_text(organisation_entry_to_json(false, keys))
+    nodeless = [path for name, path in handed.items() if name != "ward-2"]
+    with pytest.raises(BlockRobotError, match=rf"^FOUNDING_ENTRY_INVALID: \S*clinic.json cannot be used: .*{why}"):
+        made_of(*nodeless)
+    others = tuple(each for each in true.organisations if each.name != "clinic")
+    genesis = msgspec.structs.replace(true, organisations=(false, *others))
+    with pytest.raises(BlockRobotError, match=rf"^FOUNDING_ENTRY_INVALID: organisation clinic cannot be used: .*{why}"):
+        check_genesis(complete_genesis(genesis))
 
 
 def test_a_custodian_key_that_was_stolen_without_its_secret_half_is_entered_by_nobody(
@@ -455,6 +496,42 @@ def test_a_file_that_was_adopted_too_early_is_replaced_until_a_node_has_started(
     (home / PIN_FILE).unlink()
     asyncio.run(LmdbStore.create(load_config(node).ledger_dir).close())
     refused("GENESIS_IN_USE", "ward-2 has started by it", "nodes.lab-1")
+
+
+def test_what_joined_later_is_no_founder_and_the_fingerprint_can_still_be_read_out(
+    handed: dict[str, Path], tmp_path: Path
+) -> None:
+    """Where a node of a founder joins, and where an organisation does."""
+    true, home = made_of(*handed.values()), tmp_path / "guest" / "network"
+    home.mkdir(parents=True)
+    (home / "genesis.json").write_text(genesis_to_json(true))
+    assert run(org, "new", "guest", "--dir", str(home)).exit_code == 0
+    authority = home / "organisations" / "guest"
+    directory = content_of_genesis(true)
+    organisations = {
+        **directory.organisations,
+        "guest": DirectoryOrganisation("guest", (authority / "ca.crt.pem").read_text()),
+    }
+    known = tmp_path / "directory.json"
+    known.write_bytes(encode_directory(true.chain_id, replace(directory, height=7, organisations=organisations)))
+    joined = ("--organisation", "guest", "--bind", "10.0.9.1", "--directory", str(known), "--dir", str(home))
+    assert run(init, "desk-1", *joined).exit_code == 0
+    elsewhere = tmp_path / "srv" / "desk"
+    assert run(init, "desk-2", *joined, "--data-dir", str(elsewhere)).exit_code == 0
+
+    def check(genesis: Genesis, *options: str) -> Result:
+        path = tmp_path / "offered.json"
+        path.write_text(genesis_to_json(genesis))
+        return run(genesis_group, "check", str(path), "--dir", str(home), "--json", *options)
+
+    for options in ((), ("--data-dir", str(elsewhere))):
+        said = check(true, *options)
+        assert said.exit_code == 0, said.output
+        assert json.loads(said.stdout)["fingerprint"] == fingerprint(true)
+    another = make_genesis(*read_offers(list(handed.values())), network="other")
+    assert json.loads(check(another).stdout)["error"]["code"] == "GENESIS_DIFFERS"
+    (home / "genesis.json").unlink()
+    assert json.loads(check(true).stdout)["error"]["code"] == "GENESIS_DIFFERS", "it would found, and is not in it"
 
 
 def test_two_files_that_differ_are_told_apart(handed: dict[str, Path]) -> None:

@@ -75,6 +75,16 @@ async def test_an_organisation_without_a_voice_yet_is_left_out() -> None:
         await nobody.begin()
 
 
+async def test_a_network_with_nodes_on_other_machines_gets_none_at_this_machines_own_address() -> None:
+    chain = Consortium()
+    away = {"host": "10.0.0.7", "api_url": "https://10.0.0.7:4101"}
+    chain.agree("add_node", node_fields("node-06", "org-02") | away)
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: node-06 .* node init --bind"):
+        await growth_of(chain, "org-01")[0].begin()
+    chain.agree("remove_node", {"name": "node-06"})
+    await growth_of(chain, "org-01")[0].begin()
+
+
 async def test_a_candidate_without_a_free_seat_is_told_so_and_one_that_is_silent_fails() -> None:
     chain = Consortium()
     growth, told = growth_of(chain, "org-01", "org-02")

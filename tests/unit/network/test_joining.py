@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from consensus.primitives.keys import verify
 from network.cluster import Cluster
 from network.provisioning.exchange_files import read_node_entry
 from network.provisioning.network_layout import PORTS_PER_NODE, create_network
-from network.provisioning.new_node import NODE_ENTRY_FILE, NewNode
+from network.provisioning.new_node import NODE_ENTRY_FILE, Founder, NewNode, create_node, new_key
 from network.provisioning.node_certificates import get_authority, now_ms, read_report
 from network.provisioning.node_joining import (
     init_node,
@@ -108,6 +109,21 @@ def test_a_folder_beside_a_new_node_stays_whatever_its_name_is(folder: Path, gen
     with pytest.raises(BlockRobotError, match="CONFIGURATION_INVALID"):
         init_node(place.with_name("n10"), newcomer(store="neither"), genesis, authority, directory)
     assert sorted(path.name for path in place.parent.iterdir()) == [".n9.new", "n9"]
+
+
+def test_nodes_of_one_name_share_no_database_on_a_server(folder: Path, genesis: Genesis, tmp_path: Path) -> None:
+    """Networks that parties found are all called blockrobot, unless somebody says otherwise."""
+    authority, stores = get_authority(folder, "hospital"), set()
+    new = newcomer(is_custodian=True, store="mongodb://db.example:27017")
+    for number, founder in enumerate((None, Founder(new_key(), 1))):
+        place = tmp_path / str(number)
+        if founder is None:
+            init_node(place, new, genesis, authority, content_of_genesis(genesis))
+        else:
+            create_node(place, new, authority, founder=founder)
+        stores.add(load_config(place).custody_store)
+    assert len(stores) == 2
+    assert all(re.fullmatch(r"mongodb://db\.example:27017/blockrobot-[0-9a-f]{8}-node-3", store) for store in stores)
 
 
 def test_whose_a_node_is_and_who_is_there_stands_in_genesis_or_its_own_file(folder: Path, genesis: Genesis) -> None:

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from clients.sdk.node_hints import HINTS
 from consensus.chain import light_client
+from consensus.errors import BlockRobotError
 from network import remote_nodes
 from network.cli.main import main
 from network.doctor.answers import BEHIND_BLOCKS_COUNT, Answer, check_heights
@@ -120,6 +122,17 @@ async def test_a_node_that_was_typed_and_is_on_no_list_here_is_asked_too(nodes: 
     assert (newcomer.name, newcomer.organisation, newcomer.api_url) == ("n9", "ward", url)
     assert (newcomer.problem, newcomer.custodian) == (None, None)
     assert told == [(done, len(found)) for done in range(len(found) + 1)]
+
+
+async def test_what_is_typed_is_used_or_refused_where_nobody_else_can_be_asked(nodes: CertifiedNodes) -> None:
+    """As on a machine that has all nodes that its chain names."""
+    here, told = [f"n{number}" for number in range(4)], list[BlockRobotError]()
+    url = await nodes.serve("n9")
+    with main.make_context("blockrobot", ["--node", url, "--node", "https://127.0.0.1:9", "status"]):
+        HINTS.tell = told.append
+        (found,) = await ask_remote_nodes(nodes.ledger.genesis, directory_of(nodes), here)
+    assert (found.name, found.problem) == ("n9", None)
+    assert [refusal.code for refusal in told] == ["NODE_UNREACHABLE"]
 
 
 def remote(name: str, height: int | None) -> RemoteNode:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import ssl
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +34,10 @@ from consensus.chain.genesis import genesis_to_json
 from consensus.errors import BlockRobotError
 from consensus.state.membership import NODE, NODES, ORGANISATION, NodeRow, OrganisationRow
 from network.cli.main import main
-from network.provisioning.certificate_authority import Authority, create_authority
+from network.provisioning.certificate_authority import Authority, create_authority, issue_node_certificate
 from node.api import create_api
-from tests.unit.clients.sdk.certified_nodes import WARD, CertifiedNodes
+from tests.unit.clients.sdk import certified_nodes
+from tests.unit.clients.sdk.certified_nodes import ELSEWHERE, WARD, CertifiedNodes
 from tests.unit.clients.sdk.conftest import DEAD_URL
 from tests.unit.node.api.small_network import SUBJECT, SmallNode
 
@@ -81,6 +84,18 @@ async def test_a_certificate_of_somebody_elses_authority_is_refused(town: Certif
     client, url = await town.client(), await town.serve("n0", authority=OTHER)
     for name in ("", "n0"):
         assert (await refused(client, url, name)).code == "NODE_ADDRESS_WRONG"
+
+
+async def test_a_certificate_of_no_version_that_there_is_is_refused(
+    town: CertifiedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenSSL serves it, and who reads it gets no further than its version."""
+    issued = issue_node_certificate(WARD, "n0", ELSEWHERE)
+    written = bytearray(ssl.PEM_cert_to_DER_cert(issued.certificate_pem.decode()))
+    written[written.index(b"\xa0\x03\x02\x01\x02") + 4] = 1
+    broken = replace(issued, certificate_pem=ssl.DER_cert_to_PEM_cert(bytes(written)).encode())
+    monkeypatch.setattr(certified_nodes, "issue_node_certificate", lambda *_: broken)
+    assert (await refused(await town.client(), await town.serve("n0"))).code == "NODE_ADDRESS_WRONG"
 
 
 async def test_a_node_of_another_chain_is_refused_though_its_certificate_is_right(
