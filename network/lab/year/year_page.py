@@ -11,6 +11,7 @@ MB = 1_000_000
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 680, 230, 70, 42, 14
 _COLOURS = ("#1f5f8b", "#b4540a", "#1b6b3a", "#7a3e8f", "#5d6470", "#8a6d00")
 _PART_OF_COLUMN = 0.7
+_WHOLE_FROM = 100
 
 
 def build_page(answer: HospitalYearAnswer) -> str:
@@ -57,7 +58,8 @@ def _columns(name: str, unit: str, series: Mapping[str, Sequence[float]], labels
     wide = (WIDTH - LEFT) / max(1, len(labels))
     scale = (HEIGHT - TOP - BOTTOM) / highest
     floor = HEIGHT - BOTTOM
-    drawn = [f'<text x="{LEFT - 8}" y="{TOP + 4}" text-anchor="end">{highest:,.3g} {text(unit)}</text>']
+    top = f"{highest:,.0f}" if highest >= _WHOLE_FROM else f"{highest:.2f}"
+    drawn = [f'<text x="{LEFT - 8}" y="{TOP + 4}" text-anchor="end">{top} {text(unit)}</text>']
     drawn.append(f'<text x="{LEFT - 8}" y="{floor}" text-anchor="end">0</text>')
     drawn.append(f'<path d="M{LEFT} {TOP}V{floor}H{WIDTH}" fill="none" stroke="#44546a"/>')
     for place, label in enumerate(labels):
