@@ -93,7 +93,7 @@ _COMMANDS = {
     ),
     "lab": LazyCommand(
         "network.cli.measure.lab_commands:lab",
-        "Play stories of a network whose nodes are on hosts of their own. Needs Linux, root and iproute2.",
+        "Play stories of a network on hosts of its own, and a hospital's year in a day.",
     ),
     "card": LazyCommand("clients.registrar.cli:card", "Issue enrolment cards (registrars)."),
     "roster": LazyCommand("clients.registrar.cli:roster", "Make robots' rosters (registrars)."),

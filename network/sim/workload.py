@@ -45,7 +45,8 @@ class Call:
     excused: tuple[str, ...] = ()
 
 
-def _material(size: int, *parts: Any) -> bytes:
+def make_material(size: int, *parts: Any) -> bytes:
+    """Bytes that look random and are always the same for the same parts."""
     seed = " ".join(map(str, parts)).encode()
     return b"".join(sha256(seed + bytes([number])) for number in range(-(-size // 32)))[:size]
 
@@ -61,7 +62,7 @@ def sign_call(
         entry=entry,
         arguments=arguments,
         valid_until_ms=VALID_UNTIL_MS,
-        salt=_material(8, contract, entry, *salt),
+        salt=make_material(8, contract, entry, *salt),
     )
 
 
@@ -71,13 +72,13 @@ def enrolment(size: NetworkSize, client: int) -> Call:
     card = issue_card(
         chain.registrar,
         chain_id=chain.genesis.chain_id,
-        handle=_material(32, "handle", client),
-        card_secret=_material(32, "card", client),
+        handle=make_material(32, "handle", client),
+        card_secret=make_material(32, "card", client),
         role="robot",
         not_after_ms=KEPT_LONG_MS,
     )
     keys = {"member": robot.public_key, "spend": robot.public_key, "view": robot.public_key}
-    sealing = _material(32, "sealing", client)
+    sealing = make_material(32, "sealing", client)
     signature = sign_card(card, chain_id=chain.genesis.chain_id, sealing=sealing, **keys)
     arguments = [card.handle, card.card_public, card.role, card.not_after_ms, card.voucher_signature]
     arguments += [robot.public_key, robot.public_key, sealing, signature, [PURPOSE]]
@@ -156,17 +157,17 @@ def _join(chain: Chain, newcomers: range) -> list[tuple[Call, ...]]:
 
 def _record(chain: Chain, robot: PrivateKey, owner: PrivateKey, client: int, number: int, index: int) -> Call:
     place = (client, number, index)
-    record_id = _material(16, "record", *place)
-    texts = [_material(64, "text", *place, frame) for frame in range(FRAMES_COUNT)]
-    keys = [_material(SEALED_KEY_BYTES, "key", *place, frame) for frame in range(FRAMES_COUNT)]
-    leaves = [_material(32, "leaf", *place, frame) for frame in range(FRAMES_COUNT)]
+    record_id = make_material(16, "record", *place)
+    texts = [make_material(64, "text", *place, frame) for frame in range(FRAMES_COUNT)]
+    keys = [make_material(SEALED_KEY_BYTES, "key", *place, frame) for frame in range(FRAMES_COUNT)]
+    leaves = [make_material(32, "leaf", *place, frame) for frame in range(FRAMES_COUNT)]
     expires_at_ms = EPOCH_MS + 2_000 + 700 * number if index == RECORDS_A_VISIT - 1 else KEPT_LONG_MS
     arguments = [
         record_id,
         owner.public_key,
         commitment_root(leaves),
         ciphertext_root(ciphertext_leaves(texts, keys)),
-        _material(SEALED_METADATA_BYTES, "metadata", *place),
+        make_material(SEALED_METADATA_BYTES, "metadata", *place),
         EPOCH_MS,
         expires_at_ms,
     ]

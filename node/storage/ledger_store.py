@@ -159,7 +159,7 @@ class LedgerSnapshot(Protocol):
         ...
 
     def iter_recent(self, since_timestamp_ms: int) -> Iterator[RecentBlock]:
-        """Yield replay-window blocks since this timestamp, oldest first, empty ones too."""
+        """Yield replay-window blocks, and the one before, since this timestamp, oldest first, empty ones too."""
         ...
 
     def events(self, from_cursor: EventCursor, limit: int) -> list[tuple[EventCursor, bytes]]:

@@ -16,7 +16,6 @@ from contracts.state.key_cache import prefix_end
 from contracts.state.trie import prove
 from node.storage import lmdb_layout as layout
 from node.storage.ledger_store import (
-    REPLAY_WINDOW_KEPT_MS,
     EventCursor,
     Position,
     RecentBlock,
@@ -143,11 +142,8 @@ class LmdbSnapshot:
         ]
 
     def iter_recent(self, since_timestamp_ms: int) -> Iterator[RecentBlock]:
-        if self._position is None:
-            return
-        since_ms = max(since_timestamp_ms, self._position.timestamp_ms - REPLAY_WINDOW_KEPT_MS)
         for key, row in self._rows(self._tables.recent, b""):
-            if layout.read_recent_timestamp(row) >= since_ms:
+            if layout.read_recent_timestamp(row) >= since_timestamp_ms:
                 yield layout.read_recent(layout.read_height(key), row)
 
     def events(self, from_cursor: EventCursor, limit: int) -> list[tuple[EventCursor, bytes]]:

@@ -64,8 +64,11 @@ def write_epoch_proofs(transaction: lmdb.Transaction[bytes], tables: layout.Tabl
 
 
 def forget_old_txids(transaction: lmdb.Transaction[bytes], tables: layout.Tables, timestamp_ms: int) -> None:
+    """The newest block from before the window stays: a snapshot shows by it that nothing is missing."""
+    since_ms = timestamp_ms - REPLAY_WINDOW_KEPT_MS
     with transaction.cursor(db=tables.recent) as cursor:
-        while cursor.first() and layout.read_recent_timestamp(cursor.value()) < timestamp_ms - REPLAY_WINDOW_KEPT_MS:
+        while cursor.first() and cursor.next() and layout.read_recent_timestamp(cursor.value()) <= since_ms:
+            cursor.prev()
             cursor.delete()
 
 

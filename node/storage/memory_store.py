@@ -57,7 +57,8 @@ class _Tables:
 
     def remember(self, block: RecentBlock) -> None:
         self.recent.append(block)
-        while self.recent[0].timestamp_ms < block.timestamp_ms - REPLAY_WINDOW_KEPT_MS:
+        since_ms = block.timestamp_ms - REPLAY_WINDOW_KEPT_MS
+        while len(self.recent) > 1 and self.recent[1].timestamp_ms <= since_ms:  # as `forget_old_txids`
             self.recent.pop(0)
         for index, (txid, _) in enumerate(block.transactions):
             self.locations[txid] = TransactionLocation(block.height, index)

@@ -44,6 +44,7 @@ DELETES_BESIDE = {
     "network/bench/growth/growth_bench.py": "half a filled size in the cache, named by its axis and size",
     "network/bench/catch_up.py": "a ledger of a network that the bench made",
     "network/lab/hosts/loss_stories.py": "the data directory of a node on a host that the story made",
+    "network/lab/year/end_checks.py": "copies of a node, in a folder that is reserved by its mark",
     "network/provisioning/network_layout.py": "mkdtemp",
     # what holds nothing but files of the program's own
     "network/provisioning/network_removal.py": "a half-made network, by its mark, without a foreign file",
@@ -113,6 +114,7 @@ WRITES_BESIDE = {
     "network/lab/hosts/founded_network.py": "hosts that are made for a story",
     "network/lab/hosts/node_stories.py": "hosts that are made for a story",
     "network/lab/hosts/patient_story.py": "hosts that are made for a story",
+    "network/lab/year/out_folder.py": "a played hospital's folder, held by its mark",
     # files of the user's, made with O_EXCL and mode 0600
     "clients/wallet/presentation/guardian_sheets.py": "all sheets of a set or none",
     "clients/wallet/cli/mnemonic_handover.py": "words, where a file that holds the same ones will do",

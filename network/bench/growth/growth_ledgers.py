@@ -24,7 +24,7 @@ from consensus.chain.block import (
     compute_transactions_root,
     genesis_certificate,
 )
-from consensus.chain.messages import sign_vote
+from consensus.chain.messages import sign_block, sign_vote
 from consensus.chain.transaction import Transaction
 from consensus.primitives.encoding import decode, encode, u64
 from consensus.primitives.hashing import sha256
@@ -59,16 +59,21 @@ def _certify(chain: Chain, header: Header) -> QuorumCertificate:
 
 
 class BlockMaker:
-    """Makes the blocks behind a header; `finality` proves the newest one."""
+    """Makes the blocks behind a header; `finality` proves the newest one. None is from before `at_ms`."""
 
     def __init__(self, chain: Chain, parent: Header) -> None:
-        self.chain, self.parent = chain, parent
+        self.chain, self.parent, self.at_ms = chain, parent, 0
 
     @classmethod
     def behind(cls, chain: Chain, ledger: LedgerStore) -> BlockMaker:
         with ledger.snapshot() as snapshot:
             data = None if snapshot.position is None else snapshot.block(snapshot.position.height)
         return cls(chain, chain.genesis.block().header if data is None else decode(data, Block).header)
+
+    @property
+    def next_ms(self) -> int:
+        """The time of the block that comes next."""
+        return max(self.parent.timestamp_ms + BLOCK_INTERVAL_MS, self.at_ms)
 
     def _header(self, parent: Header, qc: QuorumCertificate, result: BlockExecutionResult | None = None) -> Header:
         receipts = () if result is None else result.receipts
@@ -82,7 +87,7 @@ class BlockMaker:
             qc=qc,
             tc=None,
             producer=0,
-            timestamp_ms=parent.timestamp_ms + BLOCK_INTERVAL_MS,
+            timestamp_ms=max(parent.timestamp_ms + BLOCK_INTERVAL_MS, self.at_ms),
             transactions_root=compute_transactions_root([receipt.txid for receipt in receipts]),
             receipts_root=compute_receipts_root(receipts),
             state_root=parent.state_root if result is None else result.state_root,
@@ -95,14 +100,16 @@ class BlockMaker:
             return genesis_certificate(self.chain.genesis.block_id)
         return _certify(self.chain, self.parent)
 
-    def _stored(self, header: Header, wires: tuple[bytes, ...], receipts: tuple[Receipt, ...]) -> FinalizedBlock:
+    def _stored(
+        self, header: Header, wires: tuple[bytes, ...], receipts: tuple[Receipt, ...], signature: bytes = bytes(64)
+    ) -> FinalizedBlock:
         data = encode(header)
         self.parent = header
         until_ms = header.timestamp_ms + BLOCK_INTERVAL_MS
         return FinalizedBlock(
             height=header.height,
             block_id=sha256(data),
-            block_bytes=encode(Block(header_bytes=data, signature=bytes(64), transactions=wires)),
+            block_bytes=encode(Block(header_bytes=data, signature=signature, transactions=wires)),
             receipts_bytes=encode(Receipts(receipts=receipts)),
             timestamp_ms=header.timestamp_ms,
             state_root=header.state_root,
@@ -118,7 +125,10 @@ class BlockMaker:
     def of_result(self, result: BlockExecutionResult, calls: Iterable[Transaction]) -> FinalizedBlock:
         header = self._header(self.parent, self._parent_certificate(), result)
         wires = tuple(call.wire for call in calls)
-        block = self._stored(header, wires, result.receipts)
+        signature = sign_block(
+            self.chain.producers[0], header.chain_id, header.epoch, header.round, sha256(encode(header))
+        )
+        block = self._stored(header, wires, result.receipts, signature)
         return replace(block, state_writes=result.writes, page_writes=result.page_writes)
 
     def filler(self) -> FinalizedBlock:

@@ -18,6 +18,7 @@ from clients.wallet.ledger.visit_audit import audit_all
 from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.keystore import Keystore
 from consensus.api_documents import ANNOUNCEMENTS_PAGE_MAX_COUNT, ProofsAnswer, finality_document
+from consensus.chain.genesis import Genesis
 from consensus.chain.light_client import LightClient
 from consensus.members.roster import ROSTER_ROWS_MAX_COUNT, ROSTER_VERSION, Roster
 from consensus.primitives.hashing import sha256
@@ -44,8 +45,8 @@ _CHEAPEST = PassphraseCost(argon2id.OPSLIMIT_MIN, argon2id.MEMLIMIT_MIN)
 class LocalClient:
     """Answers a client's questions from a ledger, through a node's proofs and the client's checks."""
 
-    def __init__(self, ledger: LedgerStore) -> None:
-        genesis = open_chain().genesis
+    def __init__(self, ledger: LedgerStore, genesis: Genesis | None = None) -> None:
+        genesis = genesis or open_chain().genesis
         self._ledger = ledger
         self._trust = ProofVerifier(genesis, LightClient(genesis))
 

@@ -42,7 +42,7 @@ class LedgerGrowth:
 
     @property
     def _now_ms(self) -> int:
-        return self.maker.parent.timestamp_ms + 1
+        return self.maker.next_ms
 
     def _sign(self, entry: str, arguments: list[Any]) -> Transaction:
         signed = sign_transaction(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, doc
+from network.lab.year.figures import HospitalYearAnswer
 
 
 class HostStoriesAnswer(Answer, frozen=True, kw_only=True):
@@ -24,4 +25,4 @@ class HostStoryAnswer(Answer, frozen=True, kw_only=True):
     conditions: Annotated[dict[str, Any], doc("What it was measured under: cores, load, versions")]
 
 
-ANSWERS: AnswersByCommand = {"lab hosts": (HostStoriesAnswer, HostStoryAnswer)}
+ANSWERS: AnswersByCommand = {"lab hosts": (HostStoriesAnswer, HostStoryAnswer), "lab year": HospitalYearAnswer}

@@ -34,7 +34,7 @@ from node.snapshot.snapshot_format import (
     read_manifest,
     write_manifest,
 )
-from node.storage.ledger_store import LedgerStore, TransactionLocation
+from node.storage.ledger_store import REPLAY_WINDOW_KEPT_MS, LedgerStore, TransactionLocation
 from node.storage.lmdb_reader import LedgerFile
 from node.storage.lmdb_restore import LmdbRestore
 from node.storage.lmdb_store import LmdbStore
@@ -177,6 +177,24 @@ async def test_the_replay_window_is_ten_minutes_and_the_block_before() -> None:
     assert refusal(folder, chain) == ""
     short = rewritten(folder, 0, lambda chunk: RecentChunk(chunk.blocks[1:]))
     assert refusal(short, chain) == "SNAPSHOT_DAMAGED"
+
+
+@pytest.mark.parametrize("pauses", [1, 2])
+@pytest.mark.parametrize("kind", ["lmdb", "memory"])
+async def test_a_snapshot_made_soon_after_a_long_pause_is_taken(tmp_path: Path, kind: str, pauses: int) -> None:
+    """The block before the pause is long past every replay, and yet what shows that nothing is missing since."""
+    chain = written(6)
+    store: LedgerStore = LmdbStore.create(tmp_path / "ledger") if kind == "lmdb" else MemoryStore()
+    await chain.fill(store)
+    for _ in range(pauses):
+        chain.extend(later_ms=10 * REPLAY_WINDOW_KEPT_MS)
+        await chain.fill(store)
+    folder = MemorySnapshotFolder()
+    with store.snapshot() as ledger:
+        make_snapshot(ledger, folder)
+        assert [block.height for block in ledger.iter_recent(0)] == [len(chain.blocks) - 2, len(chain.blocks) - 1]
+    await store.close()
+    assert refusal(folder, chain) == ""
 
 
 async def test_a_large_state_is_cut_into_chunks(monkeypatch, restored) -> None:
