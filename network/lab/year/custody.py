@@ -39,7 +39,7 @@ def facts_of(ledger: LmdbStore) -> Iterator[ChainFacts]:
 
 @dataclass(slots=True)
 class CustodianPlace:
-    """One open custodian. For others it is a peer, who gives a missing clip."""
+    """One open custodian, which keeps every clip. For others it is a peer, who gives a missing one."""
 
     name: str
     config: NodeConfig
@@ -47,6 +47,10 @@ class CustodianPlace:
     store: SqliteStore
     keys: EraseKeys
     custodian: Custodian
+
+    @property
+    def member(self) -> bytes:
+        return self.key.public_key
 
     async def fetch(self, record_id: bytes) -> ClipDownload | None:
         return await self.custodian.export(record_id)
