@@ -18,6 +18,7 @@ import structlog
 from consensus.errors import BlockRobotError
 from node.config import NodeConfig, load_config
 from node.node_process import Node
+from node.p2p.tls import pass_over_strange_names
 from node.process_memory import guard_process
 from node.snapshot.restoring import adopt_restored
 from node.storage.directory_lock import DirectoryLock
@@ -94,6 +95,7 @@ def _run(data_dir: Path, make_node: Callable[[NodeConfig], Node]) -> None:
     os.umask(0o077)  # what a node writes is for its own user
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the node is open: it would end the process
     guard_process()
+    sys.unraisablehook = pass_over_strange_names
     config = load_config(data_dir)
     lock = DirectoryLock(data_dir)
     try:

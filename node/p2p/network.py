@@ -265,23 +265,29 @@ class PeerNetwork:
         return not self._credentials.own.facts.is_expired(self._clock())
 
     async def _dial(self, name: str, host: str, port: int) -> bool:
-        """Dial once; return after the connection ended, True if greeted."""
+        """Dial once; return after the connection ended, True if greeted.
+
+        As the server's name (SNI) it says whose node this is, so that its certificate is checked by that alone.
+        """
         loop = asyncio.get_running_loop()
+        nodes = self._directory.content.nodes
+        organisation = nodes[self._name].organisation if self._name in nodes else self._config.organisation
         try:
             async with asyncio.timeout(DIAL_TIMEOUT_MS / 1000):
                 _, connection = await loop.create_connection(
                     lambda: self._connection(name),
                     host,
                     port,
-                    ssl=self._credentials.dialling,
+                    ssl=self._credentials.dialling(nodes[name].organisation),
+                    server_hostname=organisation or None,
                     ssl_shutdown_timeout=SHUTDOWN_TIMEOUT_MS / 1000,
                 )
         except ssl.SSLCertVerificationError:
-            detail = f"The node at {name}'s address shows a certificate of no authority of this network."
+            detail = f"The node at {name}'s address shows a certificate that is not from its organisation's authority."
             self._refused.note(name, BlockRobotError("PEER_CERTIFICATE_FOREIGN", detail), self._clock())
             return False
-        except (OSError, TimeoutError, UnicodeError, OverflowError):
-            return False  # nobody is there, or the address that was agreed upon is none
+        except (BlockRobotError, OSError, TimeoutError, UnicodeError, OverflowError):
+            return False  # nobody is there, the address that was agreed upon is none, or own files are half-written
         await connection.closed
         return connection.greeted
 

@@ -5,12 +5,14 @@ Rebuilt when CAs or certificate change; validity dates are left to `identity`.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import socket
 import ssl
 import struct
 import sys
 import termios
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -27,6 +29,7 @@ from node.p2p.identity import UNREADABLE, CertificateFacts, load_authorities, re
 from pages.time_format import format_utc_time
 
 EXPIRY_WARNING_MS = 30 * 24 * 3600 * 1000
+_ANY = ""
 _NO_CHECK_TIME = 0x200000  # X509_V_FLAG_NO_CHECK_TIME of OpenSSL, for which the ssl module has no name
 
 RECORD_OVERHEAD_BYTES = 22
@@ -76,7 +79,8 @@ class Credentials:
         self._key_path = key_path
         self._authorities = _authorities(directory)
         self.own = self._read_own()
-        self.accepting, self.dialling = self._peer_contexts(self._authorities)
+        self.accepting = self._accepting_context(self._authorities)
+        self._by_organisation: dict[tuple[ssl._SSLMethod, str], ssl.SSLContext] = {}
         self.serving = self._client_context()
         """For clients, which show no certificate."""
 
@@ -88,8 +92,9 @@ class Credentials:
         authorities = _authorities(directory)
         if authorities == self._authorities:
             return False
-        self.accepting, self.dialling = self._peer_contexts(authorities)
+        self.accepting = self._accepting_context(authorities)
         self._authorities = authorities
+        self._by_organisation.clear()
         return True
 
     def reload(self) -> bool:
@@ -100,27 +105,45 @@ class Credentials:
         if self._stamp() == self.own.stamp:
             return False
         own, serving = self._read_own(), self._client_context()
-        self.accepting, self.dialling = self._peer_contexts(self._authorities)
+        self.accepting = self._accepting_context(self._authorities)
         self.own, self.serving = own, serving
+        self._by_organisation.clear()
         return True
 
-    def _peer_contexts(self, authorities: tuple[str, ...]) -> tuple[ssl.SSLContext, ssl.SSLContext]:
-        """For connections that come, and for those that go out."""
-        made = []
-        for protocol in (ssl.PROTOCOL_TLS_SERVER, ssl.PROTOCOL_TLS_CLIENT):
-            context = self._new_context(protocol)
-            context.check_hostname = False
-            context.verify_mode = ssl.CERT_REQUIRED
-            context.verify_flags = ssl.VerifyFlags(
-                context.verify_flags | _NO_CHECK_TIME | ssl.VERIFY_X509_PARTIAL_CHAIN
-            )
+    def dialling(self, organisation: str) -> ssl.SSLContext:
+        """For a node of this organisation. Raises CONFIGURATION_INVALID, GENESIS_INVALID."""
+        return self._context_of(ssl.PROTOCOL_TLS_CLIENT, organisation)
+
+    def _accepting_context(self, authorities: Mapping[str, str]) -> ssl.SSLContext:
+        context = self._peer_context(ssl.PROTOCOL_TLS_SERVER, authorities[_ANY])
+        context.sni_callback = self._narrow_to
+        return context
+
+    def _narrow_to(self, handshake: ssl.SSLObject, organisation: str | None, _context: ssl.SSLContext) -> None:
+        """The dialler says whose it is: no other organisation's authority has a say then, whatever that looks like."""
+        if organisation is not None and organisation in self._authorities:
+            with contextlib.suppress(BlockRobotError):
+                handshake.context = self._context_of(ssl.PROTOCOL_TLS_SERVER, organisation)
+
+    def _context_of(self, protocol: ssl._SSLMethod, organisation: str) -> ssl.SSLContext:
+        if (protocol, organisation) not in self._by_organisation:
+            authorities = self._authorities.get(organisation, "")
+            self._by_organisation[protocol, organisation] = self._peer_context(protocol, authorities)
+        return self._by_organisation[protocol, organisation]
+
+    def _peer_context(self, protocol: ssl._SSLMethod, authorities: str) -> ssl.SSLContext:
+        context = self._new_context(protocol)
+        context.check_hostname = False
+        context.verify_mode = ssl.CERT_REQUIRED
+        context.verify_flags = ssl.VerifyFlags(context.verify_flags | _NO_CHECK_TIME | ssl.VERIFY_X509_PARTIAL_CHAIN)
+        if protocol == ssl.PROTOCOL_TLS_SERVER:
+            context.num_tickets = 0
+        if authorities:
             try:
-                context.load_verify_locations(cadata="".join(authorities))
+                context.load_verify_locations(cadata=authorities)
             except ssl.SSLError:
                 raise BlockRobotError("GENESIS_INVALID", "A CA certificate of the directory cannot be used.") from None
-            made.append(context)
-        made[0].num_tickets = 0
-        return made[0], made[1]
+        return context
 
     def _client_context(self) -> ssl.SSLContext:
         context = self._new_context(ssl.PROTOCOL_TLS_SERVER)
@@ -165,20 +188,30 @@ def read_private_key(path: Path) -> ec.EllipticCurvePrivateKey:
     return key
 
 
-def _authorities(directory: DirectoryContent) -> tuple[str, ...]:
-    """Return all CA certificates, removed organisations' included. Raises GENESIS_INVALID.
+def _authorities(directory: DirectoryContent) -> Mapping[str, str]:
+    """Return each organisation's CA certificates, and those of all active ones (`_ANY`). Raises GENESIS_INVALID.
 
-    Each is re-encoded as PEM, so no other text reaches the TLS library.
+    Removed organisations' are for their own nodes, which are told why they count no more. Each is re-encoded as PEM, so
+    no other text reaches the TLS library.
     """
-    readable = []
+    readable = {_ANY: ""}
     for name, organisation in sorted(directory.organisations.items()):
         certificates = load_authorities(organisation.ca_certificate)
         if not certificates:
             log.error("authority_unreadable", organisation=name)
-        readable += [certificate.public_bytes(Encoding.PEM).decode() for certificate in certificates]
-    if not readable:
+            continue
+        readable[name] = "".join(certificate.public_bytes(Encoding.PEM).decode() for certificate in certificates)
+        if organisation.is_active:
+            readable[_ANY] += readable[name]
+    if not readable[_ANY]:
         raise BlockRobotError("GENESIS_INVALID", "No CA certificate of the directory can be read.")
-    return tuple(readable)
+    return readable
+
+
+def pass_over_strange_names(fault: sys.UnraisableHookArgs) -> None:
+    """For `sys.unraisablehook`: a stranger's server name beyond ASCII is told there by the ssl module, each time."""
+    if not isinstance(fault.object, bytes):
+        sys.__unraisablehook__(fault)
 
 
 def read_bytes(transport_socket: Any) -> int | None:

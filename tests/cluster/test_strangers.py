@@ -79,6 +79,19 @@ async def test_a_client_without_a_certificate_is_refused(network: NetworkUnderTe
     await network.finalize(TARGET, network.transaction())
 
 
+async def test_a_server_name_that_cannot_be_read_is_told_to_nobody(network: NetworkUnderTest, tmp_path: Path) -> None:
+    """What a node's process writes besides its log has no limit."""
+    sent = ssl.MemoryBIO()
+    handshake = _client_context(tmp_path, None, "node-1").wrap_bio(ssl.MemoryBIO(), sent, server_hostname="hospital")
+    with pytest.raises(ssl.SSLWantReadError):
+        handshake.do_handshake()
+    hello = sent.read()
+    assert hello.count(b"hospital") == 1
+    await _knock(network, None, hello.replace(b"hospital", b"\xff" * 8))
+    await network.finalize(TARGET, network.transaction())
+    assert b"UnicodeDecodeError" not in (network.cluster.config(TARGET).data_dir / "output.log").read_bytes()
+
+
 async def test_a_certificate_of_a_foreign_authority_is_refused(network: NetworkUnderTest, tmp_path: Path) -> None:
     foreign = create_authority("hospital")
     assert await _knock(network, _client_context(tmp_path, foreign, "node-1"), b"") == b""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from clients.sdk.chain.governance import Governor
+from clients.sdk.chain.governance import Governor, read_membership
 from clients.sdk.network_client import NetworkClient
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey
@@ -22,7 +22,9 @@ from network.provisioning.certificate_authority import (
 )
 from network.provisioning.node_certificates import serial_bytes
 from node.p2p.wire import PROTOCOL_VERSION, FrameDecoder, FrameKind, Hello, Refusal, encode_frame
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
+from tests.security.intruder import new_key
+from tests.twin_authority import twin_of
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.smoke]
 
@@ -104,3 +106,33 @@ async def test_nobody_else_revokes_an_organisations_certificate_alone(network: N
     assert not decision.executed
     await _still_works(network)
     assert IMPOSTOR in (await network.status(TARGET))["peers"]
+
+
+async def test_an_organisation_whose_authorities_look_like_others_keeps_no_nodes_apart(
+    network: NetworkUnderTest,
+) -> None:
+    """A majority lets it in by hand: the commands would not, and the chain looks into no certificate."""
+    owners = ("hospital", "university")
+    admins = [PrivateKey((network.folder / "organisations" / name / "admin.key").read_bytes()) for name in owners]
+    certificates = [create_authority("evil"), *(twin_of(_authority(network, name), "evil") for name in owners)]
+    arguments = {
+        "name": "evil",
+        "ca_certificate": "".join(each.certificate_pem for each in certificates),
+        "admins": [new_key().public_key],
+        "registrars": [],
+    }
+    async with NetworkClient(network.genesis) as client:
+        await Governor(client, admins[0]).propose("membership", "add_org", arguments)
+        view = await read_membership(client, admins[1])
+        (proposal,) = [each for each in view.proposals if each.kind == "add_org"]
+        decision = await Governor(client, admins[1]).approve(proposal)
+    for name in network.names:
+        await network.wait_height(name, decision.height)
+    network.cluster.stop(IMPOSTOR)
+    network.cluster.start(IMPOSTOR)
+    await network.cluster.wait_ready([IMPOSTOR])
+    for name in network.names:
+        async with asyncio.timeout(FINAL_TIMEOUT_S):
+            while (await network.status(name))["peers"] != sorted({*network.names} - {name}):  # noqa: ASYNC110
+                await asyncio.sleep(0.1)
+    await _still_works(network)

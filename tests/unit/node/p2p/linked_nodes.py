@@ -128,6 +128,7 @@ class LinkedNodes:
         self.state = Membership()
         self.ports: dict[str, int] = {}
         self.serials: dict[str, int] = {}
+        self.organisations: dict[str, str] = {}
         self.nodes: dict[str, LinkedNode] = {}
         self.genesis: Genesis | None = None
         self._stack = AsyncExitStack()
@@ -168,11 +169,13 @@ class LinkedNodes:
             custodian_key_path=None,
             custody_store="sqlite",
             log_level="info",
+            organisation=self.organisations[name],
         )
 
     def declare(self, name: str, organisation: str, status: str = "active") -> None:
         """Let the state name a node, at the port that it has or a new one."""
         self.ports.setdefault(name, find_base_port(1))
+        self.organisations[name] = organisation
         self.state.put_node(name, organisation, self.ports[name], status)
 
     def prepare(self, names: dict[str, str]) -> Genesis:

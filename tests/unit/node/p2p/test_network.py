@@ -14,6 +14,7 @@ from node.p2p import network as links_module
 from node.p2p.connection import PeerConnection
 from node.p2p.wire import FrameKind
 from tests.cluster.network_under_test import find_base_port
+from tests.twin_authority import twin_of
 from tests.unit.node.p2p.linked_nodes import LinkedNodes, days, eventually
 
 THREE = {"n1": "hospital", "n2": "university", "n3": "hospital"}
@@ -84,6 +85,9 @@ async def test_the_nodes_of_a_removed_organisation_are_cut_off(network: LinkedNo
     problem = network.nodes["n2"].links.own_problem()
     assert problem is not None
     assert problem.code == "NODE_REMOVED"
+    await network.nodes["n2"].links.stop()
+    await network.start({"n2": "university"})  # from what it knew at first
+    await eventually(lambda: network.nodes["n2"].refused_by().get("n3") == "PEER_REMOVED")
 
 
 async def test_a_revoked_certificate_counts_no_more_and_a_new_one_does(network: LinkedNodes) -> None:
@@ -201,6 +205,34 @@ async def test_a_replaced_authority_makes_strangers_of_its_old_certificates(netw
     network.certify("n2", "university")
     network.nodes["n2"].links.reload_certificate()
     await all_linked(network, *THREE)
+
+
+@pytest.mark.parametrize("status", ["active", "removed"])
+async def test_an_organisation_whose_authorities_look_like_others_keeps_no_nodes_apart(
+    network: LinkedNodes, status: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor a newcomer, who dials before it knows itself."""
+    monkeypatch.setattr(links_module, "MISSED_AFTER_MS", 60_000)
+    await network.start(THREE)
+    await all_linked(network, *THREE)
+    twins = [twin_of(authority, "evil") for authority in network.authorities.values()]
+    text = "".join(each.certificate_pem for each in (create_authority("evil"), *twins))
+    network.state.put_organisation("evil", text, status)
+    network.finalize()
+    for node in network.nodes.values():
+        node.heard.links_made.clear()
+    for name, organisation in THREE.items():
+        network.certify(name, organisation)
+        network.nodes[name].links.reload_certificate()
+    await eventually(
+        lambda: all(set(node.heard.links_made) == {*THREE} - {name} for name, node in network.nodes.items())
+    )
+    await all_linked(network, *THREE)
+    network.declare("n0", "hospital")
+    network.finalize()
+    await network.start({"n0": "hospital"})
+    await all_linked(network, *THREE, "n0")
+    assert all(node.refused() == {} for node in network.nodes.values())
 
 
 async def test_an_authority_that_nobody_can_read_harms_its_own_organisation_only(network: LinkedNodes) -> None:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import ssl
+import sys
 import textwrap
 from base64 import b64encode
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from consensus.errors import BlockRobotError
-from network.provisioning.certificate_authority import create_authority, issue_node_certificate
+from network.provisioning.certificate_authority import Authority, create_authority, issue_node_certificate
 from node.directory.node_directory import DirectoryContent, DirectoryOrganisation
 from node.p2p.identity import load_authorities
-from node.p2p.tls import Credentials
+from node.p2p.tls import Credentials, pass_over_strange_names
 
 OWN = create_authority("hospital")
 OTHER = create_authority("clinic")
@@ -84,7 +88,8 @@ def test_an_odd_certificate_of_one_organisation_harms_no_other(
     credentials = open_credentials(ODD[kind])
     others = {authority.certificate.public_bytes(Encoding.DER) for authority in (OWN, LAST)}
     assert others <= trusted(credentials.accepting)
-    assert others <= trusted(credentials.dialling)
+    assert all(trusted(credentials.dialling(name)) <= others for name in ("hospital", "university"))
+    assert others == trusted(credentials.dialling("hospital")) | trusted(credentials.dialling("university"))
 
 
 @pytest.mark.parametrize(
@@ -102,8 +107,11 @@ def test_an_odd_certificate_that_comes_while_the_node_runs_harms_no_other(
     kind: str, open_credentials: Callable[[str], Credentials]
 ) -> None:
     credentials = open_credentials(OTHER.certificate_pem)
+    assert trusted(credentials.dialling("clinic")) == {DER}
     credentials.trust(directory(ODD[kind]))
-    assert LAST.certificate.public_bytes(Encoding.DER) in trusted(credentials.dialling)
+    assert trusted(credentials.dialling("clinic")) <= {DER}
+    assert LAST.certificate.public_bytes(Encoding.DER) in trusted(credentials.accepting)
+    assert trusted(credentials.dialling("university")) == {LAST.certificate.public_bytes(Encoding.DER)}
 
 
 def test_the_same_certificate_written_otherwise_is_no_change(open_credentials: Callable[[str], Credentials]) -> None:
@@ -118,3 +126,58 @@ def test_without_any_readable_authority_the_node_says_so(open_credentials: Calla
     with pytest.raises(BlockRobotError, match=r"^GENESIS_INVALID:"):
         credentials.trust(nobody)
     assert DER in trusted(credentials.accepting)
+
+
+def test_only_active_organisations_vouch_for_who_does_not_say_whose_it_is(
+    open_credentials: Callable[[str], Credentials],
+) -> None:
+    """A removed one's certificates are looked at for its own nodes, which are told why they count no more."""
+    credentials, known = open_credentials(OTHER.certificate_pem), directory(OTHER.certificate_pem)
+    removed = {**known.organisations, "clinic": replace(known.organisations["clinic"], is_active=False)}
+    assert DER in trusted(credentials.accepting)
+    assert credentials.trust(replace(known, organisations=removed))
+    assert DER not in trusted(credentials.accepting)
+    assert shake_hands(credentials, OTHER, "clinic") == "shaken"
+    assert shake_hands(credentials, OTHER, "hospital") == "CERTIFICATE_VERIFY_FAILED"
+    assert shake_hands(credentials, OTHER, None) == "CERTIFICATE_VERIFY_FAILED"
+
+
+def shake_hands(credentials: Credentials, authority: Authority, said: str | None, sent: bytes = b"") -> str:
+    """Dial a node, in memory, with a certificate of an authority; `sent`: what goes over the line in place of `said`."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    issued = issue_node_certificate(authority, "node-2")
+    with TemporaryDirectory() as folder:
+        certificate, key = Path(folder, "crt"), Path(folder, "key")
+        certificate.write_bytes(issued.certificate_pem)
+        key.write_bytes(issued.key_pem)
+        context.load_cert_chain(certificate, key)
+    to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
+    client = context.wrap_bio(to_client, to_server, server_hostname=said)
+    server = credentials.accepting.wrap_bio(to_server, to_client, server_side=True)
+    with pytest.raises(ssl.SSLWantReadError):
+        client.do_handshake()
+    if sent:
+        hello = to_server.read()
+        assert said is not None
+        assert hello.count(said.encode()) == 1
+        to_server.write(hello.replace(said.encode(), sent))
+    try:
+        with contextlib.suppress(ssl.SSLWantReadError):
+            server.do_handshake()
+        client.do_handshake()
+        server.do_handshake()
+    except ssl.SSLError as error:
+        return str(error.reason)
+    return "shaken"
+
+
+def test_a_name_that_cannot_be_read_ends_the_handshake_and_is_not_told(
+    open_credentials: Callable[[str], Credentials], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A stranger could fill a disk with it."""
+    monkeypatch.setattr(sys, "unraisablehook", pass_over_strange_names)
+    credentials = open_credentials(OTHER.certificate_pem)
+    assert shake_hands(credentials, OTHER, "clinic") == "shaken"
+    assert shake_hands(credentials, OTHER, "clinic", b"\xff" * 6) == "CALLBACK_FAILED"
+    assert capsys.readouterr().err == ""
