@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from cryptography import x509
+from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 from cryptography.x509.oid import NameOID
 
@@ -27,13 +28,15 @@ def check_authority(ca_certificate: str, owner: str, organisations: Iterable[Org
     """Reject certificates (PEM) unfit as `owner`'s authority. Raises AUTHORITY_INVALID.
 
     Each has to be a CA, with a key of no other organisation's authority and no other organisation's name in its
-    subject.
+    subject. TLS libraries tell authorities apart by subject and key identifier alone: no two organisations share these.
     """
     found = load_authorities(ca_certificate)
     if not found:
         raise BlockRobotError("AUTHORITY_INVALID", f"What is to be the authority of {owner} is no certificate.")
     others = [row for row in organisations if row.name != owner]
-    keys = {_key_of(item): row.name for row in others for item in load_authorities(row.ca_certificate)}
+    theirs = [(row.name, item) for row in others for item in load_authorities(row.ca_certificate)]
+    keys = {_key_of(item): name for name, item in theirs}
+    looks = {look: name for name, item in theirs for look in _looks_of(item)}
     names = {row.name for row in others}
     for certificate in found:
         subject = certificate.subject.rfc4514_string()
@@ -44,6 +47,28 @@ def check_authority(ca_certificate: str, owner: str, organisations: Iterable[Org
         if holder is not None:
             detail = f"The certificate {subject!r} is that of {holder}, not of {owner}."
             raise BlockRobotError("AUTHORITY_INVALID", detail)
+        alike = next((looks[look] for look in _looks_of(certificate) if look in looks), None)
+        if alike is not None:
+            detail = f"The certificate {subject!r} of {owner} has the subject or key identifier of one of {alike}'s."
+            raise BlockRobotError("AUTHORITY_INVALID", detail)
+
+
+def fingerprints(ca_certificate: str) -> list[str]:
+    """SHA-256 of each certificate (PEM), as `openssl x509 -fingerprint -sha256` shows it, in small letters."""
+    return [certificate.fingerprint(hashes.SHA256()).hex() for certificate in load_authorities(ca_certificate)]
+
+
+def _looks_of(certificate: x509.Certificate) -> list[object]:
+    """By what TLS libraries find it; they tell neither small letters from capitals nor one blank from several."""
+    subject = [
+        frozenset((item.oid, " ".join(str(item.value).lower().split())) for item in part)
+        for part in certificate.subject.rdns
+    ]
+    try:
+        identifier = certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value.digest
+    except UNREADABLE:
+        return [tuple(subject)]
+    return [tuple(subject), identifier]
 
 
 def _key_of(certificate: x509.Certificate) -> bytes:

@@ -24,6 +24,7 @@ from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.governance.governance_answers import GenesisAnswer, GenesisNode, GenesisOrganisation, GenesisWarning
 from network.cli.governance.governance_signer import plain_table
+from network.provisioning.authority_check import fingerprints
 from network.provisioning.founding import (
     adopt_genesis,
     check_genesis,
@@ -79,7 +80,8 @@ def make(entries: tuple[Path, ...], out: Path, network: str, nodeless: tuple[str
     write_new_file(out, genesis_to_json(made).encode(), private=False)
     _show(made, out, adopted=[], as_json=as_json, nodeless=nodeless)
     if not as_json:
-        console.print(f"Next step, for each party: blockrobot genesis check {escape(str(out))} --adopt", soft_wrap=True)
+        step = f"blockrobot genesis check {shlex.quote(str(out))} --adopt"
+        console.print(f"Next step, for each party: {escape(step)}", soft_wrap=True)
 
 
 @genesis.command()
@@ -97,9 +99,9 @@ def make(entries: tuple[Path, ...], out: Path, network: str, nodeless: tuple[str
 def check(file: Path, adopt: bool, data_dirs: tuple[Path, ...], folder: Path | None, as_json: bool) -> None:
     """Check a genesis file: whether the entries that were made here are in it unchanged, and nothing else in their name.
 
-    Everything that a founder agrees to is shown: who has a voice, nodes and custodians, the settings that are not the
-    default (with --json: all), purposes, and when it begins. A file that was adopted too early is replaced by the next
-    one that is adopted, as long as no node here has started.
+    Everything that a founder agrees to is shown: who has a voice, by which keys and authority, nodes and custodians, the
+    settings that are not the default (with --json: all), purposes, and when it begins. A file that was adopted too early
+    is replaced by the next one that is adopted, as long as no node here has started.
 
     All parties have the same file if they see the same fingerprint: read it out to each other on the telephone.
 
@@ -154,6 +156,7 @@ def _organisations(shown: Genesis) -> list[GenesisOrganisation]:
             name=entry.name,
             nodes=[node.name for node in shown.nodes if node.organisation == entry.name],
             custodians=[node.name for node in shown.custodians if node.organisation == entry.name],
+            authorities=fingerprints(entry.ca_certificate),
             admins=[key.hex() for key in entry.admins],
             registrars=[key.hex() for key in entry.registrars],
         )
@@ -243,11 +246,14 @@ def _print_agreement(
     shown: Genesis, organisations: list[GenesisOrganisation], changed: dict[str, tuple[int | str, int | str]]
 ) -> None:
     """What a founder agrees to besides the nodes."""
-    table = plain_table("Who has a voice", ["organisation", "nodes", "keep clips", "admins", "registrars"])
+    table = plain_table("Who has a voice", ["organisation", "nodes", "authority", "admins", "registrars"])
     for entry in organisations:
-        named = [", ".join(names) or "none" for names in (entry.nodes, entry.custodians)]
-        keys = [" ".join(key[:_KEY_SHOWN_CHARS] for key in held) or "none" for held in (entry.admins, entry.registrars)]
-        table.add_row(*map(escape, (entry.name, *named, *keys)))
+        nodes = ", ".join(entry.nodes) or "none"
+        keys = [
+            " ".join(key[:_KEY_SHOWN_CHARS] for key in held) or "none"
+            for held in (entry.authorities, entry.admins, entry.registrars)
+        ]
+        table.add_row(*map(escape, (entry.name, nodes, *keys)))
     console.print(table)
     if changed:
         table = plain_table("Settings that are not the default", ["setting", "here", "default"])

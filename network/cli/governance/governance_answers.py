@@ -38,6 +38,7 @@ class MemberOrganisation(Answer, frozen=True, kw_only=True):
     name: Annotated[str, doc("Its name")]
     status: Annotated[Literal["active", "removed"], doc("Whether it is a member: `active`")]
     since_height: Annotated[Height, doc("Since which block it is a member")]
+    authorities: Annotated[list[Hex], doc("SHA-256 of each certificate of its authority")]
     nodes: Annotated[list[str], doc("Names of its nodes")]
 
 
@@ -90,6 +91,7 @@ class GenesisOrganisation(Answer, frozen=True, kw_only=True):
     name: Annotated[str, doc("Its name")]
     nodes: Annotated[list[str], doc("Its nodes")]
     custodians: Annotated[list[str], doc("Those that keep off-chain data")]
+    authorities: Annotated[list[Hex], doc("SHA-256 of each certificate of its authority")]
     admins: Annotated[list[Hex], doc("Keys that speak for it where the network is governed")]
     registrars: Annotated[list[Hex], doc("Keys that let people in")]
 

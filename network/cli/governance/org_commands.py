@@ -38,7 +38,7 @@ from network.cli.governance.governance_signer import (
     withdraw_command,
 )
 from network.cli.governance.quorum_check import anyway_option, check_membership_change
-from network.provisioning.authority_check import check_authority_change
+from network.provisioning.authority_check import check_authority_change, fingerprints
 from network.provisioning.exchange_files import (
     ORGANISATION_ENTRY_FILE,
     read_authority_certificates,
@@ -47,6 +47,8 @@ from network.provisioning.exchange_files import (
 )
 from network.provisioning.new_node import NewNode
 from network.provisioning.new_organisation import create_organisation, enter_organisation
+
+_FINGERPRINT_SHOWN_CHARS = 16
 
 
 @click.group()
@@ -59,7 +61,13 @@ def org() -> None:
 
 def _organisation_answer(row: OrganisationRow, nodes: tuple[NodeRow, ...]) -> MemberOrganisation:
     own = [node.name for node in nodes if node.organisation == row.name]
-    return MemberOrganisation(name=row.name, status=row.status, since_height=row.since_height, nodes=own)
+    return MemberOrganisation(
+        name=row.name,
+        status=row.status,
+        since_height=row.since_height,
+        authorities=fingerprints(row.ca_certificate),
+        nodes=own,
+    )
 
 
 @org.command("list")
@@ -83,10 +91,11 @@ def list_organisations(admin: AdminOptions, as_json: bool) -> None:
         print_answer(answer)
         return
     title = f"Organisations, as of height {view.height}; {view.majority} make a majority"
-    table = plain_table(title, ["organisation", "since height", "nodes"])
+    table = plain_table(title, ["organisation", "since height", "authority", "nodes"])
     for row in view.organisations:
         own = [node.name for node in view.nodes if node.organisation == row.name]
-        table.add_row(escape(row.name), str(row.since_height), escape(", ".join(own)))
+        authorities = " ".join(print_[:_FINGERPRINT_SHOWN_CHARS] for print_ in fingerprints(row.ca_certificate))
+        table.add_row(escape(row.name), str(row.since_height), authorities, escape(", ".join(own)))
     console.print(table)
     table = plain_table("Nodes", ["node", "organisation", "peers", "since", "producer", "custodian"])
     for node in view.nodes:

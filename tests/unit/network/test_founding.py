@@ -31,6 +31,7 @@ from network.cli.governance.governance_signer import read_private_key
 from network.cli.governance.org_commands import org
 from network.cli.node.node_setup_commands import init
 from network.provisioning import founding, new_organisation
+from network.provisioning.authority_check import fingerprints
 from network.provisioning.founding import check_genesis, find_differences, fingerprint, make_genesis
 from network.provisioning.founding_entries import node_entry_to_json, organisation_entry_to_json, read_offers
 from node.config import load_config, load_genesis
@@ -111,12 +112,16 @@ def test_each_party_finds_its_own_entries_in_it_and_its_nodes_begin_with_it(worl
         assert seen.exit_code == 0, seen.output
         checked = json.loads(seen.stdout)
         assert checked["fingerprint"] == answer["fingerprint"]
+        (own,) = (each for each in checked["organisations"] if each["name"] == owner)
+        authority = world / owner / "organisations" / owner / "ca.crt.pem"
+        assert own["authorities"] == fingerprints(authority.read_text())
         assert set(checked["adopted"]) == set(nodes)
         for node in nodes:
             config = load_config(world / owner / "nodes" / node)
             assert load_genesis(config).chain_id.hex() == answer["chain_id"]
     shown = run(genesis_group, "check", str(out), "--dir", str(tmp_path / "nobody"))
     assert "nothing to compare" in shown.output
+    assert all(each["authorities"][0][:8] in shown.output for each in answer["organisations"])
     said = run(genesis_group, "make", str(out), "--out", str(tmp_path / "other.json"))
     assert "FILE_UNUSABLE" in said.stderr, "a genesis file is no entry"
 
