@@ -97,9 +97,13 @@ def new_key() -> PrivateKey:
     return PrivateKey(secrets.token_bytes(PRIVATE_KEY_SIZE_BYTES))
 
 
+def is_name(name: str) -> bool:
+    return 0 < len(name) <= NAME_MAX_CHARS and set(name) <= _NAME_CHARS
+
+
 def check_name(name: str, what: str) -> None:
     """Reject an invalid node or organisation name (also a folder name). Raises CONFIGURATION_INVALID."""
-    if not 0 < len(name) <= NAME_MAX_CHARS or not set(name) <= _NAME_CHARS:
+    if not is_name(name):
         text = f"The name of {what} has 1 to {NAME_MAX_CHARS} small letters, digits and hyphens."
         raise BlockRobotError("CONFIGURATION_INVALID", text)
 

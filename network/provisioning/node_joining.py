@@ -9,7 +9,7 @@ from consensus.chain.genesis import Genesis, NodeEntry, genesis_to_json
 from consensus.errors import BlockRobotError
 from network.provisioning.certificate_authority import Authority
 from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
-from network.provisioning.new_node import NewNode, create_node
+from network.provisioning.new_node import NewNode, create_node, is_name
 from node.config import NodeConfig, load_genesis
 from node.directory.directory_file import DIRECTORY_FILE, encode_directory
 from node.directory.node_directory import DirectoryContent, content_of_genesis, read_content
@@ -24,6 +24,29 @@ def read_directory_of(config: NodeConfig) -> DirectoryContent | None:
     with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as snapshot:
         position = snapshot.position
         return None if position is None else read_content(snapshot, position.height)
+
+
+def check_asked(
+    name: str, hosts: Iterable[str], organisation: str, known: DirectoryContent | None, expected: str | None
+) -> None:
+    """Whether an organisation's authority may certify a node of this name at these hosts. Raises FILE_UNUSABLE.
+
+    `expected`: whose request it is to be. A name among the hosts that is another node's would let it answer as that.
+    """
+    nodes = {} if known is None else known.nodes
+    owner = nodes[name].organisation if name in nodes else organisation
+    false = sorted(host for host in hosts if "*" in host or (host.lower() in nodes and host.lower() != name))
+    if not is_name(name):
+        detail = f"The request names {name!r}, which is no name of a node."
+    elif expected not in {None, name}:
+        detail = f"The request is of {name!r}, not of {expected!r}."
+    elif owner != organisation:
+        detail = f"The request is of {name!r}, which is a node of {owner!r}."
+    elif false:
+        detail = f"The request of {name!r} names {false[0]!r} besides, which is not its own."
+    else:
+        return
+    raise BlockRobotError("FILE_UNUSABLE", detail)
 
 
 def newest_directory(genesis: Genesis, configs: Iterable[NodeConfig]) -> DirectoryContent:

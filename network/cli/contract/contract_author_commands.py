@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -45,7 +46,7 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
         return
     for path in written:
         console.print(escape(str(path)))
-    console.print(escape(f"Next step: blockrobot contract test {place}"))
+    console.print(escape(f"Next step: blockrobot contract test {shlex.quote(str(place))}"))
 
 
 @click.command(context_settings={"ignore_unknown_options": True})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -96,7 +97,7 @@ def new(file: Path, as_json: bool) -> None:
         return
     console.print(
         f"The demonstration's notice is in {escape(str(file))}. Change every line of it; have your data protection "
-        f"officer read it.\nNext step: blockrobot notice check {escape(str(file))}"
+        f"officer read it.\nNext step: blockrobot notice check {escape(shlex.quote(str(file)))}"
     )
 
 
@@ -117,7 +118,7 @@ def check(file: Path, as_json: bool) -> None:
         console.print(escape(line))
     console.print(
         f"\nIt is complete ({len(document)} bytes). Whether it is true, and lawful, no program can tell.\n"
-        f"Next step: blockrobot notice publish {escape(str(file))} --as ORG"
+        f"Next step: blockrobot notice publish {escape(shlex.quote(str(file)))} --as ORG"
     )
 
 

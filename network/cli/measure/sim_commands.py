@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import tempfile
 import time
@@ -298,7 +299,7 @@ def _print_failure(failure: Failure, plan_file: Path | None) -> None:
         options = f"--profile flood --nodes {plan.nodes} --rounds {plan.rounds}"
     if plan.governance == "grow":
         options = f"--profile grow --rounds {plan.rounds}"
-    replayed = f"--seeds {failure.seed} {options}" if plan_file is None else f"--plan {plan_file}"
+    replayed = f"--seeds {failure.seed} {options}" if plan_file is None else f"--plan {shlex.quote(str(plan_file))}"
     click.echo(f"replay:  blockrobot sim run {replayed} --trace", err=True)
-    click.echo(f"shrunk:  blockrobot sim run --plan {path} --trace", err=True)
+    click.echo(f"shrunk:  blockrobot sim run --plan {shlex.quote(str(path))} --trace", err=True)
     click.echo(plan_to_toml(failure.shrunk), err=True)

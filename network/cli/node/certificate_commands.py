@@ -5,6 +5,7 @@ Issue and renewal are local to an organisation; revocation is a transaction.
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
     FILE,
     FOLDER,
+    ask,
+    can_ask,
     command_output,
     console,
     load_genesis,
@@ -68,7 +71,7 @@ from network.provisioning.node_certificates import (
     serial_bytes,
 )
 from network.provisioning.node_certificates import install as install_certificate
-from network.provisioning.node_joining import newest_directory, organisation_of
+from network.provisioning.node_joining import check_asked, newest_directory, organisation_of
 from node.config import LOOPBACK, NodeConfig
 from node.directory.directory_file import DIRECTORY_FILE, decode_directory
 from node.directory.node_directory import DirectoryContent, DirectoryNode
@@ -203,7 +206,9 @@ def request(node: str, out: Path, hosts: tuple[str, ...], folder: Path | None, a
         return
     console.print(f"The request of {config.name} is in {escape(str(out))}; it names {escape(', '.join(named))}.")
     console.print(
-        f"Next step, at the authority of {escape(organisation)}: blockrobot certificate sign {escape(str(out))} --out FILE"
+        f"Next step, at its authority: blockrobot certificate sign {escape(shlex.quote(str(out)))} "
+        f"--organisation {escape(organisation)} --node {config.name} --out FILE",
+        soft_wrap=True,
     )
 
 
@@ -211,6 +216,8 @@ def request(node: str, out: Path, hosts: tuple[str, ...], folder: Path | None, a
 @click.argument("request_file", metavar="REQUEST", type=EXISTING_FILE)
 @click.option("--organisation", required=True, help="Whose authority signs.")
 @click.option("--out", required=True, type=FILE, help="The certificate: a new file.")
+@click.option("--node", metavar="NAME", help="Refuse a request of another node.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
 @days_option
 @authority_option
 @folder_option
@@ -219,6 +226,8 @@ def sign(
     request_file: Path,
     organisation: str,
     out: Path,
+    node: str | None,
+    yes: bool,
     days: int,
     authority: Path | None,
     folder: Path | None,
@@ -226,20 +235,34 @@ def sign(
 ) -> None:
     """Issue a certificate for a node's request, where the organisation's authority is.
 
-    Make sure that the request is of the node that it names: what it asks for is shown, and then certified.
+    It shows what the request asks for, and asks: make sure that it is of the node that it names. Refused is what names
+    another organisation's node, or another node besides its own, as far as the network's folder knows them.
 
-    Example: blockrobot certificate sign node-7.csr --organisation clinic --out node-7.crt.pem
+    Example: blockrobot certificate sign node-7.csr --organisation clinic --node node-7 --out node-7.crt.pem
     """
-    ca = get_authority(network_folder(folder), organisation, authority)
+    if not yes and not can_ask():
+        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+    place = network_folder(folder)
+    ca = get_authority(place, organisation, authority)
     made = sign_request(ca, read_public_text(request_file).encode(), days)
     facts, hosts = read_facts(made), list(certified_hosts(made))
+    cluster = Cluster(place) if (place / "genesis.json").is_file() else None
+    known = None if cluster is None else newest_directory(cluster.genesis, cluster.configs.values())
+    check_asked(facts.name, hosts, organisation, known, node)
+    if not yes:
+        asks = (
+            f"{facts.name} of {organisation} is to be certified until {facts.expires}, reached at {', '.join(hosts)}."
+        )
+        click.echo(asks, err=True)
+        ask("Sign it?", err=True)
     write_new_file(out, made.public_bytes(Encoding.PEM), private=False)
     if as_json:
         print_answer(CertificateSignAnswer(node=facts.name, serial=facts.serial_hex, hosts=hosts, file=str(out)))
         return
     console.print(f"{escape(facts.name)}, reached at {escape(', '.join(hosts))}, is certified until {facts.expires}.")
     console.print(
-        f"Next step, where the node is: blockrobot certificate install {escape(facts.name)} {escape(str(out))}"
+        f"Next step, where the node is: blockrobot certificate install {facts.name} {escape(shlex.quote(str(out)))}",
+        soft_wrap=True,
     )
 
 

@@ -199,7 +199,7 @@ def test_an_authority_that_this_program_made_elsewhere_may_sign_the_request(foun
     (founder.home / "ca.pem").write_bytes((safe / "organisations" / "hospital" / "ca.crt.pem").read_bytes())
     founder.begin()
     out = founder.home / "node.pem"
-    sign = ["certificate", "sign", str(founder.request), "--organisation", "hospital", "--out", str(out)]
+    sign = ["certificate", "sign", str(founder.request), "--organisation", "hospital", "--out", str(out), "--yes"]
     said = CliRunner().invoke(main, [*sign, "--dir", str(safe)])
     assert said.exit_code == 0, said.output
     founder.ok("certificate", "install", NODE, str(out))

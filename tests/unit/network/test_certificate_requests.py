@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import json
+import shlex
 import ssl
 import stat
 from dataclasses import replace
@@ -19,6 +20,7 @@ from cryptography.x509.oid import NameOID
 
 from clients.sdk import connections
 from consensus.errors import BlockRobotError
+from network.cli.node import certificate_commands
 from network.cli.node.certificate_commands import certificate
 from network.cli.node.node_setup_commands import init
 from network.cluster import Cluster
@@ -28,6 +30,7 @@ from network.provisioning.certificate_authority import (
     certify,
     create_authority,
     encode_private_key,
+    host_names,
     load_authority,
     write_secret,
 )
@@ -82,7 +85,7 @@ def test_a_request_goes_and_a_certificate_comes_and_both_keys_stay(folder: Path,
     assert run("request", "node-1", "--out", str(asked), *hosts, *home).exit_code == 0
     said = run(
         *("sign", str(asked), "--organisation", "hospital", "--out", str(made), "--days", "90"),
-        *("--authority", str(away), *home, "--json"),
+        *("--authority", str(away), *home, "--json", "--yes"),
     )
     assert said.exit_code == 0, said.output
     assert json.loads(said.stdout)["hosts"] == ["127.0.0.1", "node-1.clinic.example"]
@@ -230,6 +233,50 @@ def test_only_names_and_addresses_of_hosts_are_certified_of_what_a_request_names
     assert list(named) == [x509.DNSName("node-1"), x509.DNSName("ward-1.hospital.example")]
 
 
+@pytest.mark.parametrize(
+    ("name", "hosts", "why"),
+    [
+        ("ward-7;touch$IFS/tmp/x;echo", ["10.0.0.7"], "is no name of a node"),
+        ("Ward-7", ["10.0.0.7"], "is no name of a node"),
+        ("node-2", ["10.0.0.2"], "is a node of 'university'"),
+        ("ward-7", ["10.0.0.7", "node-2"], "names 'node-2' besides"),
+        ("node-1", ["10.0.0.1", "NODE-2"], "names 'NODE-2' besides"),
+        ("ward-7", ["*.hospital.example"], "names '*.hospital.example' besides"),
+        ("ward-8", ["10.0.0.7"], "is of 'ward-8', not of 'ward-7'"),
+    ],
+)
+def test_nothing_is_signed_by_which_one_node_could_answer_as_another(
+    folder: Path, tmp_path: Path, name: str, hosts: list[str], why: str
+) -> None:
+    asked, out = tmp_path / "asked.csr", tmp_path / "made.pem"
+    names = [x509.DNSName(name), *host_names(hosts)]
+    asked.write_bytes(request_of(ec.generate_private_key(ec.SECP256R1()), name=name, names=names))
+    expected = ("--node", "ward-7") if name == "ward-8" else ()
+    sign = ("sign", str(asked), "--organisation", "hospital", "--out", str(out), "--dir", str(folder), "--yes")
+    said = run(*sign, *expected)
+    assert "FILE_UNUSABLE" in said.stderr
+    assert why in said.stderr.replace("\n", " ")
+    assert not out.exists()
+
+
+def test_what_is_asked_for_is_shown_before_it_is_certified(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, out = tmp_path / "asked.csr", tmp_path / "made here.pem"
+    names = [x509.DNSName("ward-7"), *host_names(["10.0.0.7", "ward-7.hospital.example"])]
+    asked.write_bytes(request_of(ec.generate_private_key(ec.SECP256R1()), name="ward-7", names=names))
+    sign = ["sign", str(asked), "--organisation", "hospital", "--out", str(out), "--dir", str(folder)]
+    assert "give --yes" in run(*sign).stderr
+    monkeypatch.setattr(certificate_commands, "can_ask", lambda: True)
+    for answer, is_signed in (("n", False), ("y", True)):
+        said = CliRunner().invoke(certificate, sign, input=f"{answer}\n")
+        assert "ward-7 of hospital" in said.stderr
+        assert "10.0.0.7, ward-7.hospital.example" in said.stderr
+        assert out.exists() == is_signed
+        assert (said.exit_code == 0) == is_signed
+    assert f"certificate install ward-7 {shlex.quote(str(out))}" in said.stdout
+
+
 def test_an_authority_whose_certificate_names_no_key_identifier_signs_too(authority: Authority) -> None:
     bare = (
         x509.CertificateBuilder()
@@ -295,7 +342,7 @@ def test_an_intermediate_authority_is_enough_for_peers_and_clients(
     config.tls_certificate_path.write_bytes(pem_of(made))
     credentials = Credentials(config.tls_certificate_path, config.tls_key_path, known)
     for server, client in (
-        (credentials.accepting, credentials.dialling),
+        (credentials.accepting, credentials.dialling("hospital")),
         (credentials.serving, _client(pem_of(intermediate))),
     ):
         shake_hands(server, client)
