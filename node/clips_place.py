@@ -17,7 +17,7 @@ FOLDER_DEFAULT_NAME = "clips"
 class ClipsPlace:
     """A folder, or a bucket and prefix at an S3 endpoint (empty: AWS).
 
-    `credentials_path`: a file as the AWS tools read it; None: what the environment gives them.
+    `credentials_path`: a file with the two keys; None: what the environment gives the AWS library.
     """
 
     url: str

@@ -31,7 +31,7 @@ IN_THE_STORE = "store"
 @click.option("--clips-endpoint", default="", help="The S3 server's URL. Default: AWS.")
 @click.option("--clips-region", default=REGION_DEFAULT, show_default=True, help="The S3 server's region.")
 @click.option("--clips-ca", type=EXISTING_FILE, help="Certificates that the S3 server's is checked by.")
-@click.option("--clips-credentials", type=EXISTING_FILE, help="A file of credentials, as the AWS tools read it.")
+@click.option("--clips-credentials", type=EXISTING_FILE, help="A file with the two AWS keys under [default].")
 @folder_option
 @command_output
 def move(

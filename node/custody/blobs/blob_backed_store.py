@@ -26,6 +26,8 @@ log = structlog.get_logger(__name__)
 
 OWNER_NAME = "custodian"
 OWNER_MAX_BYTES = 256
+GENERATIONS_MAX_COUNT = 1_000
+"""Of one record's blobs; a write ends those before it, so there are more than two only after many cuts."""
 REFERENCE = struct.Struct(f">{GENERATION_BYTES}sII")
 """Generation, offset and length in bytes; shorter than any ciphertext."""
 
@@ -47,6 +49,7 @@ class BlobBackedStore:
         await self._blobs.__aenter__()
         try:
             await self._take_place()
+            await self._blobs.clear_unfinished()
             await self._index.__aenter__()
         except BaseException as error:
             await self._blobs.__aexit__(type(error), error, error.__traceback__)
@@ -153,8 +156,13 @@ class BlobBackedStore:
 
     async def _delete_all(self, record_id: bytes, besides: Collection[str] = ()) -> None:
         """Raises STORE_UNAVAILABLE if one is still there."""
-        prefix = self._names.prefix(record_id)
-        gone = [name async for name in self._blobs.names(prefix) if name not in besides]
+        gone: list[str] = []
+        async for name in self._blobs.names(self._names.prefix(record_id)):
+            if self._names.read(name) is None or name in besides:
+                continue
+            if len(gone) >= GENERATIONS_MAX_COUNT:
+                raise BlockRobotError("STORE_UNAVAILABLE", "The store of clips names one clip's blobs without an end.")
+            gone.append(name)
         for name in gone:
             await self._blobs.delete(name)
         for name in gone:

@@ -36,3 +36,7 @@ class BlobStore(Protocol):
     def names(self, prefix: str = "") -> AsyncIterator[str]:
         """Those that begin so; in no order."""
         ...
+
+    async def clear_unfinished(self) -> None:
+        """Delete what cut writes left; only by the custodian whose place it is, before it writes."""
+        ...

@@ -13,6 +13,8 @@ from consensus.errors import BlockRobotError
 from node.storage.synced_files import UNFINISHED, sync_directory, write_synced
 
 T = TypeVar("T")
+_HEX = "[0-9a-f]" * 2
+_BLOB_FOLDER = f"{_HEX}/{_HEX}"
 
 
 class FolderBlobs:
@@ -22,17 +24,19 @@ class FolderBlobs:
         self._folder = folder
 
     async def __aenter__(self) -> Self:
-        await self._in_thread(self._open)
+        await self._in_thread(lambda: self._folder.mkdir(mode=0o700, parents=True, exist_ok=True))
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
-    def _open(self) -> None:
-        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for path in self._folder.rglob(f"{UNFINISHED}*"):
-            path.unlink()
+    async def clear_unfinished(self) -> None:
+        def clear() -> None:
+            for path in self._folder.glob(f"{_BLOB_FOLDER}/{UNFINISHED}*"):
+                path.unlink()
+
+        await self._in_thread(clear)
 
     async def put(self, name: str, content: bytes) -> None:
         await self._in_thread(lambda: self._write(self._folder / name, content))
