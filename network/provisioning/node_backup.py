@@ -2,7 +2,7 @@
 
 A backup has the node's settings, a snapshot of its ledger and its custodian's database, if that is not MongoDB's. It never
 has erase keys, which would bring erased pictures back, nor the journal, which must not be older than the node's last run;
-keys only if asked for.
+keys only if asked for. Whoever can write where it lies can change it, so a restore takes named files of it, and no others.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.directory.directory_file import DIRECTORY_FILE
+from node.faults import STATE_FILE_NAME as FAULTS_FILE_NAME
 from node.snapshot.making import make_snapshot_folder
 from node.snapshot.restoring import restore_ledger
 from node.snapshot.snapshot_format import SnapshotFolder
@@ -100,9 +101,8 @@ def back_up(config: NodeConfig, out: Path, *, with_keys: bool, tell: Tell = lamb
         for folder in (making, making / NODE):
             folder.mkdir(mode=0o700)
         write_new_file(making / NODE / CONFIG_FILE, _settings_without_password(config))
-        for path in (config.genesis_path, config.data_dir / DIRECTORY_FILE):
-            if path.parent == config.data_dir and path.is_file():
-                _copy(path, making / NODE / path.name)
+        if _require_genesis_name(config):
+            _copy(config.genesis_path, making / NODE / config.genesis_path.name)
         if with_keys:
             tell("keys")
             _copy_all(config.data_dir / KEYS, making / KEYS)
@@ -254,12 +254,13 @@ def restore(
     with _workplace(data_dir.parent, data_dir.name) as own:
         making = own / data_dir.name
         making.mkdir(mode=0o700)
-        for path in _files_of(place / NODE):
-            _copy(path, making / path.name)
+        _copy(place / NODE / CONFIG_FILE, making / CONFIG_FILE)
         if keys is not None or manifest.has(KEYS):
             _copy_all(keys or place / KEYS, making / KEYS)
         config = load_config(making)
         _require_own_paths(config, outside)
+        if _require_genesis_name(config):
+            _copy(place / NODE / config.genesis_path.name, config.genesis_path)
         for path in _keys_of(config):
             if not path.is_file():
                 detail = f"There is no {path.name} of the node: name the folder of its keys with --keys."
@@ -321,6 +322,16 @@ def _paths_of(config: NodeConfig) -> Iterator[Path]:
             yield Path(value)
 
 
+def _require_genesis_name(config: NodeConfig) -> bool:
+    """Whether the genesis file is beside `node.toml`, under no name that a node looks for. Raises CONFIGURATION_INVALID."""
+    path = config.genesis_path
+    if path.parent != config.data_dir:
+        return False
+    if path.suffix != ".json" or path.name in (DIRECTORY_FILE, FAULTS_FILE_NAME):
+        raise BlockRobotError("CONFIGURATION_INVALID", f"[node] genesis: call the file genesis.json, not {path.name}.")
+    return True
+
+
 def _keys_of(config: NodeConfig) -> Iterator[Path]:
     paths = (config.tls_certificate_path, config.tls_key_path, config.producer_key_path, config.custodian_key_path)
     yield from filter(None, paths)
@@ -351,12 +362,18 @@ def _fields_of(config: NodeConfig | ClipsPlace) -> dict[str, Any]:
 
 
 def shown_settings(config: NodeConfig) -> dict[str, str | int | bool | list[str]]:
-    """What a node was set to, without its paths and without the password of a database."""
+    """What a node was set to, with the paths that leave its folder, and without the password of a database."""
+    home = config.data_dir.resolve()
     shown = {
-        name: value for name, value in _fields_of(config).items() if value is not None and not isinstance(value, Path)
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in _fields_of(config).items()
+        if value is not None and not (isinstance(value, Path) and value.resolve().is_relative_to(home))
     }
     if config.clips is not None:
-        shown["clips"] = " at ".join(filter(None, (config.clips.url, config.clips.endpoint)))
+        clips = config.clips
+        paths = {"with keys of": clips.credentials_path, "checked by": clips.ca_path}
+        parts = [f"{word} {config.name_of(path)}" for word, path in paths.items() if path is not None]
+        shown["clips"] = ", ".join([" at ".join(filter(None, (clips.url, clips.endpoint))), *parts])
     if config.custody_store != "sqlite":
         shown["custody_store"] = f"mongodb at {urlsplit(config.custody_store).hostname}"
     return {name: list(value) if isinstance(value, tuple) else value for name, value in shown.items()}

@@ -154,7 +154,10 @@ class NodeRestoreAnswer(Answer, frozen=True, kw_only=True):
     height: Annotated[Height, doc("The block up to which its ledger is there")]
     has_custody: Annotated[bool, doc("Whether what it kept as a custodian is there")]
     fingerprint: Annotated[str, doc("Of its network's genesis file, as `genesis check` shows it")]
-    settings: Annotated[dict[str, str | int | bool | list[str]], doc("What its node.toml says, but for paths")]
+    settings: Annotated[
+        dict[str, str | int | bool | list[str]],
+        doc("What its node.toml says; of paths, those outside of its folder, and what its clips' server is asked with"),
+    ]
     changed_settings: Annotated[list[str], doc("Those that are not the default, or have none")]
     next_step: Annotated[str, doc("The command that starts it")]
     warning: Annotated[

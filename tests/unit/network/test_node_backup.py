@@ -33,9 +33,13 @@ from network.provisioning.network_layout import create_network
 from network.provisioning.node_backup import MANIFEST_FILE, BackupManifest, back_up, read_backup
 from node.config import NodeConfig, load_config, load_genesis
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME, EraseKeys
+from node.directory.directory_file import encode_directory
+from node.directory.node_directory import DirectoryContent, DirectoryOrganisation, content_of_genesis
 from node.node_process import Node
 from node.storage.lmdb_reader import LedgerFile
 from tests.cluster.network_under_test import find_base_port
+
+FALSE_DIRECTORY = DirectoryContent(10**12, {}, {"hospital": DirectoryOrganisation("hospital", "of somebody else")})
 
 
 @pytest.fixture
@@ -345,6 +349,35 @@ def test_a_backup_names_no_file_outside_of_its_node(config: NodeConfig, tmp_path
         assert not (tmp_path / "anew").exists()
 
 
+async def test_a_changed_backup_brings_no_file_by_its_name(config: NodeConfig, tmp_path: Path) -> None:
+    """Tokens of its author, a wrong clock, authorities of theirs until a block that never comes, a move half done."""
+    out = tmp_path / "backup"
+    (config.data_dir / "directory.json").write_bytes(encode_directory(load_genesis(config).chain_id, FALSE_DIRECTORY))
+    back_up(config, out, with_keys=True)
+    assert {path.name for path in (out / "node").iterdir()} == {"node.toml", "genesis.json"}
+    text = (out / "node" / "node.toml").read_text()
+    for name, content in {
+        "directory.json": (config.data_dir / "directory.json").read_text(),
+        "operator.token": "a" * 64,
+        "operator-read.token": "b" * 64,
+        "faults.json": '{"seed": 1, "links": {}, "clock_offset_ms": 3600000, "disk": []}',
+        "node.toml.moving": text.replace("keys/producer.key", "/elsewhere/producer.key"),
+        "aws.ini": "[default]",
+    }.items():
+        forged(out, f"node/{name}", content)
+    made = restored_from(out, tmp_path)
+    assert {path.name for path in (tmp_path / "anew").iterdir()} == {"node.toml", "genesis.json", "keys", "ledger"}
+    async with Node(made.config, restored=True) as node:
+        assert node._parts.directory.content == content_of_genesis(made.genesis)
+        assert (tmp_path / "anew" / "operator.token").read_text() != "a" * 64
+    for name in ("operator.token", "faults.json", "directory.json", "node.toml"):
+        shutil.rmtree(tmp_path / "anew", ignore_errors=True)
+        forged(out, f"node/{name}", genesis_to_json(made.genesis))
+        forged(out, "node/node.toml", text.replace('genesis = "genesis.json"', f'genesis = "{name}"'))
+        with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .* genesis.json"):
+            restored_from(out, tmp_path)
+
+
 def test_a_backup_with_another_networks_genesis_file_makes_no_node(config: NodeConfig, tmp_path: Path) -> None:
     out = tmp_path / "backup"
     back_up(config, out, with_keys=True)
@@ -371,16 +404,29 @@ def test_settings_that_open_a_restored_node_are_shown(config: NodeConfig, tmp_pa
     text = (out / "node" / "node.toml").read_text()
     opened = text.replace("[listen]\n", '[listen]\ntrusted_proxies = ["0.0.0.0/0"]\n')
     opened = opened.replace('store = "sqlite"', 'store = "mongodb://me:secret@10.0.0.9/ward"')
+    opened = opened.replace(
+        "[custody]\n",
+        '[custody]\nclips = "s3://ward/x"\nclips_endpoint = "https://10.0.0.8"\n'
+        'clips_credentials = "keys/s3"\nclips_ca = "keys/ca"\n',
+    )
+    opened = opened.replace("keys/producer.key", str(config.producer_key_path))
+    outside = ["--outside", str(config.data_dir)]
     port = find_base_port(1)
     forged(out, "node/node.toml", opened + f'\n[metrics]\nhost = "0.0.0.0"\nport = {port}\n[faults]\nenabled = true\n')
     for number, options in enumerate(([], ["--json"])):
-        said = CliRunner().invoke(restore, [str(out), "--data-dir", str(tmp_path / f"anew-{number}"), *options])
+        said = CliRunner().invoke(
+            restore, [str(out), "--data-dir", str(tmp_path / f"anew-{number}"), *outside, *options]
+        )
         assert said.exit_code == 0, said.output
         assert "secret" not in said.output
         for name in ("trusted_proxies", "metrics_host", "faults_enabled", "custody_store"):
             assert name in said.output
         assert all(value in said.output for value in ("0.0.0.0/0", "0.0.0.0", "mongodb at 10.0.0.9"))
     answer = json.loads(said.stdout)
+    assert answer["settings"]["clips"] == "s3://ward/x at https://10.0.0.8, with keys of keys/s3, checked by keys/ca"
+    assert answer["settings"]["producer_key_path"] == str(config.producer_key_path)
+    assert {"clips", "producer_key_path"} <= set(answer["changed_settings"])
+    assert "tls_key_path" not in answer["settings"]
     assert answer["fingerprint"] == fingerprint(load_genesis(config))
     assert {"trusted_proxies", "metrics_host", "faults_enabled"} <= set(answer["changed_settings"])
     assert "public_explorer" not in answer["changed_settings"]
