@@ -142,9 +142,9 @@ async def test_an_answer_that_drips_ends_after_a_time(
 
     async with S3Blobs(place) as blobs:
         monkeypatch.setattr(s3_blobs, "CALL_MAX_S", 0.5)
-        for question, work in (("list", names_of), ("get", lambda blobs: blobs.get("one", MIB))):
-            liar.lies[question] = drip
-            await refused(work(blobs), "TimeoutError")
+        liar.lies |= dict.fromkeys(("list", "get"), drip)
+        for work in (names_of(blobs), blobs.get("one", MIB)):
+            await refused(work, "TimeoutError")
 
 
 def page(*keys: str, then: str = "") -> str:
