@@ -20,6 +20,8 @@ LINGER_MAX_MS = 2_000
 ACCEPT_PAUSE_MS = 100
 BACKLOG_COUNT = 1024
 HELD_BACK_OF_KEY_MAX_COUNT = 16
+NETWORK_BITS = 64
+"""Of an IPv6 address: what is the same for all addresses of a network."""
 NO_KEY = b""
 _log = logging.getLogger(__name__)
 _silent = logging.getLogger("pages.requests")
@@ -182,6 +184,17 @@ def plain_address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
     address = ipaddress.ip_address(host)
     mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
     return mapped or address
+
+
+def network_of(host: str) -> str:
+    """The address, or of IPv6 its network: a machine there has 2^64 of them. Loopback and names stay what they are."""
+    try:
+        address = plain_address(host)
+    except ValueError:
+        return host
+    if isinstance(address, ipaddress.IPv6Address) and not address.is_loopback:
+        return str(ipaddress.IPv6Network((int(address), NETWORK_BITS), strict=False))
+    return str(address)
 
 
 def open_listener(host: str, port: int) -> socket.socket:

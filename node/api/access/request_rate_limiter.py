@@ -40,7 +40,7 @@ def source_of(address: str | None, session: Session | None) -> Source:
         return source_at(address or "unknown")
     if session.kind == "member":
         return Source("session", session.public_key.hex())
-    return Source("visit_keys", address or "unknown", session.public_key.hex())
+    return Source("visit_keys", source_at(address or "unknown").name, session.public_key.hex())
 
 
 def _allowance_of(source: Source) -> Allowance:
