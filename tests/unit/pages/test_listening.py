@@ -49,8 +49,10 @@ async def served(max_count: int) -> AsyncIterator[int]:
 
 
 @contextlib.asynccontextmanager
-async def crowd(port: int, count: int, words: bytes) -> AsyncIterator[list[asyncio.StreamReader]]:
-    held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(count)]
+async def crowd(
+    port: int, count: int, words: bytes, address: str = "127.0.0.1"
+) -> AsyncIterator[list[asyncio.StreamReader]]:
+    held = [await asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0)) for _ in range(count)]
     try:
         for _, writer in held:
             writer.write(words)
@@ -72,6 +74,24 @@ async def test_who_holds_connections_open_keeps_nobody_out_and_takes_few_descrip
                     with contextlib.suppress(OSError):
                         await reader.read()
             assert open_descriptors_count() - before <= 60 + 4 + 2, "the callers' own ends are among them"
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [("127.0.0.8", b""), ("127.0.0.8", HALF_A_BODY), ("127.0.0.9", b"")],
+    ids=["silent", "half a body", "of its own address"],
+)
+async def test_a_body_that_goes_on_is_not_what_makes_room_for_others(address: str, words: bytes) -> None:
+    """At its own address it is no idle connection; one of another address, which has most, goes before it."""
+    async with served(4) as port, contextlib.AsyncExitStack() as held, asyncio.timeout(WAIT_S):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.9", 0))
+        writer.write(b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 8\r\n\r\n")
+        for part in (b'{"a"', b": ", b"0", b"}"):
+            writer.write(part)
+            others = 3 if address == "127.0.0.9" else 20
+            await held.enter_async_context(crowd(port, others, words, address))
+        assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
+        writer.transport.abort()
 
 
 @pytest.mark.parametrize(
