@@ -20,6 +20,7 @@ LINGER_MAX_MS = 2_000
 ACCEPT_PAUSE_MS = 100
 BACKLOG_COUNT = 1024
 HELD_BACK_OF_KEY_MAX_COUNT = 16
+OF_SHARER_PART = 4
 NETWORK_BITS = 64
 """Of an IPv6 address: what is the same for all addresses of a network."""
 NO_KEY = b""
@@ -83,7 +84,7 @@ class ConnectionTable:
         self._max_count = max_count
         self._idle: ByAddress[str, Connection] = ByAddress()
         self._busy: set[Connection] = set()
-        self._held_back: Counter[bytes] = Counter()
+        self._held_back: Counter[Hashable] = Counter()
 
     def __len__(self) -> int:
         return len(self._idle) + len(self._busy)
@@ -114,27 +115,27 @@ class ConnectionTable:
             self._idle.add(connection.network, connection)
 
     @contextmanager
-    def hold_back(self, key: bytes) -> Iterator[bool]:
+    def hold_back(self, key: bytes, sharer: str) -> Iterator[bool]:
         """Hold an answer back during the context; yields False without a free place.
 
-        Limits: half for callers without session (NO_KEY), a quarter for keys.
+        Limits: half for callers without session (NO_KEY), a quarter for keys; of either a quarter for a sharer, such
+        as all at one address.
         """
-        anonymous = self._held_back[NO_KEY]
-        if key == NO_KEY:
-            allowed = anonymous < self._max_count // 2
-        else:
-            keyed = self._held_back.total() - anonymous
-            allowed = keyed < self._max_count // 4 and self._held_back[key] < HELD_BACK_OF_KEY_MAX_COUNT
-        if not allowed:
+        most = self._max_count // (2 if key == NO_KEY else 4)
+        limits: dict[Hashable, int] = {key == NO_KEY: most, sharer: max(1, most // OF_SHARER_PART)}
+        if key != NO_KEY:
+            limits[key] = HELD_BACK_OF_KEY_MAX_COUNT
+        if any(self._held_back[each] >= limit for each, limit in limits.items()):
             yield False
             return
-        self._held_back[key] += 1
+        self._held_back.update(limits.keys())
         try:
             yield True
         finally:
-            self._held_back[key] -= 1
-            if not self._held_back[key]:
-                del self._held_back[key]
+            self._held_back.subtract(limits.keys())
+            for each in limits:
+                if not self._held_back[each]:
+                    del self._held_back[each]
 
 
 class Connection(web.RequestHandler):
@@ -188,8 +189,8 @@ class Connection(web.RequestHandler):
     def end(self) -> None:
         self._table.end(self)
 
-    def hold_back(self, key: bytes) -> AbstractContextManager[bool]:
-        return self._table.hold_back(key)
+    def hold_back(self, key: bytes, sharer: str) -> AbstractContextManager[bool]:
+        return self._table.hold_back(key, sharer)
 
 
 @web.middleware

@@ -17,7 +17,7 @@ from node.api import server
 from node.p2p import network as links
 from node.p2p.connection_acceptor import OF_CLIENTS, OF_PEERS
 from pages import local_page
-from pages.listening import open_listener, serve, share_of_descriptors
+from pages.listening import NO_KEY, ConnectionTable, open_listener, serve, share_of_descriptors
 
 WAIT_S = 10.0
 HALF_A_HEAD = b"GET / HTTP/1.1\r\nHost: x\r\nX: "
@@ -138,6 +138,23 @@ async def test_a_body_that_does_not_come_is_not_waited_for_without_end(monkeypat
         async with asyncio.timeout(WAIT_S):
             assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
     assert caught == ["REQUEST_TIMEOUT"]
+
+
+def test_no_address_and_no_visits_at_one_hold_all_places_of_answers_that_wait() -> None:
+    table = ConnectionTable(128)
+
+    def hold(key: bytes | None, sharer: str) -> int:
+        """Return how many of a hundred are held back, each with a key of its own where none is given."""
+        keys = [bytes([2, at]) if key is None else key for at in range(100)]
+        return sum(held.enter_context(table.hold_back(each, sharer)) for each in keys)
+
+    for _ in range(2):
+        with contextlib.ExitStack() as held:
+            assert hold(NO_KEY, "address a") == 16
+            assert hold(None, "visit keys at a") == 8
+            assert hold(b"member", "session m") == 8
+            assert sum(hold(NO_KEY, f"address {at}") for at in range(10)) == 64 - 16
+            assert sum(hold(None, f"visit keys at {at}") for at in range(10)) == 32 - 8 - 8
 
 
 @contextlib.contextmanager
