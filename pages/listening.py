@@ -24,7 +24,8 @@ OF_SHARER_PART = 4
 NETWORK_BITS = 64
 """Of an IPv6 address: what is the same for all addresses of a network."""
 NO_KEY = b""
-A, T = TypeVar("A", bound=Hashable), TypeVar("T", bound=Hashable)
+A = TypeVar("A", bound=Hashable)
+T = TypeVar("T", bound=Hashable)
 _log = logging.getLogger(__name__)
 _silent = logging.getLogger("pages.requests")
 _silent.setLevel(logging.CRITICAL)
@@ -68,12 +69,11 @@ class ByAddress(Generic[A, T]):
 
     def pop_oldest(self, address: A | None = None) -> T:
         """Of this address, else of the one that holds most. Raises LookupError."""
-        if address is None:
-            address = max(self._held, key=self.count_of, default=None)
-        if address is None:
+        if not self._held:
             raise LookupError
-        item = next(iter(self._held[address]))
-        self.remove(address, item)
+        holder = max(self._held, key=self.count_of) if address is None else address
+        item = next(iter(self._held[holder]))
+        self.remove(holder, item)
         return item
 
 
