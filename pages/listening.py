@@ -1,4 +1,4 @@
-"""Listeners with limited connections; at the limit, the longest idle one is closed."""
+"""Listeners with limited connections; at the limit, the longest idle one of the address with most is closed."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import ipaddress
 import logging
 import resource
 import socket
-from collections import Counter, OrderedDict
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable, Hashable, Iterator
 from contextlib import AbstractContextManager, asynccontextmanager, contextmanager
 from functools import partial
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from aiohttp import web
 
@@ -20,7 +20,12 @@ LINGER_MAX_MS = 2_000
 ACCEPT_PAUSE_MS = 100
 BACKLOG_COUNT = 1024
 HELD_BACK_OF_KEY_MAX_COUNT = 16
+OF_SHARER_PART = 4
+NETWORK_BITS = 64
+"""Of an IPv6 address: what is the same for all addresses of a network."""
 NO_KEY = b""
+A = TypeVar("A", bound=Hashable)
+T = TypeVar("T", bound=Hashable)
 _log = logging.getLogger(__name__)
 _silent = logging.getLogger("pages.requests")
 _silent.setLevel(logging.CRITICAL)
@@ -33,67 +38,110 @@ def share_of_descriptors(most: int, part: int) -> int:
     return most if soft < 0 else max(1, min(most, soft // part))
 
 
+class ByAddress(Generic[A, T]):
+    """What each address holds, the oldest first."""
+
+    def __init__(self) -> None:
+        self._held: dict[A, dict[T, None]] = {}
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __contains__(self, item: tuple[A, T]) -> bool:
+        return item[1] in self._held.get(item[0], ())
+
+    def count_of(self, address: A) -> int:
+        return len(self._held.get(address, ()))
+
+    def add(self, address: A, item: T) -> None:
+        """As the newest, also where it is held already."""
+        self.remove(address, item)
+        self._held.setdefault(address, {})[item] = None
+        self._count += 1
+
+    def remove(self, address: A, item: T) -> None:
+        if (address, item) in self:
+            del self._held[address][item]
+            self._count -= 1
+            if not self._held[address]:
+                del self._held[address]
+
+    def pop_oldest(self, address: A | None = None) -> T:
+        """Of this address, else of the one that holds most. Raises LookupError."""
+        if not self._held:
+            raise LookupError
+        holder = max(self._held, key=self.count_of) if address is None else address
+        item = next(iter(self._held[holder]))
+        self.remove(holder, item)
+        return item
+
+
 class ConnectionTable:
     """The open connections of one listener, idle and busy."""
 
     def __init__(self, max_count: int) -> None:
         self._max_count = max_count
-        self._idle: OrderedDict[Connection, None] = OrderedDict()
+        self._idle: ByAddress[str, Connection] = ByAddress()
         self._busy: set[Connection] = set()
-        self._held_back: Counter[bytes] = Counter()
+        self._held_back: Counter[Hashable] = Counter()
 
     def __len__(self) -> int:
         return len(self._idle) + len(self._busy)
 
     def add(self, connection: Connection) -> None:
-        """Add a connection, closing the longest idle one beyond the limit."""
-        self._idle[connection] = None
+        """Add a connection; beyond the limit, close the longest idle one of the address with most idle ones."""
+        self._idle.add(connection.network, connection)
         if len(self) > self._max_count:
-            oldest, _ = self._idle.popitem(last=False)
-            oldest.abort()
+            self._idle.pop_oldest().abort()
 
     def remove(self, connection: Connection) -> None:
-        self._idle.pop(connection, None)
+        self._idle.remove(connection.network, connection)
         self._busy.discard(connection)
 
     def begin(self, connection: Connection) -> None:
-        if connection in self._idle:
-            del self._idle[connection]
+        if (connection.network, connection) in self._idle:
+            self._idle.remove(connection.network, connection)
             self._busy.add(connection)
+
+    def note_bytes(self, connection: Connection) -> None:
+        """Whoever sends is not idle: its body may take long."""
+        if (connection.network, connection) in self._idle:
+            self._idle.add(connection.network, connection)
 
     def end(self, connection: Connection) -> None:
         if connection in self._busy:
             self._busy.discard(connection)
-            self._idle[connection] = None
+            self._idle.add(connection.network, connection)
 
     @contextmanager
-    def hold_back(self, key: bytes) -> Iterator[bool]:
+    def hold_back(self, key: bytes, sharer: str) -> Iterator[bool]:
         """Hold an answer back during the context; yields False without a free place.
 
-        Limits: half for callers without session (NO_KEY), a quarter for keys.
+        Limits: half for callers without session (NO_KEY), a quarter for keys; of either a quarter for a sharer, such
+        as all at one address.
         """
-        anonymous = self._held_back[NO_KEY]
-        if key == NO_KEY:
-            allowed = anonymous < self._max_count // 2
-        else:
-            keyed = self._held_back.total() - anonymous
-            allowed = keyed < self._max_count // 4 and self._held_back[key] < HELD_BACK_OF_KEY_MAX_COUNT
-        if not allowed:
+        most = self._max_count // (2 if key == NO_KEY else 4)
+        limits: dict[Hashable, int] = {key == NO_KEY: most, sharer: max(1, most // OF_SHARER_PART)}
+        if key != NO_KEY:
+            limits[key] = HELD_BACK_OF_KEY_MAX_COUNT
+        if any(self._held_back[each] >= limit for each, limit in limits.items()):
             yield False
             return
-        self._held_back[key] += 1
+        self._held_back.update(limits.keys())
         try:
             yield True
         finally:
-            self._held_back[key] -= 1
-            if not self._held_back[key]:
-                del self._held_back[key]
+            self._held_back.subtract(limits.keys())
+            for each in limits:
+                if not self._held_back[each]:
+                    del self._held_back[each]
 
 
 class Connection(web.RequestHandler):
     """One caller's connection."""
 
-    __slots__ = ("_socket", "_table")
+    __slots__ = ("_socket", "_table", "network")
 
     def __init__(self, manager: web.Server, table: ConnectionTable, loop: asyncio.AbstractEventLoop) -> None:
         super().__init__(
@@ -107,11 +155,17 @@ class Connection(web.RequestHandler):
         )
         self._table = table
         self._socket: Any = None
+        self.network = ""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
         self._socket = transport
+        self.network = network_of(str((transport.get_extra_info("peername") or ("",))[0]))
         self._table.add(self)
+
+    def data_received(self, data: bytes) -> None:
+        self._table.note_bytes(self)
+        super().data_received(data)
 
     def connection_lost(self, exc: BaseException | None) -> None:
         self._table.remove(self)
@@ -135,8 +189,8 @@ class Connection(web.RequestHandler):
     def end(self) -> None:
         self._table.end(self)
 
-    def hold_back(self, key: bytes) -> AbstractContextManager[bool]:
-        return self._table.hold_back(key)
+    def hold_back(self, key: bytes, sharer: str) -> AbstractContextManager[bool]:
+        return self._table.hold_back(key, sharer)
 
 
 @web.middleware
@@ -182,6 +236,17 @@ def plain_address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
     address = ipaddress.ip_address(host)
     mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
     return mapped or address
+
+
+def network_of(host: str) -> str:
+    """The address, or of IPv6 its network: a machine there has 2^64 of them. Loopback and names stay what they are."""
+    try:
+        address = plain_address(host)
+    except ValueError:
+        return host
+    if isinstance(address, ipaddress.IPv6Address) and not address.is_loopback:
+        return str(ipaddress.IPv6Network((int(address), NETWORK_BITS), strict=False))
+    return str(address)
 
 
 def open_listener(host: str, port: int) -> socket.socket:

@@ -174,7 +174,8 @@ class Call:
         if not isinstance(connection, Connection):
             yield True
             return
-        with connection.hold_back(NO_KEY if self.session is None else self.session.public_key) as allowed:
+        key = NO_KEY if self.session is None else self.session.public_key
+        with connection.hold_back(key, str(self.source)) as allowed:
             yield allowed
 
     def _require_media_type(self) -> None:

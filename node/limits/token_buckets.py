@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -10,12 +9,10 @@ from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 from consensus.errors import BlockRobotError
-from pages.listening import plain_address
+from pages.listening import network_of, plain_address
 
 SOURCES_MAX_COUNT = 4096
 RETRY_AFTER_MAX_S = 60
-NETWORK_BITS = 64
-"""Of an IPv6 address: what is the same for all addresses of a network."""
 _ROUNDING_US = 1.0
 
 K = TypeVar("K", bound=Hashable)
@@ -45,16 +42,12 @@ OWN = Source("own")
 
 
 def source_at(address: str) -> Source:
-    """Addresses of IPv6 count by network: a machine there has 2^64 of them."""
+    """Addresses of IPv6 count by network."""
     try:
-        found = plain_address(address)
+        kind: SourceKind = "loopback" if plain_address(address).is_loopback else "address"
     except ValueError:
-        return Source("address", address)
-    if found.is_loopback:
-        return Source("loopback", str(found))
-    if isinstance(found, ipaddress.IPv6Address):
-        return Source("address", str(ipaddress.IPv6Network((int(found), NETWORK_BITS), strict=False)))
-    return Source("address", str(found))
+        kind = "address"
+    return Source(kind, network_of(address))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,14 +7,13 @@ import errno
 import socket
 import ssl
 import time
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 
 from consensus.errors import BlockRobotError
 from node.limits.token_buckets import Allowance, Source, TokenBuckets, source_at
-from pages.listening import accept_each, open_listener, share_of_descriptors
+from pages.listening import ByAddress, accept_each, open_listener, share_of_descriptors
 
 HANDSHAKE_TIMEOUT_MS = 5_000
 SHUTDOWN_TIMEOUT_MS = 1_000
@@ -22,41 +21,70 @@ SHUTDOWN_TIMEOUT_MS = 1_000
 HANDSHAKE_US = 3_000
 
 
+OF_ADDRESS_PART = 4
+"""An address may have a quarter of the places."""
+KNOWN_PART = 2
+"""Half of them are for addresses that are known, and the others have no more than the rest."""
+
+
 @dataclass(frozen=True, slots=True)
 class HandshakeLimits:
-    """How many handshakes may be open, in all and of an address, and how much time those of an address may take.
+    """How many handshakes may be open, and how much time those of an address may take.
 
     Of a node's descriptors they take one in `descriptors_part` at most.
     """
 
     open_max_count: int
     descriptors_part: int
-    of_address_max_count: int
     allowance: Allowance
 
 
-OF_PEERS = HandshakeLimits(64, 16, 32, Allowance(us_per_s=20 * HANDSHAKE_US, burst_us=60 * HANDSHAKE_US))
+OF_PEERS = HandshakeLimits(64, 16, Allowance(us_per_s=20 * HANDSHAKE_US, burst_us=60 * HANDSHAKE_US))
 """Twenty handshakes a second of an address."""
-OF_CLIENTS = HandshakeLimits(256, 32, 64, Allowance(us_per_s=40 * HANDSHAKE_US, burst_us=200 * HANDSHAKE_US))
+OF_CLIENTS = HandshakeLimits(256, 32, Allowance(us_per_s=40 * HANDSHAKE_US, burst_us=200 * HANDSHAKE_US))
 """Forty: the wallets of a ward may share an address."""
 
 
+class _Places:
+    """The handshakes of the addresses that share a number of places."""
+
+    def __init__(self, max_count: int, of_address_max_count: int) -> None:
+        self._max_count = max_count
+        self._of_address_max_count = of_address_max_count
+        self._open: ByAddress[Source, asyncio.Task[None]] = ByAddress()
+
+    def add(self, source: Source, handshake: asyncio.Task[None]) -> bool:
+        """End another for which there is no place any more; return False if this source has all that it may."""
+        handshake.add_done_callback(partial(self._open.remove, source))
+        self._open.add(source, handshake)
+        is_within = self._open.count_of(source) <= self._of_address_max_count
+        if not is_within:
+            self._open.pop_oldest(source).cancel()
+        elif len(self._open) > self._max_count:
+            self._open.pop_oldest().cancel()
+        return is_within
+
+
 class ConnectionAcceptor:
-    """The connections whose handshakes are open."""
+    """The connections whose handshakes are open; where places are short, whoever has most of them loses the oldest."""
 
     def __init__(
         self,
         context: Callable[[], ssl.SSLContext],
         on_over_budget: Callable[[Source, float], None],
         limits: HandshakeLimits,
+        known: Callable[[], Collection[Source]] | None = None,
     ) -> None:
-        """`on_over_budget` gets addresses with too many handshakes."""
+        """`on_over_budget` gets addresses with too many handshakes; those that are `known` have places of their own."""
         self._context = context
         self._on_over_budget = on_over_budget
-        self._limits = limits
         self._budgets: TokenBuckets[Source] = TokenBuckets(lambda _source: limits.allowance, time.monotonic)
-        self._open: Counter[Source] = Counter()
-        self._open_max_count = share_of_descriptors(limits.open_max_count, limits.descriptors_part)
+        max_count = share_of_descriptors(limits.open_max_count, limits.descriptors_part)
+        of_address_max_count = max(1, max_count // OF_ADDRESS_PART)
+        known_max_count = 0 if known is None else max_count // KNOWN_PART
+        self._known = known or frozenset[Source]
+        self._of_known = _Places(known_max_count, of_address_max_count)
+        self._of_strangers = _Places(max_count - known_max_count, of_address_max_count)
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self, listener: socket.socket, make: Callable[[], asyncio.Protocol]) -> None:
@@ -72,20 +100,20 @@ class ConnectionAcceptor:
             task.cancel()
 
     async def accept(self, make: Callable[[], asyncio.Protocol], accepted: socket.socket, host: str) -> None:
-        """Begin a handshake, or close a connection for which there is no room or no budget."""
+        """Begin a handshake, or close a connection whose address has no budget left."""
         source = source_at(host)
-        if self._open[source] >= self._limits.of_address_max_count or not self._budgets.take(source, HANDSHAKE_US):
+        if not self._budgets.take(source, HANDSHAKE_US):
             self._on_over_budget(source, self._budgets.wait_s(source, HANDSHAKE_US))
             accepted.close()
-        elif self._open.total() >= self._open_max_count:
-            accepted.close()
-        else:
-            self._open[source] += 1
-            task = asyncio.get_running_loop().create_task(self._shake_hands(make, accepted, source))
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
+            return
+        task = asyncio.get_running_loop().create_task(self._shake_hands(make, accepted))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        places = self._of_known if source in self._known() else self._of_strangers
+        if not places.add(source, task):
+            self._on_over_budget(source, 0.0)
 
-    async def _shake_hands(self, make: Callable[[], asyncio.Protocol], accepted: socket.socket, source: Source) -> None:
+    async def _shake_hands(self, make: Callable[[], asyncio.Protocol], accepted: socket.socket) -> None:
         try:
             await asyncio.get_running_loop().connect_accepted_socket(
                 make,
@@ -96,9 +124,6 @@ class ConnectionAcceptor:
             )
         except (OSError, TimeoutError):
             accepted.close()
-        finally:
-            self._open[source] -= 1
-            self._open += Counter()  # without those at 0
 
 
 def bind_listener(host: str, port: int) -> socket.socket:

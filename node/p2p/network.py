@@ -20,7 +20,7 @@ from node.config import NodeConfig
 from node.directory.node_directory import Directory
 from node.limits.peer_bans import PeerBans
 from node.limits.refusal_log import RefusalLog
-from node.limits.token_buckets import Allowance, Source, TokenBuckets
+from node.limits.token_buckets import Allowance, Source, TokenBuckets, source_at
 from node.limits.work_costs import REFUSAL_US
 from node.p2p.connection import LinkShaper, PeerConnection
 from node.p2p.connection_acceptor import OF_PEERS, SHUTDOWN_TIMEOUT_MS, ConnectionAcceptor, bind_listener
@@ -153,7 +153,10 @@ class PeerNetwork:
         self._peers: dict[str, PeerConnection] = {}
         self._open: set[PeerConnection] = set()
         self._listener: socket.socket | None = None
-        self._accepting = ConnectionAcceptor(lambda: self._credentials.accepting, handler.on_over_budget, OF_PEERS)
+        self._peer_sources = self._find_peer_sources()
+        self._accepting = ConnectionAcceptor(
+            lambda: self._credentials.accepting, handler.on_over_budget, OF_PEERS, lambda: self._peer_sources
+        )
         self._greeting = Greeting(self._give_up)
         self._links: TokenBuckets[str] = TokenBuckets(lambda _peer: LINK_ALLOWANCE, time.monotonic)
         self._consensus: TokenBuckets[str] = TokenBuckets(lambda _peer: CONSENSUS_ALLOWANCE, time.monotonic)
@@ -293,7 +296,13 @@ class PeerNetwork:
 
     # Following the directory and the certificates
 
+    def _find_peer_sources(self) -> frozenset[Source]:
+        """Return where others dial from, as far as the directory has addresses and no names."""
+        active = self._directory.content.active
+        return frozenset(source_at(node.host) for name, node in active.items() if name != self._name)
+
     def _directory_changed(self, _directory: Directory) -> None:
+        self._peer_sources = self._find_peer_sources()
         self._trust_directory()
         self._check_open_connections()
         self._dial_the_right_ones()

@@ -40,7 +40,7 @@ def source_of(address: str | None, session: Session | None) -> Source:
         return source_at(address or "unknown")
     if session.kind == "member":
         return Source("session", session.public_key.hex())
-    return Source("visit_keys", address or "unknown", session.public_key.hex())
+    return Source("visit_keys", source_at(address or "unknown").name, session.public_key.hex())
 
 
 def _allowance_of(source: Source) -> Allowance:
@@ -114,7 +114,7 @@ class RequestRateLimiter:
 class FairQueue:
     """Starts requests round-robin by source, some milliseconds' worth per loop turn.
 
-    Parts of one source share its turns; when full, the largest loses its newest.
+    Parts of one source share its turns; when full, whoever has most loses its newest.
     """
 
     def __init__(self, on_over_budget: OnOverBudget) -> None:
@@ -132,25 +132,35 @@ class FairQueue:
             return
         shared = source.shared
         if self._counts[shared] >= WAITING_OF_SOURCE_MAX_COUNT or self._count >= WAITING_MAX_COUNT:
-            error = over_budget(str(source), 1.0)
-            self._on_over_budget(str(source), error)
-            self._make_place(source, error)
+            self._make_place(source)
         future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(shared, OrderedDict()).setdefault(source.part, deque()).append((cost_us, future))
         self._counts[shared] += 1
         self._count += 1
         await future
 
-    def _make_place(self, source: Source, error: BlockRobotError) -> None:
-        parts = self._waiting.get(source.shared, OrderedDict())
+    def _make_place(self, source: Source) -> None:
+        """Refuse the newest of whoever has most waiting: of all, else of its own source's parts, else this one."""
+        crowded = max(self._counts, key=self._counts.__getitem__)
+        own_count = self._counts[source.shared]
+        if own_count >= WAITING_OF_SOURCE_MAX_COUNT or self._counts[crowded] <= own_count + 1:
+            crowded = source.shared
+        parts = self._waiting.get(crowded, OrderedDict())
         greedy = max(parts, key=lambda part: len(parts[part]), default="")
-        if len(parts.get(greedy, ())) <= len(parts.get(source.part, ())) + 1:
-            raise error
+        if crowded == source.shared and len(parts.get(greedy, ())) <= len(parts.get(source.part, ())) + 1:
+            raise self._refusal(source)
         _, future = parts[greedy].pop()
-        self._counts[source.shared] -= 1
+        if not parts[greedy]:
+            del parts[greedy]
+        self._counts[crowded] -= 1
         self._count -= 1
         if not future.done():
-            future.set_exception(error)
+            future.set_exception(self._refusal(Source(crowded.kind, crowded.name, greedy)))
+
+    def _refusal(self, source: Source) -> BlockRobotError:
+        error = over_budget(str(source), 1.0)
+        self._on_over_budget(str(source), error)
+        return error
 
     def _spend(self, cost_us: int) -> None:
         self._spent_us += cost_us

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import socket
 import ssl
@@ -95,12 +96,13 @@ async def test_a_renewed_certificate_is_shown_without_a_restart(node: Node, fold
 async def test_handshakes_that_nobody_ends_keep_other_addresses_in(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    few = replace(OF_CLIENTS, of_address_max_count=3, allowance=Allowance(us_per_s=1, burst_us=10**9))
+    few = replace(OF_CLIENTS, open_max_count=12, allowance=Allowance(us_per_s=1, burst_us=10**9))
     monkeypatch.setattr(node_process, "OF_CLIENTS", few)
     async with Node(replace(Cluster(folder).config("node-1"), api_tls=True)) as node:
         port = node.config.api_port
         silent = [await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.2", 0)) for _ in range(4)]
-        assert await silent[3][0].read() == b"", "the fourth of an address is closed at once"
+        with contextlib.suppress(ConnectionError):
+            assert await silent[0][0].read() == b"", "the oldest of an address ends with its fourth"
         assert await ask(address_of(node))
         for _, writer in silent:
             writer.close()

@@ -17,7 +17,7 @@ from node.api import server
 from node.p2p import network as links
 from node.p2p.connection_acceptor import OF_CLIENTS, OF_PEERS
 from pages import local_page
-from pages.listening import open_listener, serve, share_of_descriptors
+from pages.listening import NO_KEY, ConnectionTable, open_listener, serve, share_of_descriptors
 
 WAIT_S = 10.0
 HALF_A_HEAD = b"GET / HTTP/1.1\r\nHost: x\r\nX: "
@@ -49,8 +49,10 @@ async def served(max_count: int) -> AsyncIterator[int]:
 
 
 @contextlib.asynccontextmanager
-async def crowd(port: int, count: int, words: bytes) -> AsyncIterator[list[asyncio.StreamReader]]:
-    held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(count)]
+async def crowd(
+    port: int, count: int, words: bytes, address: str = "127.0.0.1"
+) -> AsyncIterator[list[asyncio.StreamReader]]:
+    held = [await asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0)) for _ in range(count)]
     try:
         for _, writer in held:
             writer.write(words)
@@ -72,6 +74,24 @@ async def test_who_holds_connections_open_keeps_nobody_out_and_takes_few_descrip
                     with contextlib.suppress(OSError):
                         await reader.read()
             assert open_descriptors_count() - before <= 60 + 4 + 2, "the callers' own ends are among them"
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [("127.0.0.8", b""), ("127.0.0.8", HALF_A_BODY), ("127.0.0.9", b"")],
+    ids=["silent", "half a body", "of its own address"],
+)
+async def test_a_body_that_goes_on_is_not_what_makes_room_for_others(address: str, words: bytes) -> None:
+    """At its own address it is no idle connection; one of another address, which has most, goes before it."""
+    async with served(4) as port, contextlib.AsyncExitStack() as held, asyncio.timeout(WAIT_S):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.9", 0))
+        writer.write(b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 8\r\n\r\n")
+        for part in (b'{"a"', b": ", b"0", b"}"):
+            writer.write(part)
+            others = 3 if address == "127.0.0.9" else 20
+            await held.enter_async_context(crowd(port, others, words, address))
+        assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
+        writer.transport.abort()
 
 
 @pytest.mark.parametrize(
@@ -118,6 +138,23 @@ async def test_a_body_that_does_not_come_is_not_waited_for_without_end(monkeypat
         async with asyncio.timeout(WAIT_S):
             assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
     assert caught == ["REQUEST_TIMEOUT"]
+
+
+def test_no_address_and_no_visits_at_one_hold_all_places_of_answers_that_wait() -> None:
+    table = ConnectionTable(128)
+
+    def hold(key: bytes | None, sharer: str) -> int:
+        """Return how many of a hundred are held back, each with a key of its own where none is given."""
+        keys = [bytes([2, at]) if key is None else key for at in range(100)]
+        return sum(held.enter_context(table.hold_back(each, sharer)) for each in keys)
+
+    for _ in range(2):
+        with contextlib.ExitStack() as held:
+            assert hold(NO_KEY, "address a") == 16
+            assert hold(None, "visit keys at a") == 8
+            assert hold(b"member", "session m") == 8
+            assert sum(hold(NO_KEY, f"address {at}") for at in range(10)) == 64 - 16
+            assert sum(hold(None, f"visit keys at {at}") for at in range(10)) == 32 - 8 - 8
 
 
 @contextlib.contextmanager

@@ -209,3 +209,16 @@ def test_the_table_of_buckets_stays_bounded(monkeypatch: pytest.MonkeyPatch) -> 
     for number in range(10):
         limiter.take(source_of(f"192.0.2.{number}", None))
     assert len(limiter) == 3
+
+
+def test_the_keys_of_visits_in_one_network_of_ipv6_share_a_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And with it places and room for bodies, which go by the same source."""
+    monkeypatch.setattr(request_rate_limiter, "VISIT_KEYS_ALLOWANCE", Allowance(1, 10 * ROUTE_DEFAULT_US))
+    monkeypatch.setattr(request_rate_limiter, "VISIT_KEY_ALLOWANCE", Allowance(1, 0))
+    limiter = RequestRateLimiter(lambda _source, _error: None, lambda: 0.0)
+    visit = Session(OWNER.public_key, "owner", frozenset(), 0)
+    for number in range(10):
+        limiter.take(source_of(f"2001:db8:0:1::{number:x}", visit))
+    with pytest.raises(BlockRobotError, match=r"visit keys at 2001:db8:0:1::/64"):
+        limiter.take(source_of("2001:db8:0:1:ffff::", visit))
+    limiter.take(source_of("2001:db8:0:2::1", visit))

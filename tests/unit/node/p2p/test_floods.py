@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import socket
+import ssl
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +15,10 @@ import pytest_asyncio
 
 from consensus.errors import BlockRobotError
 from node.limits.peer_bans import BAN_FIRST_MS, BAN_MAX_MS, FORGOTTEN_AFTER_MS, PeerBans, monotonic_ms
-from node.limits.token_buckets import Allowance
+from node.limits.token_buckets import Allowance, Source, source_at
 from node.limits.work_costs import bytes_cost_us
 from node.p2p import network as links
-from node.p2p.connection_acceptor import OF_PEERS
+from node.p2p.connection_acceptor import OF_CLIENTS, OF_PEERS, ConnectionAcceptor, HandshakeLimits
 from node.p2p.network import PeerNetwork
 from node.p2p.wire import FrameKind, RequestKind, encode_request
 from tests.unit.node.p2p.linked_nodes import LinkedNodes, eventually
@@ -185,14 +188,104 @@ async def test_an_address_that_only_shakes_hands_gets_no_more_of_them_than_its_b
 async def test_an_address_that_begins_handshakes_and_ends_none_leaves_room_for_others(
     crowd: LinkedNodes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(links, "OF_PEERS", replace(OF_PEERS, of_address_max_count=3))
+    monkeypatch.setattr(links, "OF_PEERS", replace(OF_PEERS, open_max_count=12))
     await _linked(crowd)
     port = crowd.ports["a"]
     silent = [await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.2", 0)) for _ in range(4)]
-    assert await silent[3][0].read() == b""
+    with contextlib.suppress(ConnectionError):
+        assert await silent[0][0].read() == b"", "its oldest"
     assert set(crowd.nodes["a"].heard.over) == {"loopback 127.0.0.2"}
     reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.3", 0))
     with pytest.raises(TimeoutError):  # it is let in, and waited for
         await asyncio.wait_for(reader.read(), 0.2)
     for one in (writer, *(writer for _, writer in silent)):
         one.close()
+
+
+class Strangers:
+    """Handshakes that nobody goes on with, at an acceptor."""
+
+    def __init__(self, limits: HandshakeLimits, known: frozenset[Source] | None = None) -> None:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        self.over: list[str] = []
+        self._acceptor = ConnectionAcceptor(
+            lambda: context,
+            lambda source, _wait_s: self.over.append(str(source)),
+            limits,
+            None if known is None else lambda: known,
+        )
+        self._ends: list[tuple[str, socket.socket]] = []
+
+    async def begin(self, *hosts: str) -> None:
+        for host in hosts:
+            here, there = socket.socketpair()
+            here.setblocking(False)
+            there.setblocking(False)
+            self._ends.append((host, here))
+            await self._acceptor.accept(asyncio.Protocol, there, host)
+            for _ in range(5):
+                await asyncio.sleep(0)
+
+    def open(self) -> list[str]:
+        """Return whose handshakes are open, the oldest first."""
+        return [host for host, end in self._ends if self._is_open(end)]
+
+    @staticmethod
+    def _is_open(end: socket.socket) -> bool:
+        try:
+            return end.recv(1) != b""
+        except BlockingIOError:
+            return True
+        except ConnectionError:
+            return False
+
+    def close(self) -> None:
+        self._acceptor.close()
+        for _, end in self._ends:
+            end.close()
+
+
+UNPAID = Allowance(us_per_s=1, burst_us=10**9)
+A, B, C, D, E = (f"198.51.100.{number}" for number in range(1, 6))
+
+
+async def test_who_has_most_handshakes_open_makes_room_and_of_those_with_its_oldest() -> None:
+    strangers = Strangers(HandshakeLimits(8, 1, UNPAID))
+    await strangers.begin(A, A, B, B, B, B)
+    assert strangers.open() == [A, A, B, B], "a quarter of the places of each"
+    assert set(strangers.over) == {f"address {B}"}
+    await strangers.begin(C, C, D, D)
+    await strangers.begin(E)
+    assert strangers.open() == [A, B, B, C, C, D, D, E], "the first of who had most"
+    await strangers.begin("2001:db8::1", "2001:db8::2", "2001:db8::3")
+    assert strangers.open().count("2001:db8::1") == 0, "a network of IPv6 is one address"
+    assert E in strangers.open()
+    strangers.close()
+
+
+async def test_two_addresses_that_go_on_and_on_end_no_handshake_of_another() -> None:
+    strangers = Strangers(HandshakeLimits(8, 1, UNPAID))
+    await strangers.begin(A, *(B, C) * 40)
+    assert strangers.open()[0] == A
+    assert len(strangers.open()) == 5
+    strangers.close()
+
+
+async def test_strangers_at_however_many_addresses_leave_places_to_those_that_are_known() -> None:
+    strangers = Strangers(HandshakeLimits(8, 1, UNPAID), frozenset({source_at(A), source_at(B)}))
+    await strangers.begin(A, B, *(f"203.0.113.{number}" for number in range(200)))
+    assert strangers.open() == [A, B, *(f"203.0.113.{number}" for number in range(196, 200))]
+    await strangers.begin(A)
+    assert strangers.open().count(A) == 2
+    strangers.close()
+
+
+@pytest.mark.parametrize("limits", [OF_PEERS, OF_CLIENTS])
+async def test_no_address_has_more_than_a_quarter_of_the_places_that_few_descriptors_leave(
+    limits: HandshakeLimits, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("node.p2p.connection_acceptor.share_of_descriptors", lambda _most, _part: 8)
+    strangers = Strangers(replace(limits, allowance=UNPAID))
+    await strangers.begin(*[A] * 5, B)
+    assert strangers.open() == [A, A, B]
+    strangers.close()
