@@ -5,10 +5,12 @@ Two rules over the same tracks: the robot's own, and that every reading counts, 
 
 from __future__ import annotations
 
+import math
 import os
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -151,18 +153,16 @@ def play_moving(drawn: MovingDraw) -> tuple[Ruled, Ruled]:
 def silhouettes(drawn: MovingDraw, index: int) -> list[Silhouette]:
     """Return who is seen before the camera; two who touch are one silhouette."""
     found = []
-    people = np.flatnonzero(drawn.in_view[:, index]).tolist()
-    range_m, angle = drawn.measured[:, index], np.radians(drawn.bearings[:, index])
-    right_m, ahead_m = range_m * np.sin(angle), range_m * np.cos(angle)
-    for person in people:
+    for person in np.flatnonzero(drawn.in_view[:, index]).tolist():
         with_them = [person, *np.flatnonzero(drawn.touching[person, :, index]).tolist()]
         if person > min(with_them):
             continue
-        right, ahead = (float(part[with_them].mean()) for part in (right_m, ahead_m))
-        away = float(np.hypot(right, ahead))
+        where = [(float(drawn.measured[one, index]), math.radians(drawn.bearings[one, index])) for one in with_them]
+        right = sum(range_m * math.sin(angle) for range_m, angle in where) / len(where)
+        ahead = sum(range_m * math.cos(angle) for range_m, angle in where) / len(where)
         reason = "merged" if len(with_them) > 1 else ""
-        where = (right, ahead, away, round(1000 * ahead), reason)
-        found.append(Silhouette(person, (0, 0, 1, 1), *where, ahead_m=ahead, right_m=right))
+        place = (right, ahead, math.hypot(right, ahead), round(1000 * ahead), reason)
+        found.append(Silhouette(person, (0, 0, 1, 1), *place, ahead_m=ahead, right_m=right))
     return found
 
 
@@ -177,8 +177,13 @@ def judge_moving(group: str, drawn: MovingDraw) -> MovingOutcome:
 
 def case_of(group: str, number: int) -> tuple[Setting, Story]:
     """Both change from one draw to the next; neither number divides the other, so every pair comes up."""
-    settings = settings_of(group, MOVING_BEARERS)
+    settings = _settings_of(group)
     return settings[number % len(settings)], STORIES[number % len(STORIES)]
+
+
+@cache
+def _settings_of(group: str) -> list[Setting]:
+    return settings_of(group, MOVING_BEARERS)
 
 
 def _judge_chunk(job: Job) -> list[MovingOutcome]:
