@@ -20,6 +20,7 @@ from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.moving.plan_bodies import camera_points
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace, Spot
 from clients.robot.hiding.standing_hider import StandingHider
+from clients.robot.hiding.standing_readings import StandingReadings
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.matching.match_evidence import MatchEvidence
 from clients.robot.matching.matcher import Matcher
@@ -33,8 +34,6 @@ from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16
 
 BUFFER_DEFAULT_MS = 10_000
 FORGET_EVERY_MS = 5_000
-READINGS_WAITING_MAX_COUNT = 4_096
-UNKNOWN_MAX_MS = 2_000  # of frames after a reading: so long the odometry may take to tell whether the robot stood
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,17 +123,15 @@ class FrameRedactor:
         self._buffer_ms = max(buffer_ms, window_ms + lateness_ms + 1)
         self._tracker = Tracker()
         self._motion = OwnMotion() if driving is not None else None
-        self._readings: deque[tuple[str, Sighting, bool]] = deque(maxlen=READINGS_WAITING_MAX_COUNT)
+        self._readings = StandingReadings(self._motion) if self._motion is not None else None
         self._mount: Ground | None = None
         self._blank_frames_count = 0
         self._blank_kept_count = 0
-        self._unplaced_readings_count = 0
         self.use_focal_px(focal_px)
         self._seen: dict[int, _Seen] = {}
         self._pending: dict[str, deque[_Seen]] = {}
         self._newest_ms: int | None = None
         self._home: Spot | None = None  # where the empty scene fits
-        self._listened_at: Spot | None = None  # where the robot stood when a reading last counted
         self._placed_by_ms: int | None = None  # the newest sample by which a frame was placed: a jump may come late
         self._forgot_ms = 0
 
@@ -154,7 +151,7 @@ class FrameRedactor:
 
     def summarise_driving(self) -> DrivingFigures | None:
         """None if the robot is not one that drives."""
-        if self._motion is None or self._driving is None:
+        if self._motion is None or self._readings is None or self._driving is None:
             return None
         mount = self._mount
         return DrivingFigures(
@@ -163,7 +160,7 @@ class FrameRedactor:
             doubts=self._motion.doubts_count,
             frames=self._blank_frames_count,
             kept=self._blank_kept_count,
-            unplaced_readings=self._unplaced_readings_count,
+            unplaced_readings=self._readings.unplaced_count,
             camera_height_m=None if mount is None else round(mount.height_m, 2),
             camera_pitch_deg=None if mount is None else round(math.degrees(mount.pitch), 1),
         )
@@ -183,10 +180,10 @@ class FrameRedactor:
         """Add a sighting of tag `alias`, weighed at the next frame; `known`: on the roster."""
         outputs = self.cover(alias, sighting, known=known)
         sighting = self._bearings.locate(alias, sighting)
-        if self._motion is None:
+        if self._readings is None:
             self.matcher.add_sighting(alias, sighting, known=known)
         else:
-            self._readings.append((alias, sighting, known))
+            self._readings.push(alias, sighting, known=known)
         return outputs
 
     def cover(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
@@ -214,7 +211,8 @@ class FrameRedactor:
         else:
             self._newest_ms = frame.captured_at_ms
             self._find_people(seen, drop_flying_pixels(depth) if self._time_of_flight else depth)
-            self._weigh_readings()
+            if self._readings is not None:
+                self._readings.weigh(self.matcher, frame.captured_at_ms)
             self.matcher.advance(frame.captured_at_ms)
         self._seen[frame.sequence] = seen
         return [*before, *self._queue_decided(decided)]
@@ -278,32 +276,6 @@ class FrameRedactor:
         if unfollowed:
             self.matcher.note_unfollowed(at_ms, unfollowed)
 
-    def _weigh_readings(self) -> None:
-        """Distances tell people apart while the robot stands: its own motion would bind fast, and wrongly."""
-        if self._motion is None:
-            return
-        newest_ms = self._newest_ms or 0
-        for _ in range(len(self._readings)):
-            alias, sighting, known = self._readings.popleft()
-            stood = self._motion.stands(sighting.middle_ms)
-            if stood:
-                self._begin_anew_elsewhere(self._motion.place_at(sighting.middle_ms))
-                self.matcher.add_sighting(alias, sighting, known=known)
-            elif stood is None and newest_ms < sighting.middle_ms + UNKNOWN_MAX_MS:
-                self._readings.append((alias, sighting, known))
-            else:
-                self._unplaced_readings_count += stood is None
-
-    def _begin_anew_elsewhere(self, place: RobotPlace | None) -> None:
-        """From one place to the next, distances change by the robot's own motion: that tells nothing of who wears a tag."""
-        if place is None:
-            return
-        if self._listened_at is None:
-            self._listened_at = Spot(place)
-        elif not self._listened_at.holds(place):
-            self.matcher.forget_evidence()
-            self._listened_at = Spot(place)
-
     def _lose_everybody(self) -> None:
         self._tracker = self._tracker.successor()
         for hider in self._hiders:
@@ -322,12 +294,12 @@ class FrameRedactor:
         """Settle everything before a camera clock reset; no track continues across."""
         outputs = [*self._queue_decided(decided), *self._decide_pending(final=True)]
         self.matcher, self._newest_ms, self._forgot_ms = Matcher(), None, 0
-        self._readings.clear()
         self._bearings.restart()
-        self._listened_at = None
         self._lose_everybody()
         if self._motion is not None:
             self._motion.restart()
+        if self._readings is not None:
+            self._readings.restart()
         return outputs
 
     def _queue_decided(self, decided: list[Decision]) -> list[Output]:

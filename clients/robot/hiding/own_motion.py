@@ -143,14 +143,15 @@ class OwnMotion:
 
     def stands(self, at_ms: int) -> bool | None:
         """Tell whether the robot stood for a while before and after; None where that is not known (yet)."""
-        first, last = self.place_at(at_ms - STANDS_WITHIN_MS), self.place_at(at_ms + STANDS_WITHIN_MS)
-        if first is None or last is None or not self.is_continuous(first.at_ms, last.at_ms):
+        around = (at_ms - STANDS_WITHIN_MS, at_ms, at_ms + STANDS_WITHIN_MS)
+        first, middle, last = map(self.place_at, around)
+        if first is None or middle is None or last is None or not self.is_continuous(first.at_ms, last.at_ms):
             return None
         if self._confirmed_ms < last.at_ms:
             return None
         if self.is_doubted(first.at_ms, last.at_ms):
             return False
-        return _stands(first, last)
+        return _stands(first, middle) and _stands(middle, last)  # who turns back is where they were, for a moment
 
 
 def _turned(before: RobotPlace, after: RobotPlace) -> float:

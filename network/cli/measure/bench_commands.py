@@ -366,21 +366,26 @@ def hiding(as_json: bool, moving: bool, antennas: str, on: str, **options: int) 
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0), help="What is drawn.")
 @click.option("--workers", default=None, type=click.IntRange(1, 64), help="Processes at once (all cores).")
 @with_cluster("workers")
+@click.option("--moving", is_flag=True, help="Of a robot that drives; also if it counted every reading.")
 @command_output
-def matcher_command(tracks: int, seed: int, workers: int | None, on: str, as_json: bool) -> None:
+def matcher_command(tracks: int, seed: int, workers: int | None, on: str, moving: bool, as_json: bool) -> None:
     """Measure how often the robot would take a tag's bearer for somebody else, and how much it withholds.
 
     Exits 1 if a goal is missed. 10,000 tracks take a few minutes on two cores.
 
+    \b
     Example: blockrobot bench matcher --tracks 10000 --seed 1 --json
+    Example: blockrobot bench matcher --moving --tracks 2000 --json
     """
     from network.lab.matcher.matcher_evaluation import judge_matcher  # noqa: PLC0415 - only when it is needed
+    from network.lab.matcher.moving_evaluation import judge_moving_matcher  # noqa: PLC0415 - only when it is needed
 
     def on_progress(done: int, of: int) -> None:
         if sys.stderr.isatty():
             overwrite_line(f"drawn and judged: {done} of {of} hundreds", ends=done == of)
 
-    _finish(judge_matcher(tracks, seed, workers=workers, on=on, progress=on_progress), as_json=as_json)
+    judged = judge_moving_matcher if moving else judge_matcher
+    _finish(judged(tracks, seed, workers=workers, on=on, progress=on_progress), as_json=as_json)
 
 
 def _tell_line(line: str) -> None:

@@ -40,7 +40,7 @@ BEARING_UNDERSTATED, BEARING_OFF_DRIFT_S = 1.5, 6.0
 Bearer = Literal["present", "absent", "behind", "aside"]
 Array = npt.NDArray[np.float64]
 _TIMES_MS = list(range(0, TRACK_MS + 1, FRAME_EVERY_MS))
-_TIMES_S = np.array(_TIMES_MS) / 1000
+TIMES_S = np.array(_TIMES_MS) / 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,27 +89,28 @@ def draw(setting: Setting, seed: int, number: int) -> Drawn:
         owner = -1
         worn, others = _beside(rng, near) if setting.bearer == "aside" else _walk(rng), ranges
     gaps = [float(np.abs(worn - other).mean()) for other in others]
-    readings = _readings(rng, setting, worn)
-    seen = [_as_measured(rng, values) if setting.ranges_off else values for values in ranges]
+    readings = draw_readings(rng, setting, worn)
+    seen = [as_measured(rng, values) if setting.ranges_off else values for values in ranges]
     tracks = tuple(_track(i + 1, values) for i, values in enumerate(seen))
     if setting.bearing_sigma_deg is not None:
         # Chance of its own, so that draws without bearings stay as they are.
-        readings = _with_bearings(np.random.default_rng([seed, number, 1]), setting, tracks, owner, readings)
+        rng = np.random.default_rng([seed, number, 1])
+        readings = add_bearings(rng, setting, readings, _draw_bearings(rng, setting, tracks, owner))
     return Drawn(setting, tracks, readings, owner + 1 if owner >= 0 else None, min(gaps, default=np.inf))
 
 
 def _walk(rng: np.random.Generator) -> Array:
     start = float(rng.uniform(1.2, 5.0))
-    sway = 0.03 * np.sin(_TIMES_S * rng.uniform(0.5, 1.5) + rng.uniform(0, 6))
+    sway = 0.03 * np.sin(TIMES_S * rng.uniform(0.5, 1.5) + rng.uniform(0, 6))
     if rng.random() < STANDING_SHARE:
         return np.asarray(start + sway)
-    return _reflect(start + _wander(rng, WALK_M_PER_S)) + sway
+    return _reflect(start + wander(rng, WALK_M_PER_S)) + sway
 
 
-def _wander(rng: np.random.Generator, speed_sigma: float) -> Array:
+def wander(rng: np.random.Generator, speed_sigma: float) -> Array:
     places = np.sort(rng.uniform(0, TRACK_MS / 1000, size=6))
     speeds = np.where(rng.random(7) < 0.25, 0.0, rng.normal(0, speed_sigma, size=7))
-    return np.asarray(np.cumsum(speeds[np.searchsorted(places, _TIMES_S)] * FRAME_EVERY_MS / 1000))
+    return np.asarray(np.cumsum(speeds[np.searchsorted(places, TIMES_S)] * FRAME_EVERY_MS / 1000))
 
 
 def _beside(rng: np.random.Generator, other: Array) -> Array:
@@ -118,7 +119,7 @@ def _beside(rng: np.random.Generator, other: Array) -> Array:
         return _walk(rng)
     offset = float(rng.choice([-1, 1]) * rng.uniform(0.1, 1.5))
     if kind < 0.8:
-        return _reflect(other + offset + 0.05 * np.sin(_TIMES_S * rng.uniform(0.5, 2)))
+        return _reflect(other + offset + 0.05 * np.sin(TIMES_S * rng.uniform(0.5, 2)))
     mine = _walk(rng)
     return _reflect(mine - mine[0] + other[0] + offset)
 
@@ -128,7 +129,7 @@ def _reflect(values: Array, least: float = NEAREST_M, most: float = FARTHEST_M) 
     return np.asarray(least + width - np.abs(np.mod(values - least, 2 * width) - width))
 
 
-def _as_measured(rng: np.random.Generator, ranges: Array) -> Array:
+def as_measured(rng: np.random.Generator, ranges: Array) -> Array:
     factor = 1 + float(rng.normal(0, RANGE_SCALE_SIGMA))
     return np.asarray(ranges * factor + rng.normal(0, RANGE_NOISE_M, size=ranges.size))
 
@@ -139,16 +140,22 @@ def _track(number: int, ranges: Array) -> Track:
     return track
 
 
-def _readings(rng: np.random.Generator, setting: Setting, worn: Array) -> tuple[Sighting, ...]:
+def draw_readings(
+    rng: np.random.Generator, setting: Setting, worn: Array, front_share: Array | None = None
+) -> tuple[Sighting, ...]:
+    """`worn`: the tag's range; `front_share`: how often it is heard in front, None: as often as the setting's bearer is."""
     every_ms = 1000 / setting.rate_hz
     asked = np.arange(rng.uniform(0, every_ms), TRACK_MS, every_ms)
     times = np.floor(asked[rng.random(asked.size) >= MISSED_SHARE]).astype(np.int64)
     true_sigma = setting.sigma_m * (2 if setting.understated else 1)
     noise = _drifting(rng, times, setting.drift_s) if setting.drifting else rng.normal(size=times.size)
-    ranges = np.interp(times / 1000, _TIMES_S, worn)
+    ranges = np.interp(times / 1000, TIMES_S, worn)
     distances = np.maximum(0.05, ranges + float(rng.normal(0, setting.bias_sigma_m)) + true_sigma * noise)
-    shares = WEAK_FRONT_SHARES if setting.weak_fronts else FRONT_SHARES
-    front = rng.random(times.size) < rng.beta(*shares[setting.bearer])
+    front = rng.random(times.size) < (
+        rng.beta(*front_shares(setting)[setting.bearer])
+        if front_share is None
+        else np.interp(times / 1000, TIMES_S, front_share)
+    )
     if setting.outliers:
         distances += rng.uniform(0, OUTLIER_MAX_M, times.size) * (rng.random(times.size) < OUTLIER_SHARE)
     made = []
@@ -159,21 +166,28 @@ def _readings(rng: np.random.Generator, setting: Setting, worn: Array) -> tuple[
     return tuple(made)
 
 
-def _with_bearings(
-    rng: np.random.Generator, setting: Setting, tracks: Sequence[Track], owner: int, readings: tuple[Sighting, ...]
-) -> tuple[Sighting, ...]:
-    """Give every track its bearings, and every reading the bearer's as the reader measures it."""
+def front_shares(setting: Setting) -> dict[str, tuple[int, int]]:
+    return WEAK_FRONT_SHARES if setting.weak_fronts else FRONT_SHARES
+
+
+def _draw_bearings(rng: np.random.Generator, setting: Setting, tracks: Sequence[Track], owner: int) -> Array:
+    """Give every track its bearings; return the bearer's."""
     for track in tracks:
         track.bearings = _turn(rng, -VIEW_MAX_DEG, VIEW_MAX_DEG).tolist()
     if owner >= 0:
-        worn = np.array(tracks[owner].bearings)
-    else:
-        worn = float(rng.choice([-1, 1])) * _turn(rng, *BEARINGS_DEG[setting.bearer])
+        return np.array(tracks[owner].bearings)
+    return float(rng.choice([-1, 1])) * _turn(rng, *BEARINGS_DEG[setting.bearer])
+
+
+def add_bearings(
+    rng: np.random.Generator, setting: Setting, readings: tuple[Sighting, ...], worn: Array
+) -> tuple[Sighting, ...]:
+    """Give every reading the tag's bearing, `worn`, as the reader measures it."""
     times = np.array([reading.middle_ms for reading in readings], dtype=np.int64)
     off, sigma_deg = setting.bearings_off, setting.bearing_sigma_deg or 0.0
     noise = _drifting(rng, times, BEARING_OFF_DRIFT_S) if off else rng.normal(size=times.size)
     bias = float(rng.normal(0, BEARING_BIAS_OFF_SIGMA_DEG if off else BEARING_BIAS_SIGMA_DEG))
-    measured = np.interp(times / 1000, _TIMES_S, worn) + bias
+    measured = np.interp(times / 1000, TIMES_S, worn) + bias
     measured += sigma_deg * (BEARING_UNDERSTATED if off else 1) * noise
     if off:
         reflected = rng.random(times.size) < BEARING_OUTLIER_SHARE
@@ -187,8 +201,8 @@ def _with_bearings(
 def _turn(rng: np.random.Generator, least_deg: float, most_deg: float) -> Array:
     start = float(rng.uniform(least_deg, most_deg))
     if rng.random() < STANDING_SHARE:
-        return np.full(_TIMES_S.size, start)
-    return _reflect(start + _wander(rng, BEARING_SPEED_DEG_S), least_deg, most_deg)
+        return np.full(TIMES_S.size, start)
+    return _reflect(start + wander(rng, BEARING_SPEED_DEG_S), least_deg, most_deg)
 
 
 def _drifting(rng: np.random.Generator, times: npt.NDArray[np.int64], drift_s: float) -> Array:

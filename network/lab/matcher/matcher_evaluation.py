@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.stats import beta
@@ -64,6 +65,8 @@ class Outcome:
 
 
 Progress = Callable[[int, int], None]
+Job = tuple[str, int, int, int]  # group, first draw, end, seed
+Told = TypeVar("Told")  # what is told of one draw
 Stratum = dict[str, str | float | dict[str, float]]
 
 
@@ -107,25 +110,42 @@ def _withheld_share(bound: Sequence[tuple[int, int | None]], bearer: int) -> flo
     return float(1 - released.mean())
 
 
-def settings_of(group: str) -> list[Setting]:
+def settings_of(group: str, bearers: Sequence[Bearer] = BEARERS) -> list[Setting]:
     changes, _ = GROUPS[group]
-    plain = [Setting(*values) for values in product(RATES_HZ, SIGMAS_M, PEOPLE, BEARERS)]
+    plain = [Setting(*values) for values in product(RATES_HZ, SIGMAS_M, PEOPLE, bearers)]
     return [replace(setting, **changes) for setting in plain]
 
 
-def _judge_chunk(job: tuple[str, int, int, int]) -> list[Outcome]:
+def _judge_chunk(job: Job) -> list[Outcome]:
     group, first, end, seed = job
     settings, place = settings_of(group), list(GROUPS).index(group)
     base, stride = (place, _NUMBERED_COUNT) if place < _NUMBERED_COUNT else (place << 32, 1)
     return [judge(group, draw(settings[i % len(settings)], seed, base + i * stride)) for i in range(first, end)]
 
 
-def _outcomes(jobs: Sequence[tuple[str, int, int, int]], workers: int, on: str) -> Iterator[list[Outcome]]:
-    if workers == 1 and not on:
-        yield from map(_judge_chunk, jobs)
-        return
-    with worker_pool(workers, on) as pool:
-        yield from pool.map(_judge_chunk, jobs)
+def judge_all(
+    judge_chunk: Callable[[Job], list[Told]],
+    counts: Mapping[str, int],
+    seed: int,
+    *,
+    workers: int,
+    on: str,
+    progress: Progress | None,
+) -> list[Told]:
+    """Judge so many draws of each group, a hundred at once."""
+    jobs = [
+        (group, i, min(i + _CHUNK_COUNT, count), seed)
+        for group, count in counts.items()
+        for i in range(0, count, _CHUNK_COUNT)
+    ]
+    outcomes: list[Told] = []
+    with contextlib.nullcontext() if workers == 1 and not on else worker_pool(workers, on) as pool:
+        chunks = map(judge_chunk, jobs) if pool is None else pool.map(judge_chunk, jobs)
+        for done, some in enumerate(chunks, start=1):
+            outcomes += some
+            if progress is not None:
+                progress(done, len(jobs))
+    return outcomes
 
 
 class MatcherResult(Result[dict[str, float]], kw_only=True):
@@ -147,15 +167,8 @@ def judge_matcher(
     workers = workers or len(os.sched_getaffinity(0))
     conditions = measure_conditions(nodes=0, seed=seed, tracks=tracks, workers=on or workers)
     cost = measure_cost(seed)
-    jobs = []
-    for group in groups:
-        count = max(1, round(tracks * GROUPS[group][1]))
-        jobs += [(group, i, min(i + _CHUNK_COUNT, count), seed) for i in range(0, count, _CHUNK_COUNT)]
-    outcomes: list[Outcome] = []
-    for done, some in enumerate(_outcomes(jobs, workers, on), start=1):
-        outcomes += some
-        if progress is not None:
-            progress(done, len(jobs))
+    counts = {group: max(1, round(tracks * GROUPS[group][1])) for group in groups}
+    outcomes = judge_all(_judge_chunk, counts, seed, workers=workers, on=on, progress=progress)
     figures = {**headline(outcomes), **cost}
     ok, rows = meets_goals(figures), strata(outcomes)
     return MatcherResult(name="matcher", ok=ok, figures=figures, conditions=conditions, strata=rows)
@@ -207,14 +220,18 @@ def upper_bound(wrong: int, count: int) -> float:
 
 
 def _wrong(name: str, outcomes: Sequence[Outcome]) -> dict[str, float]:
-    if not outcomes:
+    return wrong_figures(name, [outcome.wrong for outcome in outcomes])
+
+
+def wrong_figures(name: str, wrong: Sequence[bool]) -> dict[str, float]:
+    """Nothing if there is nothing to count."""
+    if not wrong:
         return {}
-    wrong = sum(outcome.wrong for outcome in outcomes)
     return {
-        f"{name}_rate": round(wrong / len(outcomes), 6),
-        f"{name}_count": wrong,
-        f"{name}_of": len(outcomes),
-        f"{name}_upper95": round(upper_bound(wrong, len(outcomes)), 6),
+        f"{name}_rate": round(sum(wrong) / len(wrong), 6),
+        f"{name}_count": sum(wrong),
+        f"{name}_of": len(wrong),
+        f"{name}_upper95": round(upper_bound(sum(wrong), len(wrong)), 6),
     }
 
 

@@ -11,12 +11,13 @@ import pytest
 
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cutouts import EncodedCutout
-from clients.robot.hiding.frame_redactor import UNKNOWN_MAX_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
+from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.hider import FoundPeople, in_odometry
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera
 from clients.robot.hiding.own_motion import SPOT_M, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.hiding.standing_readings import UNKNOWN_MAX_MS
 from clients.robot.matching.matcher import Matcher
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Odometry, Sighting
 
@@ -231,7 +232,8 @@ def test_readings_after_the_odometry_broke_off_wait_no_longer_than_their_time() 
             redactor.push_odometry(Odometry(at_ms, 0.0, 0.0, 0.0))
         redactor.push_sighting("owner", Sighting(at_ms, at_ms, "", 1, Facing.FRONT, -50.0, 2.0, 0.2))
         redactor.push_frame(Frame(at_ms, at_ms // FRAME_MS, EMPTY))
-        assert len(redactor._readings) <= UNKNOWN_MAX_MS // FRAME_MS + 1
+        assert redactor._readings is not None
+        assert redactor._readings.waiting_count <= UNKNOWN_MAX_MS // FRAME_MS + 1
 
 
 def test_a_gap_in_the_odometry_of_a_robot_that_stands_shows_nobody_elses_picture() -> None:
@@ -304,7 +306,8 @@ def test_readings_that_wait_for_odometry_are_held_in_bounded_memory() -> None:
     for number in range(10_000):
         heard = Sighting(number, number, "", 1, Facing.FRONT, -50.0, 2.0, 0.2)
         redactor.push_sighting("owner", heard)
-    assert len(redactor._readings) <= 4_096
+    assert redactor._readings is not None
+    assert redactor._readings.waiting_count <= 4_096
 
 
 def test_a_camera_whose_clock_is_set_back_has_no_place_from_before() -> None:

@@ -144,3 +144,9 @@ def test_a_clock_that_is_set_back_leaves_nothing_of_before() -> None:
     assert motion.stands(1_000) is None, "the camera has not agreed yet"
     motion.confirm(2_000)
     assert motion.stands(1_000) is True
+
+
+def test_a_robot_that_turns_back_does_not_stand_where_it_does() -> None:
+    """A moment before and after it is at the same place."""
+    there_and_back = [RobotPlace(at_ms, 0.0, -0.0005 * abs(at_ms - 1_500)) for at_ms in range(0, 3_001, 100)]
+    assert driven(*there_and_back).stands(1_500) is False
