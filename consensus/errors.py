@@ -73,7 +73,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("GOVERNANCE_PROPOSALS_TOO_MANY", 409, "The organisation has as many open proposals, or uploads that they need, as it may.", "Take one back with the command that the message names, or let one be decided first."),
     ErrorEntry("CONTRACT_CHANGE_FAILED", 409, "The decided change of a contract could not take effect; the version before answers on.", "Mend the source and propose it anew; `blockrobot contract show NAME` keeps what was wrong."),
     ErrorEntry("GOVERNANCE_REFUSED", 409, "The contracts that govern the network refused the change.", "Compare with `blockrobot org list` and `blockrobot producer list`, and mend what the message names."),
-    ErrorEntry("ORGANISATION_KEY_NOT_FOUND", 404, "There is no key of this organisation here.", "Name an organisation whose folder lies in the network's folder, or its key file with --key."),
+    ErrorEntry("ORGANISATION_KEY_NOT_FOUND", 404, "There is no key of this organisation here.", "Name an organisation whose folder lies in the network's folder, or where the key is (--key; a registrar: --registrar-dir)."),
     ErrorEntry("GOVERNANCE_PROPOSED_ALREADY", 409, "The same change is proposed already, and open.", "Do not propose it again: approve the open one with the command that the message names."),
     ErrorEntry("AUTHORITY_INVALID", 409, "The certificate is not one that could be this organisation's authority.", "Name the CA certificate of that organisation's own authority, such as its ca.crt.pem."),
     ErrorEntry("ORGANISATION_EXISTS", 409, "The folder of an organisation of this name is here already.", "Choose another name, or propose the one that is there: `blockrobot org propose add-org NAME --as ORG`."),

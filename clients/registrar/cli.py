@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from clients.registrar.card_sheet import SUFFIXES, describe_card, qr_text
-from clients.registrar.registrar import Registrar
+from clients.registrar.registrar import KEY_FILE, Registrar
 from clients.registrar.registrar_answers import (
     CardForgetAnswer,
     CardIssueAnswer,
@@ -30,6 +30,7 @@ from clients.sdk.terminal.terminal import (
     load_genesis,
     print_answer,
 )
+from consensus.errors import BlockRobotError
 from consensus.members.vouchers import ROLES, decode_card_code
 
 
@@ -43,9 +44,20 @@ def _registrar_options(command: Any) -> Any:
 
 
 def _open(registrar_dir: Path | None, genesis: Path | None) -> Registrar:
+    """Of several organisations whose registrar's key is here, the network's first.
+
+    Raises ORGANISATION_KEY_NOT_FOUND, and as `Registrar`.
+    """
     place = home_folder() / "network"
     opened = load_genesis(genesis or place / "genesis.json")
-    return Registrar(registrar_dir or place / "organisations" / opened.organisations[0].name, opened)
+    if registrar_dir is None:
+        here = {path.parent.name: path.parent for path in sorted((place / "organisations").glob(f"*/{KEY_FILE}"))}
+        names = [*(entry.name for entry in opened.organisations if entry.name in here), *here]
+        if not names:
+            detail = f"There is no {KEY_FILE} in {place / 'organisations'}: name its folder with --registrar-dir."
+            raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", detail)
+        registrar_dir = here[names[0]]
+    return Registrar(registrar_dir, opened)
 
 
 @click.group()

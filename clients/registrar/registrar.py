@@ -33,7 +33,7 @@ from consensus.state.identity import HANDLE, MEMBER, REGISTRAR, MemberRow, membe
 
 CARD_LIFETIME_DEFAULT_MS = 14 * 24 * 3600 * 1000
 _CARDS_FILE = "cards.json"
-_KEY_FILE = "registrar.key"
+KEY_FILE = "registrar.key"
 _RECORDED_ROLES = ("subject", "staff")
 
 
@@ -69,14 +69,14 @@ class Registrar:
     """One organisation's registrar: a folder with a key and a list of cards."""
 
     def __init__(self, folder: Path, genesis: Genesis, clock: Clock | None = None) -> None:
-        """Raises DATA_DIRECTORY_INVALID without a key."""
+        """Raises ORGANISATION_KEY_NOT_FOUND without a key."""
         self._folder = folder
         self._genesis = genesis
         self._clock = clock or SystemClock()
         try:
-            self.key = PrivateKey((folder / _KEY_FILE).read_bytes())
+            self.key = PrivateKey((folder / KEY_FILE).read_bytes())
         except FileNotFoundError:
-            raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {_KEY_FILE} in {folder}.") from None
+            raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no {KEY_FILE} in {folder}.") from None
 
     async def find_organisation(self) -> str:
         """Return whose registrar this is, by the genesis file or, for a later one, by the chain.

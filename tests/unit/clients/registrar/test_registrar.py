@@ -58,7 +58,27 @@ def code_of(error: pytest.ExceptionInfo[BlockRobotError]) -> str:
 def test_without_a_key_there_is_no_desk(tmp_path: Path) -> None:
     with pytest.raises(BlockRobotError) as caught:
         Registrar(tmp_path, make_genesis())
-    assert code_of(caught) == "DATA_DIRECTORY_INVALID"
+    assert code_of(caught) == "ORGANISATION_KEY_NOT_FOUND"
+
+
+def test_a_desk_is_of_the_organisation_whose_key_is_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
+    monkeypatch.setattr("clients.registrar.cli.load_genesis", lambda _: make_genesis())
+    place, first, organisation = tmp_path / "network", make_genesis().organisations[0].name, "clinic"
+    for name in (first, organisation):
+        (place / "organisations" / name).mkdir(parents=True)
+    (tmp_path / "uid").write_text(UID)
+    issue = ["issue", "--uid-file", str(tmp_path / "uid"), "--out", str(tmp_path / "card.txt")]
+    refused = CliRunner().invoke(card, issue)
+    assert (refused.exit_code, "ORGANISATION_KEY_NOT_FOUND" in refused.output) == (3, True)
+    assert "--registrar-dir" in refused.output
+    (place / "organisations" / organisation / "registrar.key").write_bytes(REGISTRAR.secret)
+    issued = CliRunner().invoke(card, issue)
+    assert issued.exit_code == 0, issued.output
+    assert (place / "organisations" / organisation / "cards.json").exists()
+    (place / "organisations" / first / "registrar.key").write_bytes(REGISTRAR.secret)
+    assert CliRunner().invoke(card, [*issue[:-1], str(tmp_path / "second.txt")]).exit_code == 0
+    assert (place / "organisations" / first / "cards.json").exists(), "of several, the network's first"
 
 
 def test_a_card_carries_a_voucher_of_this_registrar_for_this_chain(desk: Registrar) -> None:
