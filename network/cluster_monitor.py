@@ -85,6 +85,11 @@ def accusers_of(name: str, statuses: Mapping[str, Mapping[str, Any] | None]) -> 
     )
 
 
+def clock_words(error_s: float) -> str:
+    word = "ahead" if error_s > 0 else "behind"
+    return f"By the time of new final blocks, this machine's clock is about {abs(error_s):.0f} s {word}."
+
+
 class Observer:
     """Makes consecutive pictures from looks."""
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from consensus.chain.messages import ASKING
 from contracts.worker.sandbox import REQUIRED_PARTS
+from network.cluster_monitor import clock_words
 from network.doctor.findings import Finding
 from network.remote_nodes import RemoteNode
 from node.directory.node_directory import DirectoryContent
@@ -154,6 +155,8 @@ def check_clocks(answers: Sequence[Answer], max_drift_ms: int) -> list[Finding]:
                 f"the chain tolerates {max_drift_ms / 1000:.1f} s."
             )
             found.append(Finding("CLOCK_SKEW", answer.name, detail))
+        elif error_s := ((answer.status or {}).get("finality") or {}).get("clock_error_s"):
+            found.append(Finding("CLOCK_SKEW", answer.name, clock_words(error_s)))
     return found
 
 

@@ -191,17 +191,17 @@ def _check_answers(answers: Sequence[Answer], ledgers: dict[str, LedgerFacts]) -
         if answer.status is not None and answer.status.get("state_height") is not None:
             known = roots.setdefault(answer.name, {})
             known[int(answer.status["state_height"])] = str(answer.status["state_root"])
+    drift_ms = DRIFT_DEFAULT_MS if facts is None else facts.max_clock_drift_ms or DRIFT_DEFAULT_MS
+    clocks = words.check_clocks(answers, drift_ms)
     found = [
         *words.check_words(answers),
-        *words.check_clocks(
-            answers, DRIFT_DEFAULT_MS if facts is None else facts.max_clock_drift_ms or DRIFT_DEFAULT_MS
-        ),
+        *clocks,
         *words.check_versions(answers, version("blockrobot")),
         *words.check_roots(roots),
     ]
     up_s = max((float(item.status.get("uptime_s", 0)) for item in answers if item.status is not None), default=0.0)
     late = words.check_late(answers)
     found += late
-    if not late and facts is not None and facts.height > 0:
+    if not late and not clocks and facts is not None and facts.height > 0:
         found += words.check_finality(facts.timestamp_ms, now_ms(), facts.heartbeat_ms, facts.production, up_s)
     return found

@@ -205,7 +205,7 @@ KINDS: dict[str, FindingKind] = _table(
     FindingKind(
         "CLOCK_SKEW",
         "problem",
-        "The node's clock is wrong by much of what the chain tolerates.",
+        "The clock of the node, or of this machine, is wrong by much of what the chain tolerates.",
         "Set the clock (NTP, chrony); a producer whose clock is wrong gets no votes.",
     ),
     FindingKind(

@@ -65,6 +65,10 @@ class FinalityState(Answer, frozen=True, kw_only=True):
     age_s: Annotated[Seconds, doc("Since a block became final")]
     waiting_s: Annotated[Seconds, doc("For how long work has waited")]
     late: Annotated[bool, doc("Whether that is too long")]
+    clock_error_s: Annotated[
+        float,
+        doc("By how much the node's clock is ahead of new final blocks, or behind if negative; 0 if it fits them"),
+    ]
 
 
 class AccusedNode(Answer, frozen=True, kw_only=True):

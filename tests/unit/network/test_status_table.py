@@ -28,7 +28,7 @@ def said(capsys: pytest.CaptureFixture[str], *, as_json: bool = False, **status:
         "mempool": 0,
         "custody_checkpoint": None,
         "lockout": None,
-        "finality": {"age_s": 3.4, "waiting_s": 0.0, "late": False},
+        "finality": {"age_s": 3.4, "waiting_s": 0.0, "late": False, "clock_error_s": 0.0},
         "suspended_height": None,
     }
     row = NodeStatusReport("node-1", running=True, status=usual | status)
@@ -45,13 +45,19 @@ def test_a_node_at_work_is_ready_and_its_newest_final_block_has_an_age(capsys: p
 
 
 def test_a_stuck_network_is_not_called_ready(capsys: pytest.CaptureFixture[str]) -> None:
-    late = {"age_s": 45.2, "waiting_s": 44.0, "late": True}
+    late = {"age_s": 45.2, "waiting_s": 44.0, "late": True, "clock_error_s": 0.0}
     text = said(capsys, finality=late, mempool=3)
     assert "stuck" in text
     assert "ready" not in text
     assert "node-1 has had no new final block for 45 s, and transactions wait (3)." in text
     assert "wait" not in said(capsys, finality=late).splitlines()[-1]
     assert json.loads(said(capsys, as_json=True, finality=late))["nodes"][0]["finality"] == late
+
+
+def test_a_node_whose_machine_has_a_wrong_clock_is_not_called_ready(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said(capsys, finality={"age_s": 1.0, "waiting_s": 0.0, "late": False, "clock_error_s": 600.2})
+    assert "ready" not in text
+    assert "this machine's clock is about 600 s ahead. Set the clock (NTP, chrony)" in text
 
 
 def test_a_lockout_that_cannot_end_is_told_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:

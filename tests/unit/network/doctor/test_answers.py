@@ -78,6 +78,11 @@ def test_a_clock_a_version_or_a_height_is_named_only_beyond_what_is_tolerated() 
     found = check_clocks(answers, 5_000)
     assert codes(found) == [("CLOCK_SKEW", "b"), ("CLOCK_SKEW", "c")]
     assert "3600.0 s behind" in found[1].detail
+    told = check_clocks([answer("a", finality={"clock_error_s": 600.2}), answer("b", 9_000, finality={})], 5_000)
+    assert codes(told) == [("CLOCK_SKEW", "a"), ("CLOCK_SKEW", "b")]
+    assert told[0].detail.endswith("this machine's clock is about 600 s ahead.")
+    skewed = answer("a", -600_000, finality={"clock_error_s": -600.0})
+    assert "behind this machine's" in check_clocks([skewed], 5_000)[0].detail, "the node's own clock, not the machine's"
     answers = [answer("a"), answer("b", version="0.2.0")]
     assert codes(check_versions(answers, VERSION)) == [("VERSION_DIFFERS", "b")]
     answers = [answer("a", finalized_height=100), answer("b", finalized_height=80), answer("c", finalized_height=2)]
