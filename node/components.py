@@ -93,12 +93,12 @@ class Environment:
 
 
 async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
-    """Store genesis in a new ledger. Raises DATA_DIRECTORY_INVALID, STORAGE_*, GENESIS_INVALID."""
+    """Store genesis in a new ledger. Raises GENESIS_IN_USE, STORAGE_*, GENESIS_INVALID."""
     if ledger.position is None:
         await ledger.commit([genesis_block(genesis)], b"")
     with ledger.snapshot() as snapshot:
         if snapshot.block_height(genesis.block_id) != 0:
-            raise BlockRobotError("DATA_DIRECTORY_INVALID", "The ledger is that of another genesis file.")
+            raise BlockRobotError("GENESIS_IN_USE", "The node's ledger has begun by another genesis file than it has now.")
 
 
 def make_core(surroundings: Environment, head: Head, before: Core | None = None, journal: Sequence[bytes] = ()) -> Core:

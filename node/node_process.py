@@ -57,7 +57,7 @@ log = structlog.get_logger(__name__)
 async def open_ledger(config: NodeConfig, genesis: Genesis) -> LmdbStore:
     """Open the ledger, created with genesis if missing.
 
-    Raises DATA_DIRECTORY_IN_USE, DATA_DIRECTORY_INVALID, STORAGE_*, GENESIS_INVALID.
+    Raises DATA_DIRECTORY_IN_USE, DATA_DIRECTORY_INVALID, STORAGE_*, GENESIS_INVALID, GENESIS_IN_USE.
     """
     if not (config.ledger_dir / DATA_FILE_NAME).exists():
         ledger = LmdbStore.create(config.ledger_dir)

@@ -541,7 +541,7 @@ async def open_pinned_client(genesis: Genesis, path: Path) -> AsyncIterator[Netw
     except BlockRobotError as error:
         if pinned is None:
             raise
-        sentence = f"{path} is damaged, or of another network ({error.code}); without it the client begins anew."
+        sentence = f"{path} is damaged, or of another network ({error.code}): remove it, and the client begins anew."
         raise BlockRobotError("FILE_UNUSABLE", sentence) from None
     async with client:
         await use_given_nodes(client, genesis.chain_id)

@@ -10,7 +10,9 @@ from pathlib import Path
 
 from consensus.errors import BlockRobotError
 from network.doctor.findings import Finding
-from network.provisioning.node_certificates import read_report
+from network.provisioning.certificate_requests import check_fit
+from network.provisioning.new_node import hosts_of
+from network.provisioning.node_certificates import read_certificate, read_report
 from node.config import NodeConfig
 from node.consensus.journal import count_records
 from node.directory.node_directory import DirectoryContent
@@ -46,10 +48,21 @@ def check_certificate(config: NodeConfig, directory: DirectoryContent, now_ms: i
     if state == "unusable":
         return [Finding("CERTIFICATE_UNUSABLE", config.name, report.trouble)]
     if state == "valid" or report.facts is None:
-        return []
+        return _check_names(config, directory)
     verb = {"expired": "expired on", "expiring": "expires on", "revoked": "was revoked; it would count until"}[state]
     detail = f"Certificate {report.facts.serial_hex} {verb} {report.facts.expires}."
     return [Finding(_CERTIFICATE_CODES[state], config.name, detail)]
+
+
+def _check_names(config: NodeConfig, directory: DirectoryContent) -> list[Finding]:
+    node = directory.nodes.get(config.name)
+    if node is None:
+        return []
+    try:
+        check_fit(read_certificate(config), (node.name, *hosts_of(node)))
+    except BlockRobotError as error:
+        return [Finding("CERTIFICATE_UNFIT", config.name, f"{error.detail} Its place is agreed at {node.api_url}.")]
+    return []
 
 
 def check_authorities(directory: DirectoryContent, now_ms: int) -> list[Finding]:

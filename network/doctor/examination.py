@@ -107,7 +107,11 @@ def examine(
     if genesis is None:
         return Examination(tuple(path.name for path in directories), tuple(in_order(findings)))
     ledgers = probe_ledgers(configs)
-    findings += [Finding("LEDGER_DAMAGED", facts.name, facts.trouble) for facts in ledgers.values() if facts.trouble]
+    findings += [
+        Finding("LEDGER_FOREIGN" if facts.is_foreign else "LEDGER_DAMAGED", facts.name, facts.trouble)
+        for facts in ledgers.values()
+        if facts.trouble
+    ]
     whole_configs = [config for config in configs if not ledgers[config.name].trouble]
     directory = newest_directory(genesis, whole_configs)
     time_ms = now_ms()

@@ -233,6 +233,12 @@ KINDS: dict[str, FindingKind] = _table(
         "Make a new one: blockrobot certificate renew NODE --new-key.",
     ),
     FindingKind(
+        "CERTIFICATE_UNFIT",
+        "problem",
+        "The node's certificate does not name the address at which others reach it, or does not serve a node.",
+        "Renew it with each of its addresses: blockrobot certificate renew NODE --host ADDRESS.",
+    ),
+    FindingKind(
         "CERTIFICATE_UNUSABLE",
         "problem",
         "The node's certificate or TLS key cannot be used.",
@@ -294,6 +300,13 @@ KINDS: dict[str, FindingKind] = _table(
         "problem",
         "The node's ledger is damaged.",
         "Stop the node, keep the folder for inspection, and bring it back from a snapshot: blockrobot node snapshot.",
+    ),
+    FindingKind(
+        "LEDGER_FOREIGN",
+        "problem",
+        "The node's ledger is of another network than its genesis file, so it does not start.",
+        "Put the genesis file back that it has begun by; if that one is wrong, do what GENESIS_IN_USE says "
+        "(docs/reference/errors.md).",
     ),
 )
 

@@ -38,7 +38,10 @@ PROBE_TIMEOUT_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class LedgerFacts:
-    """A ledger's newest block; `trouble` is empty if intact, `height` -1 if none."""
+    """A ledger's newest block; `trouble` is empty if intact, `height` -1 if none.
+
+    `is_foreign`: it has begun by another genesis file.
+    """
 
     name: str
     trouble: str
@@ -51,6 +54,7 @@ class LedgerFacts:
     production: str = ""
     roots: dict[int, str] = field(default_factory=dict)
     """State roots by height, as the newest block headers have them."""
+    is_foreign: bool = False
 
 
 def probe(config: NodeConfig) -> LedgerFacts:
@@ -62,6 +66,9 @@ def probe(config: NodeConfig) -> LedgerFacts:
             position = snapshot.position
             if position is None:
                 return LedgerFacts(config.name, "")
+            if snapshot.block_height(genesis.block_id) != 0:
+                trouble = "Its ledger has begun by another genesis file than its genesis.json."
+                return LedgerFacts(config.name, trouble, is_foreign=True)
             head = read_head(snapshot, genesis).block
             epoch = read_epoch(snapshot)
             roots: dict[int, str] = {}

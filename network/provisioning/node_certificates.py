@@ -81,6 +81,14 @@ def parse_serial(text: str) -> int:
     return serial
 
 
+def read_certificate(config: NodeConfig) -> x509.Certificate:
+    """Raises CERTIFICATE_UNFIT if it cannot be read."""
+    try:
+        return x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())
+    except (OSError, *UNREADABLE):
+        raise BlockRobotError("CERTIFICATE_UNFIT", "The node's certificate cannot be read.") from None
+
+
 def read_report(config: NodeConfig) -> CertificateReport:
     try:
         certificate = x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import click
 
 from clients.sdk.chain.governance import MembershipView, read_membership
 from clients.sdk.network_client import NetworkClient
-from clients.sdk.node_places import check_place, parse_place
+from clients.sdk.node_places import check_place, parse_place, place_of
 from clients.sdk.terminal.json_answers import convert_row
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import EXISTING_FILE, command_output, console, print_answer
@@ -39,6 +39,7 @@ from network.cli.governance.governance_signer import (
 )
 from network.cli.governance.quorum_check import anyway_option, check_membership_change
 from network.provisioning.authority_check import check_authority_change, fingerprints
+from network.provisioning.certificate_requests import check_fit
 from network.provisioning.exchange_files import (
     ORGANISATION_ENTRY_FILE,
     read_authority_certificates,
@@ -47,6 +48,8 @@ from network.provisioning.exchange_files import (
 )
 from network.provisioning.new_node import NewNode
 from network.provisioning.new_organisation import create_organisation, enter_organisation
+from network.provisioning.node_certificates import read_certificate
+from node.config import CONFIG_FILE, load_config
 
 _FINGERPRINT_SHOWN_CHARS = 16
 
@@ -321,7 +324,20 @@ def move_node(name: str, advertise: str, api_url: str, admin: AdminOptions, as_j
     new.check()
     _, _, url = new.reached_at
     arguments = {"name": name, "host": host, "p2p_port": port, "api_url": url}
+    _check_own_certificate(network_folder(admin.folder) / "nodes" / name, (host, place_of(url)[0]))
     _propose("move_node", arguments, admin, as_json=as_json)
+
+
+def _check_own_certificate(data_dir: Path, hosts: Sequence[str]) -> None:
+    """Of a node whose folder is here. Raises CERTIFICATE_UNFIT."""
+    if not (data_dir / CONFIG_FILE).is_file():
+        return
+    try:
+        check_fit(read_certificate(load_config(data_dir)), hosts)
+    except BlockRobotError as error:
+        named = "".join(f" --host {host}" for host in dict.fromkeys(hosts))
+        step = f"First: blockrobot certificate renew {data_dir.name}{named} (and a --host for each address it has now)."
+        raise BlockRobotError(error.code, f"{error.detail} {step}") from None
 
 
 @propose.command("rekey-producer")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from network.cli.governance.producer_commands import producer
 from network.cli.governance.settings_commands import settings
 from network.cli.node.certificate_commands import certificate
 from network.provisioning.certificate_authority import create_authority, encode_private_key, issue_node_certificate
+from network.provisioning.network_layout import create_network
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of, node_fields, producer_of
 
@@ -249,6 +251,22 @@ def test_who_is_no_producer_may_go_whoever_is_down(chain: Consortium, silent: se
     silent.update({"node-01", "node-02"})
     opened = answer(org, "propose", "remove-node", "node-05", "--as", "org-01")["proposal"]["id"]
     assert answer(org, "approve", opened, "--as", "org-02")["executed"]
+
+
+def test_a_node_moves_only_to_where_its_certificate_says(chain: Consortium, tmp_path: Path) -> None:
+    """A certificate of a node whose folder is elsewhere is not looked at."""
+    create_network(tmp_path / "made", nodes=1, organisations=1, base_port=20_000)
+    move = ("propose", "move-node", "node-01", "--as", "org-01", "--advertise")
+    (tmp_path / "network" / "nodes").mkdir()
+    shutil.move(tmp_path / "made" / "nodes" / "node-1", tmp_path / "network" / "nodes" / "node-01")
+    said = run(org, *move, "10.0.0.9:7272").stderr
+    assert "does not name 10.0.0.9." in said
+    assert "First: blockrobot certificate renew node-01 --host 10.0.0.9 (and" in said
+    assert refusal(org, *move, "10.0.0.9:7272") == "CERTIFICATE_UNFIT"
+    assert chain.height == 0, "nothing was sent"
+    assert answer(org, *move, "127.0.0.1:7272")["executed"]
+    shutil.rmtree(tmp_path / "network" / "nodes")
+    assert answer(org, *move, "10.0.0.9:7272")["executed"]
 
 
 def test_an_entry_is_that_of_whom_one_names_and_a_producer_is_named_by_node_or_key(chain: Consortium) -> None:

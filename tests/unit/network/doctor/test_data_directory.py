@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import socket
 from dataclasses import replace
@@ -10,6 +11,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from consensus.chain.genesis import genesis_to_json
+from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.doctor.data_directory import check_authorities, check_directory, check_disk
 from network.doctor.examination import Examination, examine_network, examine_node
@@ -17,8 +20,9 @@ from network.doctor.findings import Finding
 from network.provisioning.network_layout import create_network
 from network.provisioning.node_certificates import DAY_MS, get_authority, now_ms, read_report, renew
 from node.clips_place import read_place
-from node.config import NodeConfig, config_to_toml
+from node.config import NodeConfig, config_to_toml, load_genesis
 from node.directory.node_directory import DirectoryContent, content_of_genesis
+from node.node_process import open_ledger
 from node.storage.directory_lock import DirectoryLock
 from tests.cluster.network_under_test import find_base_port
 
@@ -79,6 +83,15 @@ def test_a_certificate_near_its_end_over_it_and_revoked(
         1, directory.nodes, directory.organisations, frozenset({(facts.organisation, facts.serial)})
     )
     assert codes(check_directory(config, revoked, now_ms(), room)) == ["CERTIFICATE_REVOKED"]
+
+
+def test_a_certificate_that_does_not_name_where_the_node_has_moved_to(
+    config: NodeConfig, directory: DirectoryContent
+) -> None:
+    moved = replace(directory.nodes["node-1"], host="10.0.0.9", api_url="https://10.0.0.9:7273")
+    known = replace(directory, nodes={**directory.nodes, "node-1": moved})
+    [found] = check_directory(config, known, now_ms(), (20 * GIB, 40 * GIB))
+    assert (found.code, "10.0.0.9" in found.detail) == ("CERTIFICATE_UNFIT", True)
 
 
 @pytest.mark.parametrize(("free", "total"), [(100 * 2**20, 400 * GIB), (2 * GIB, 400 * GIB)])
@@ -173,6 +186,19 @@ def test_a_node_of_another_network(tmp_path: Path, folder: Path, config: NodeCon
     create_network(other, nodes=2, organisations=2, base_port=20_000)
     config.genesis_path.write_bytes((other / "genesis.json").read_bytes())
     assert of(examine_network(folder), "node-1") == {"GENESIS_DIFFERS"}
+
+
+async def test_a_ledger_that_has_begun_by_another_genesis_file(tmp_path: Path, config: NodeConfig) -> None:
+    genesis = load_genesis(config)
+    await (await open_ledger(config, genesis)).close()
+    assert of(await asyncio.to_thread(examine_node, config.data_dir), "node-1") == {"NODE_DOWN"}
+    other = create_network(tmp_path / "other", nodes=2, organisations=2, base_port=20_000)
+    config.genesis_path.write_text(genesis_to_json(other))
+    with pytest.raises(BlockRobotError, match="GENESIS_IN_USE"):
+        await open_ledger(config, other)
+    found = of(await asyncio.to_thread(examine_node, config.data_dir), "node-1")
+    assert "LEDGER_FOREIGN" in found
+    assert "LEDGER_DAMAGED" not in found
 
 
 @pytest.mark.parametrize("content", [b"", b"rubbish" * 2_000])
