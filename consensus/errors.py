@@ -141,6 +141,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CLUSTER_NOT_RUNNING", 409, "There is no network in this folder, or none of its nodes runs.", "Of a network with nodes elsewhere put genesis.json there, which each of its organisations hands out (`blockrobot status --genesis FILE` only looks), and start its nodes here with `blockrobot node run NAME --detach`. One of your own on this machine: `blockrobot up`."),
     ErrorEntry("CLUSTER_ALREADY_RUNNING", 409, "All nodes of the network in this directory, or the one that is named, run already.", "Use it (`blockrobot console` shows it), or stop it with `blockrobot down`."),
     ErrorEntry("CLUSTER_START_FAILED", 500, "The cluster did not become ready in time.", "See `blockrobot logs` for the first error.", retryable=True),
+    ErrorEntry("NODE_STILL_STARTING", 503, "The node's process runs, but does not answer yet.", "It goes on starting: look again with `blockrobot status`, and see `blockrobot logs NODE` if it stays so.", retryable=True),
     ErrorEntry("CLUSTER_FIRST_START_FAILED", 500, "The new network did not become ready in time, and was removed again.", "Mend what the last lines of its nodes name, then start it again.", retryable=True),
     ErrorEntry("FAULT_UNKNOWN", 400, "There is no such fault, behaviour, link profile or node.", "See `blockrobot fault --help` for the names."),
     ErrorEntry("FAULT_INVALID", 400, "A fault is described with a figure that makes no sense.", "Compare it with the examples in `blockrobot fault --help`."),

@@ -229,14 +229,15 @@ class Cluster:
                     await asyncio.sleep(_POLL_S)
 
     async def wait_answering(self, name: str, timeout_s: float = READY_TIMEOUT_S) -> None:
-        """Ready or not. Raises CLUSTER_START_FAILED."""
+        """Ready or not. Raises CLUSTER_START_FAILED, NODE_STILL_STARTING."""
         deadline = time.monotonic() + timeout_s
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=1)) as session:
             while not self._is_own(name, await fetch_status(session, self.configs[name])):
                 if not self.is_running(name):
                     raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} stopped: {self.latest_messages(name)}")
                 if time.monotonic() > deadline:
-                    raise BlockRobotError("CLUSTER_START_FAILED", f"{name} did not answer in time.")
+                    detail = f"{name} has not answered in {timeout_s:.0f} s, and its process goes on."
+                    raise BlockRobotError("NODE_STILL_STARTING", detail)
                 await asyncio.sleep(_POLL_S)
 
     async def _answers_ready(self, session: aiohttp.ClientSession, name: str, *, is_asked_for: bool) -> bool:

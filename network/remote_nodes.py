@@ -158,13 +158,15 @@ class _Asking:
         return node.answered(proved, refusal)
 
     async def _prove(self, address: NodeAddress) -> Header:
-        """The newest final block, which stands in a notice's proof. Raises NODE_UNREACHABLE, PROOF_INVALID etc."""
+        """The newest final block, which stands in a notice's proof. Raises NODE_UNREACHABLE, PROOF_INVALID, GENESIS_DIFFERS."""
         body = msgspec.json.encode(ProofsRequest([self._key.hex()]))
         while True:
             content = await self._client.ask_node(
                 address, "POST", "/v1/notice-proofs", body=body, timeout_ms=ASK_REMOTE_TIMEOUT_MS
             )
             answer = read_answer(content, ProofsAnswer)
+            if answer.finality is None and not await self._client.is_of_this_chain(address):
+                raise BlockRobotError("GENESIS_DIFFERS", f"{address.name} runs by another genesis file than the one here.")
             try:
                 header = self._verifier.final_header(answer.finality)
             except BlockRobotError as error:

@@ -168,16 +168,19 @@ class NetworkClient:
             sentence = f"{given.place} is {claim.name!r} of {claim.organisation!r}, unknown in this network."
             raise BlockRobotError("NODE_ADDRESS_WRONG", sentence)
         node = NodeAddress(claim.name, given.url, authority, is_given=True)
+        if not await self.is_of_this_chain(node):
+            raise BlockRobotError("NODE_ADDRESS_WRONG", f"Who answers at {given.place} is no node of this chain.")
+        return node
+
+    async def is_of_this_chain(self, node: NodeAddress) -> bool:
+        """By what it says of its genesis file, which proves nothing. Raises NODE_UNREACHABLE and other passing errors."""
         try:
             content = await self.ask_node(node, "GET", "/v1/genesis", timeout_ms=GIVEN_TIMEOUT_MS)
-            is_ours = genesis_from_json(content.decode()).chain_id == self.genesis.chain_id
+            return genesis_from_json(content.decode()).chain_id == self.genesis.chain_id
         except (BlockRobotError, UnicodeDecodeError) as error:
             if isinstance(error, BlockRobotError) and error.entry.retryable and error.code != "INTERNAL":
                 raise
-            is_ours = False
-        if not is_ours:
-            raise BlockRobotError("NODE_ADDRESS_WRONG", f"Who answers at {given.place} is no node of this chain.")
-        return node
+            return False
 
     async def find_nodes(self, key: PrivateKey) -> None:
         """Refresh nodes when due; failure keeps known ones. Reads do so themselves, submit-only clients call this."""

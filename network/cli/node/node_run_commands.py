@@ -63,7 +63,7 @@ def run(
 
 
 async def _start(config: NodeConfig, folder: Path | None, *, restored: bool) -> None:
-    """Raises CLUSTER_ALREADY_RUNNING, CLUSTER_START_FAILED, NOT_FOUND."""
+    """Raises CLUSTER_ALREADY_RUNNING, CLUSTER_START_FAILED, NODE_STILL_STARTING, NOT_FOUND."""
     cluster = Cluster(network_folder(folder))
     if cluster.config(config.name).data_dir != config.data_dir:
         raise BlockRobotError("NOT_FOUND", f"{config.data_dir} is not of the network in {cluster.folder}.")

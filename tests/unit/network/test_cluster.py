@@ -117,6 +117,15 @@ async def test_waiting_for_a_node_that_died_ends_at_once_with_its_last_words(clu
     assert "no disk" in caught.value.detail
 
 
+async def test_a_node_that_takes_long_to_start_has_not_failed(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "is_running", lambda _name: True)
+    with pytest.raises(BlockRobotError) as caught:
+        await cluster.wait_answering("node-1", timeout_s=0)
+    assert refusal_of(caught) == "NODE_STILL_STARTING"
+
+
 def test_no_key_of_the_network_is_readable_by_others(made: Path) -> None:
     secret = [path for path in made.rglob("*") if path.name.endswith((".key", "key.pem"))]
     assert len(secret) >= 4 * 2 + 2 * 3

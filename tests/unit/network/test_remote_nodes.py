@@ -67,8 +67,11 @@ async def test_an_address_that_is_typed_reaches_a_node_that_the_chain_names_else
 async def test_a_node_of_another_chain_proves_nothing(nodes: CertifiedNodes, tmp_path: Path) -> None:
     other = CertifiedNodes(tmp_path, nodes.stack, "another")
     await other.ledger.start()
-    await other.ledger.extend()
     url = await other.serve("n0", host="127.0.0.1")
+    problem = (await ask(nodes, n0=url))["n0"].problem
+    assert problem is not None
+    assert problem.code == "GENESIS_DIFFERS", "it has no final block that could be of another chain"
+    await other.ledger.extend()
     problem = (await ask(nodes, n0=url))["n0"].problem
     assert problem is not None
     assert problem.code in {"PROOF_INVALID", "CERTIFICATE_INVALID"}
