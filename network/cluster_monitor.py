@@ -90,6 +90,18 @@ def clock_words(error_s: float) -> str:
     return f"By the time of new final blocks, this machine's clock is about {abs(error_s):.0f} s {word}."
 
 
+def refusals_of(name: str, status: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Peers that a node refuses, and its words with the next step; not who was removed or is cut off for a while."""
+    return [
+        (
+            str(row["peer"]),
+            f"{name} refuses {row['peer']}: {row['code']}. {row['detail']} {row.get('next_step', '')}".strip(),
+        )
+        for row in status.get("refused_peers", [])
+        if row["code"] not in {"PEER_REMOVED", "PEER_CUT_OFF"}
+    ]
+
+
 class Observer:
     """Makes consecutive pictures from looks."""
 

@@ -158,7 +158,10 @@ class _Asking:
         return node.answered(proved, refusal)
 
     async def _prove(self, address: NodeAddress) -> Header:
-        """The newest final block, which stands in a notice's proof. Raises NODE_UNREACHABLE, PROOF_INVALID, GENESIS_DIFFERS."""
+        """The newest final block, which stands in a notice's proof.
+
+        Raises NODE_UNREACHABLE, PROOF_INVALID, GENESIS_DIFFERS etc.
+        """
         body = msgspec.json.encode(ProofsRequest([self._key.hex()]))
         while True:
             content = await self._client.ask_node(
@@ -166,7 +169,9 @@ class _Asking:
             )
             answer = read_answer(content, ProofsAnswer)
             if answer.finality is None and not await self._client.is_of_this_chain(address):
-                raise BlockRobotError("GENESIS_DIFFERS", f"{address.name} runs by another genesis file than the one here.")
+                raise BlockRobotError(
+                    "GENESIS_DIFFERS", f"{address.name} runs by another genesis file than the one here."
+                )
             try:
                 header = self._verifier.final_header(answer.finality)
             except BlockRobotError as error:

@@ -98,7 +98,9 @@ async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
         await ledger.commit([genesis_block(genesis)], b"")
     with ledger.snapshot() as snapshot:
         if snapshot.block_height(genesis.block_id) != 0:
-            raise BlockRobotError("GENESIS_IN_USE", "The node's ledger has begun by another genesis file than it has now.")
+            raise BlockRobotError(
+                "GENESIS_IN_USE", "The node's ledger has begun by another genesis file than it has now."
+            )
 
 
 def make_core(surroundings: Environment, head: Head, before: Core | None = None, journal: Sequence[bytes] = ()) -> Core:

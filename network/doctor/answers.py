@@ -9,7 +9,7 @@ from typing import Any
 
 from consensus.chain.messages import ASKING
 from contracts.worker.sandbox import REQUIRED_PARTS
-from network.cluster_monitor import clock_words
+from network.cluster_monitor import clock_words, refusals_of
 from network.doctor.findings import Finding
 from network.remote_nodes import RemoteNode
 from node.directory.node_directory import DirectoryContent
@@ -86,11 +86,7 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
             detail = f"It has blocks from {status['earliest_height']} on; custody is at {status['custody_checkpoint']}."
             found.append(Finding("OLD_BLOCKS_HELD", answer.name, detail))
         found += _check_floods(answer.name, status)
-        for refusal in status.get("refused_peers", []):
-            if refusal["code"] in {"PEER_REMOVED", "PEER_CUT_OFF"}:
-                continue  # `check_membership` names the one, `_check_floods` the other
-            detail = f"{answer.name} refuses {refusal['peer']}: {refusal['code']}. {refusal['detail']}"
-            found.append(Finding("PEER_REFUSED", str(refusal["peer"]), detail))
+        found += [Finding("PEER_REFUSED", peer, detail) for peer, detail in refusals_of(answer.name, status)]
     return found
 
 

@@ -188,7 +188,7 @@ KINDS: dict[str, FindingKind] = _table(
         "PEER_REFUSED",
         "problem",
         "A node refuses a peer.",
-        "Do what the code of the refusal says (docs/reference/errors.md).",
+        "Do what is said with the refusal; more on its code is in docs/reference/errors.md.",
     ),
     FindingKind(
         "STATE_DIVERGED",

@@ -22,7 +22,7 @@ from network.cli.cluster.cluster_options import dir_words, folder_option, networ
 from network.cli.cluster.remote_table import ask_elsewhere, ask_from_outside, print_elsewhere
 from network.cli.cluster.status_answers import NodeStatus, StatusAnswer
 from network.cluster import Cluster, NodeStatusReport
-from network.cluster_monitor import accusers_of, clock_words, kept_lines
+from network.cluster_monitor import accusers_of, clock_words, kept_lines, refusals_of
 from network.doctor.findings import Finding
 from network.notices.notice_publishing import publish_demo_notice
 from network.provisioning.network_files import require_own
@@ -339,6 +339,7 @@ def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:
         told.append(f"{name} has had no new final block for {finality['age_s']:.0f} s{work}.")
     if finality.get("clock_error_s"):
         told.append(f"{name}: {clock_words(finality['clock_error_s'])} {Finding('CLOCK_SKEW', name, '').next_step}")
+    told += [sentence for _, sentence in refusals_of(name, status)]
     height = status.get("suspended_height")
     if height is not None:
         back = f"a majority brings it back: blockrobot producer approve {name} --as ORG"

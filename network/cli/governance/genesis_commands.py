@@ -115,7 +115,7 @@ def check(file: Path, adopt: bool, data_dirs: tuple[Path, ...], folder: Path | N
     if differences:
         raise _differs(f"{file} says otherwise than the entries here", differences)
     adopted, is_replaced = _adopt(offered, place, nodes) if adopt else ([], False)
-    _show(offered, file, adopted, as_json=as_json, is_replaced=is_replaced)
+    _show(offered, file, adopted, as_json=as_json, nodeless=(), is_replaced=is_replaced)
     if as_json:
         return
     if is_replaced:
@@ -176,20 +176,20 @@ def _show(
     adopted: list[str],
     *,
     as_json: bool,
-    nodeless: tuple[str, ...] | None = None,
+    nodeless: tuple[str, ...],
     is_replaced: bool = False,
 ) -> None:
-    """`nodeless`: organisations without a node on purpose; None where nobody is to be warned of the others."""
+    """`nodeless`: organisations without a node on purpose."""
     organisations, settings = _organisations(shown), _settings(shown)
     changed = {name: values for name, values in settings.items() if values[0] != values[1]}
     warnings = [
         GenesisWarning(
             code="FOUNDER_WITHOUT_NODE",
             detail=f"{entry.name} founds without a node: its voice counts, and its node's entry may have been left out. "
-            f"If it is so on purpose: --without-node {entry.name}.",
+            f"If it is so on purpose: genesis make --without-node {entry.name}.",
         )
         for entry in organisations
-        if nodeless is not None and not entry.nodes and entry.name not in nodeless
+        if not entry.nodes and entry.name not in nodeless
     ]
     nodes = [
         GenesisNode(

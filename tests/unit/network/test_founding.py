@@ -460,6 +460,8 @@ def test_an_organisation_whose_nodes_entry_was_left_out_is_warned_of(handed: dic
     assert "warning FOUNDER_WITHOUT_NODE: clinic founds without a node" in said.output
     (warning,) = json.loads(make("2.json", "--json").stdout)["warnings"]
     assert warning["code"] == "FOUNDER_WITHOUT_NODE"
+    said = run(genesis_group, "check", str(tmp_path / "1.json"), "--dir", str(tmp_path / "empty"))
+    assert "warning FOUNDER_WITHOUT_NODE: clinic" in said.output, "and whoever compares the file is warned too"
     assert "warning" not in make("3.json", "--without-node", "clinic").output
     assert make("4.json", "--without-node", "nobody").exit_code == 2
     assert not (tmp_path / "4.json").exists()

@@ -60,6 +60,12 @@ def test_a_node_whose_machine_has_a_wrong_clock_is_not_called_ready(capsys: pyte
     assert "this machine's clock is about 600 s ahead. Set the clock (NTP, chrony)" in text
 
 
+def test_a_refused_peer_is_told_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    row = {"peer": "node-3", "code": "GENESIS_DIFFERS", "detail": "Another chain.", "next_step": "Compare."}
+    assert "node-1 refuses node-3: GENESIS_DIFFERS. Another chain. Compare." in said(capsys, refused_peers=[row])
+    assert "refuses" not in said(capsys, refused_peers=[row | {"code": "PEER_REMOVED"}])
+
+
 def test_a_lockout_that_cannot_end_is_told_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
     lockout = {"reason": "restored", "until": "later", "can_end": True}
     assert "Waiting does not help" not in said(capsys, lockout=lockout)
