@@ -219,7 +219,7 @@ async def test_a_publisher_that_is_killed_and_one_that_follows_are_one_run(graph
 
 async def test_a_router_that_is_killed_and_comes_back_is_found_again(graph: ZenohGraph, scene: Path) -> None:
     async with listening([feed(graph)], Topics()) as heard:
-        await graph.start_drivers(scene, seconds=60)
+        await graph.start_drivers(scene, seconds=150)
         await heard.until(lambda: len(heard.frames) > 5)
         await graph.kill_router()
         await asyncio.sleep(0.5)
