@@ -126,8 +126,12 @@ def _check_signer(offer: NodeOffer, organisations: Sequence[OrganisationOffer]) 
 def _check_entries(organisations: Sequence[tuple[str, Organisation]], nodes: Sequence[tuple[str, NodeEntry]]) -> None:
     """Each by itself, and that no two have what only one may have; with the source of each, for its refusal."""
     all_owners = [owner for _, owner in organisations]
+    names_alone = [msgspec.structs.replace(owner, ca_certificate="") for owner in all_owners]
     for source, owner in organisations:
         _check(source, partial(_check_form, "add_org", owner))
+        # First by the names in it: of two that have one certificate, whose name it does not bear is told of.
+        _check(source, partial(check_authority, owner.ca_certificate, owner.name, names_alone))
+    for source, owner in organisations:
         _check(source, partial(check_authority, owner.ca_certificate, owner.name, all_owners))
     names = {owner.name for owner in all_owners}
     for source, entry in nodes:

@@ -126,6 +126,7 @@ BY_KEY_ALONE = {
 }
 """What reads and writes single documents by their ids, or by the slots of their keys."""
 LOOK_AT_ALL = {
+    "absent",
     "counts",
     "leftovers",
     "sweep",

@@ -20,7 +20,7 @@ from consensus.primitives.keys import PrivateKey
 from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.genesis import complete_genesis
 from network.bench.growth.growth_ledgers import BlockMaker, open_chain
-from network.provisioning.certificate_authority import write_secret
+from network.provisioning.certificate_authority import create_authority, issue_node_certificate, write_secret
 from network.provisioning.founding import adopt_genesis
 from network.sim.workload import make_material
 from network.sim.world.sim_chain import Chain, make_key, make_node_entry, node_name
@@ -56,7 +56,7 @@ def make_hospital_chain(custodians: int) -> Chain:
 
 def found_network(folder: Path, chain: Chain) -> list[NodeConfig]:
     """The folder of a network as commands find it; the first node's ledger is that of all."""
-    configs = []
+    configs, authority = [], create_authority("hospital")
     for index, key in enumerate(chain.custodians):
         place = folder / "nodes" / node_name(index)
         producer, port = place / "keys" / "producer.key", _FIRST_PORT + _PORTS_A_NODE * index
@@ -78,6 +78,9 @@ def found_network(folder: Path, chain: Chain) -> list[NodeConfig]:
         )
         assert key is not None, "each node of the hospital is a custodian"
         write_secret(place / "keys" / "custodian.key", key.secret)
+        issued = issue_node_certificate(authority, config.name)
+        write_secret(config.tls_certificate_path, issued.certificate_pem)
+        write_secret(config.tls_key_path, issued.key_pem)
         if not index:
             write_secret(producer, chain.producers[0].secret)
         write_secret(place / CONFIG_FILE, config_to_toml(config).encode())

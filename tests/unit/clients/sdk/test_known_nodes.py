@@ -130,7 +130,7 @@ async def test_a_client_that_only_submits_may_look_by_itself(town: Town) -> None
     await client.find_nodes(SUBJECT)
     assert names_of(client) == list(ACTIVE)
     await client.find_nodes(SUBJECT)
-    assert town.looks() == 4, "twice: once more after something was new, and not again within the minute"
+    assert town.looks() == 2 * 3, "twice: once more after something was new, and not again within the minute"
 
 
 async def test_it_looks_again_after_a_minute_and_when_the_producers_change(town: Town) -> None:

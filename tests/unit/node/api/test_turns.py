@@ -47,7 +47,7 @@ async def test_where_all_places_are_taken_who_has_most_makes_room_and_nobody_is_
     refused = [place for place, result in enumerate(results) if isinstance(result, BlockRobotError)]
     assert refused == [WAITING_OF_SOURCE_MAX_COUNT, len(results) - 1], "the newest of the first session"
     await turns.wait(Source("session", "late"), 1)
-    assert named == ["session 0"] * 2
+    assert named == [f"session {sources[0].name}"] * 2
 
 
 async def test_visits_with_one_request_each_leave_places_to_others() -> None:
