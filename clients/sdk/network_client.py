@@ -24,7 +24,7 @@ from clients.sdk.connections import (
     NodeAddress,
 )
 from clients.sdk.given_nodes import GIVEN_TIMEOUT_MS, Claim, GivenNode, read_claim, use_given_nodes
-from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeDirectory, read_known_nodes
+from clients.sdk.known_nodes import STEPS_MAX_COUNT, KnownCustodian, NodeDirectory, read_known_nodes
 from clients.sdk.new_files import replace_file
 from clients.sdk.node_answers import (
     BY_ITS_CLOCK,
@@ -137,6 +137,10 @@ class NetworkClient:
         return self._book.unlisted
 
     # Who is there
+
+    @property
+    def known_custodians(self) -> tuple[KnownCustodian, ...]:
+        return self._book.known_custodians
 
     async def use_given(self, given: Sequence[GivenNode]) -> list[BlockRobotError]:
         """Ask these nodes there, the first of them first; return why some are not used. What of them is checked: the
