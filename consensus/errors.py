@@ -103,7 +103,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     # Nodes and storage
     ErrorEntry("DATA_DIRECTORY_IN_USE", 409, "Another process already runs on this data directory.", "Stop it first, or choose another directory."),
     ErrorEntry("DATA_DIRECTORY_INVALID", 400, "The directory does not hold a node that this version can open.", "Make one with `blockrobot node init`, or name the right directory."),
-    ErrorEntry("PORT_IN_USE", 409, "Another program already listens on this port.", "Stop that program or choose other ports with --base-port."),
+    ErrorEntry("PORT_IN_USE", 409, "Another program already listens on this port, or another node is to.", "Stop that program or choose other ports with --base-port."),
     ErrorEntry("PORT_NOT_PERMITTED", 403, "This user may not listen on this port.", "Choose a port above 1023, or let the system allow it to the node's user."),
     ErrorEntry("ADDRESS_NOT_HERE", 400, "The address to listen on is none of this machine's.", "Listen on an address that the machine has (`ip address` shows them; 0.0.0.0 is all), and name the one that others reach with --advertise."),
     ErrorEntry("NODE_NOT_CERTIFIED", 409, "The node has no certificate yet, so there is no entry of it.", "Let the authority of its organisation sign node.csr from its data directory, and then: `blockrobot certificate install NODE CERTIFICATE`."),

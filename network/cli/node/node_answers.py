@@ -8,6 +8,13 @@ from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Count, H
 from network.ledger_diff.difference_answers import NodeDiffAnswer
 
 
+class ListeningWarning(Answer, frozen=True, kw_only=True):
+    """Why a new node could not listen now where it is to."""
+
+    code: Annotated[str, doc("Its code")]
+    detail: Annotated[str, doc("What there is to see")]
+
+
 class NodeInitAnswer(Answer, frozen=True, kw_only=True):
     """A node whose data directory was made."""
 
@@ -20,6 +27,7 @@ class NodeInitAnswer(Answer, frozen=True, kw_only=True):
     producer_key: Annotated[Hex, doc("Its producer key")]
     custodian_key: Annotated[Hex, doc("Its custodian key; empty if it is no custodian")]
     next_steps: Annotated[list[str], doc("The next commands to type")]
+    warnings: Annotated[list[ListeningWarning], doc("Why it could not listen now")]
 
 
 class NodeAddStep(Answer, frozen=True, kw_only=True):
