@@ -180,9 +180,9 @@ class NetworkClient:
         """By what it says of its genesis file, which proves nothing. Raises NODE_UNREACHABLE and other passing errors."""
         try:
             content = await self.ask_node(node, "GET", "/v1/genesis", timeout_ms=GIVEN_TIMEOUT_MS)
-            return genesis_from_json(content.decode()).chain_id == self.genesis.chain_id
-        except (BlockRobotError, UnicodeDecodeError) as error:
-            if isinstance(error, BlockRobotError) and error.entry.retryable and error.code != "INTERNAL":
+            return genesis_from_json(content).chain_id == self.genesis.chain_id
+        except BlockRobotError as error:
+            if error.entry.retryable and error.code != "INTERNAL":
                 raise
             return False
 
