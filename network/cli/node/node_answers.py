@@ -150,7 +150,9 @@ class NodeBackupAnswer(Answer, frozen=True, kw_only=True):
     has_custody: Annotated[bool, doc("Whether what it keeps as a custodian is in it")]
     store_elsewhere: Annotated[bool, doc("Whether it keeps that in MongoDB, which needs a backup of its own")]
     clips_elsewhere: Annotated[str, doc("Where its clips' ciphertexts are, which are not in it; empty: they are")]
-    password_left_out: Annotated[bool, doc("Whether node.toml holds a password of MongoDB, which is not in the backup")]
+    password_left_out: Annotated[
+        bool, doc("Whether node.toml holds a password or login of MongoDB, which is not in the backup")
+    ]
     deleted: Annotated[list[str], doc("The older backups that `--keep` deleted")]
 
 
