@@ -103,7 +103,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     # Nodes and storage
     ErrorEntry("DATA_DIRECTORY_IN_USE", 409, "Another process already runs on this data directory.", "Stop it first, or choose another directory."),
     ErrorEntry("DATA_DIRECTORY_INVALID", 400, "The directory does not hold a node that this version can open.", "Make one with `blockrobot node init`, or name the right directory."),
-    ErrorEntry("PORT_IN_USE", 409, "Another program already listens on this port.", "Stop that program or choose other ports with --base-port."),
+    ErrorEntry("PORT_IN_USE", 409, "Another program already listens on this port, or another node is to.", "Stop that program or choose other ports with --base-port."),
     ErrorEntry("PORT_NOT_PERMITTED", 403, "This user may not listen on this port.", "Choose a port above 1023, or let the system allow it to the node's user."),
     ErrorEntry("ADDRESS_NOT_HERE", 400, "The address to listen on is none of this machine's.", "Listen on an address that the machine has (`ip address` shows them; 0.0.0.0 is all), and name the one that others reach with --advertise."),
     ErrorEntry("NODE_NOT_CERTIFIED", 409, "The node has no certificate yet, so there is no entry of it.", "Let the authority of its organisation sign node.csr from its data directory, and then: `blockrobot certificate install NODE CERTIFICATE`."),
@@ -173,7 +173,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("UPLOAD_QUOTA_EXCEEDED", 429, "The robot, or its organisation's robots together, have brought as much as the network allows.", "Wait as long as Retry-After says; `blockrobot custody status` shows who brought how much, and organisations may change the quota with `blockrobot settings propose`.", retryable=True),
     ErrorEntry("DISK_RESERVE_REACHED", 503, "The custodian's disk is nearly full, so it takes no uploads; it still erases, votes and prunes.", "Give its disk more room, or see `[custody] reserve_mib` in node.toml.", retryable=True),
     ErrorEntry("VISIT_NOT_OPEN", 409, "The chain knows no open visit of this robot under the clip's owner key.", "Open the visit and wait until that is final, then upload.", retryable=True),
-    ErrorEntry("EMPTY_FRAME_NOT_APPROVED", 403, "Nobody of the robot's organisation has approved the empty frame on the chain, or it was withdrawn.", "Look at the frames: is nobody in them? Then an admin says `blockrobot frames approve FOLDER`; on a network for trials the robot's own `--approve-as ORG` does it."),
+    ErrorEntry("EMPTY_FRAME_NOT_APPROVED", 403, "Nobody of the robot's organisation has approved the empty frame on the chain, or it was withdrawn.", "Look at the frames: is nobody in them? Then an admin says `blockrobot frames approve FOLDER --as ORG`; on a network for trials the robot's own `--approve-as ORG` does it."),
     ErrorEntry("EMPTY_FRAME_WITHDRAWN", 404, "The empty frame was withdrawn: no robot may publish it any more.", "Nothing is to be done: what was recorded on it is shown without the room."),
     ErrorEntry("ROOM_NOT_RECORDED", 404, "The robot was driving, and could not tell the room from people in it.", "Nothing is to be done: distances and outlines are as they were measured."),
     ErrorEntry("BACKGROUND_NOT_A_PICTURE", 400, "The empty frame is no depth picture: a greyscale PNG of 16 bits.", "Record it with `blockrobot robot background record`."),

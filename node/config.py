@@ -211,10 +211,10 @@ def load_config(data_dir: Path) -> NodeConfig:
     """Raises DATA_DIRECTORY_INVALID if it is missing, CONFIGURATION_INVALID."""
     path = data_dir / CONFIG_FILE
     try:
-        document = read_toml_text(path.read_text(encoding="utf-8"))
+        document = read_toml_text(path.read_bytes())
     except (FileNotFoundError, NotADirectoryError):
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {CONFIG_FILE} in {data_dir}.") from None
-    except (TextInvalidError, UnicodeDecodeError) as error:
+    except TextInvalidError as error:
         raise _invalid(f"it is not TOML: {error}.") from None
     unknown = sorted(set(document) - set(SECTIONS))
     if unknown:
@@ -372,7 +372,7 @@ def load_genesis(config: NodeConfig) -> Genesis:
     A node that joined later is not in it. Raises GENESIS_INVALID, CONFIGURATION_INVALID.
     """
     try:
-        genesis = genesis_from_json(config.genesis_path.read_text(encoding="utf-8"))
+        genesis = genesis_from_json(config.genesis_path.read_bytes())
     except FileNotFoundError:
         raise _invalid(f"the genesis file {config.genesis_path.name} is missing.") from None
     if not config.organisation and config.name not in {node.name for node in genesis.nodes}:

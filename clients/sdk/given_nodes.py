@@ -98,7 +98,7 @@ def read_nodes_file(path: Path) -> tuple[list[GivenNode], list[BlockRobotError]]
         document = read_json_as(read_given_text(path, NODES_FILE_MAX_BYTES), _NodesFile)
     except BlockRobotError as error:
         return [], [error]
-    except (OSError, UnicodeDecodeError, TextInvalidError):
+    except (OSError, TextInvalidError):
         return [], [BlockRobotError("FILE_UNUSABLE", f"{path} lists no nodes: it cannot be read, or has another form.")]
     if len(document.nodes) > GIVEN_NODES_MAX_COUNT:
         return [], [BlockRobotError("FILE_UNUSABLE", f"{path} lists more than {GIVEN_NODES_MAX_COUNT} nodes.")]

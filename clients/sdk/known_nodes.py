@@ -34,9 +34,10 @@ class KnownNode(Wire, frozen=True):
 
 
 class KnownCustodian(Wire, frozen=True):
-    """A custodian: its node, key and declared room (GiB, 0: none)."""
+    """A custodian: its node, organisation, key and declared room (GiB, 0: none)."""
 
     name: str
+    organisation: str
     key: bytes
     room_gib: int = 0
 
@@ -67,7 +68,8 @@ def nodes_of_genesis(genesis: Genesis) -> KnownNodes:
 
 
 def _custodians_of(nodes: Collection[NodeEntry | NodeRow]) -> tuple[KnownCustodian, ...]:
-    return tuple(KnownCustodian(node.name, node.custodian_key) for node in nodes if node.custodian_key)
+    keeping = [node for node in nodes if node.custodian_key]
+    return tuple(KnownCustodian(node.name, node.organisation, node.custodian_key) for node in keeping)
 
 
 def address_of(node: KnownNode, url: str | None = None) -> NodeAddress:
@@ -132,7 +134,8 @@ class NodeDirectory:
             self.addresses = tuple(address_of(by_name[name], url) for name, url in urls.items())
         if not self.addresses:
             raise BlockRobotError("CONFIGURATION_INVALID", "There is no node to ask.")
-        self._custodians = {each.name: each for each in (*first.custodians, *self.known.custodians)}
+        self._founding = first.custodians
+        self._custodians = {each.name: each for each in self.known_custodians}
         self._given: dict[str, NodeAddress] = {}
         self.unlisted: tuple[NodeAddress, ...] = ()
 
@@ -155,6 +158,11 @@ class NodeDirectory:
         """The CA certificate (PEM) of a known node's organisation."""
         known = [*self.addresses, *(address_of(node) for node in self.known.nodes)]
         return next((node.ca_certificate for node in known if node.name == name), None)
+
+    @property
+    def known_custodians(self) -> tuple[KnownCustodian, ...]:
+        """The founding ones, who may have left, and the proved ones."""
+        return tuple(dict.fromkeys((*self._founding, *self.known.custodians)))
 
     @property
     def custodians(self) -> tuple[NodeAddress, ...]:

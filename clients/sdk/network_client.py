@@ -24,7 +24,7 @@ from clients.sdk.connections import (
     NodeAddress,
 )
 from clients.sdk.given_nodes import GIVEN_TIMEOUT_MS, Claim, GivenNode, read_claim, use_given_nodes
-from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeDirectory, read_known_nodes
+from clients.sdk.known_nodes import STEPS_MAX_COUNT, KnownCustodian, NodeDirectory, read_known_nodes
 from clients.sdk.new_files import replace_file
 from clients.sdk.node_answers import (
     BY_ITS_CLOCK,
@@ -138,6 +138,10 @@ class NetworkClient:
 
     # Who is there
 
+    @property
+    def known_custodians(self) -> tuple[KnownCustodian, ...]:
+        return self._book.known_custodians
+
     async def use_given(self, given: Sequence[GivenNode]) -> list[BlockRobotError]:
         """Ask these nodes there, the first of them first; return why some are not used. What of them is checked: the
         certificate, by the node's name and its organisation's authority, and the genesis file.
@@ -176,9 +180,9 @@ class NetworkClient:
         """By what it says of its genesis file, which proves nothing. Raises NODE_UNREACHABLE and other passing errors."""
         try:
             content = await self.ask_node(node, "GET", "/v1/genesis", timeout_ms=GIVEN_TIMEOUT_MS)
-            return genesis_from_json(content.decode()).chain_id == self.genesis.chain_id
-        except (BlockRobotError, UnicodeDecodeError) as error:
-            if isinstance(error, BlockRobotError) and error.entry.retryable and error.code != "INTERNAL":
+            return genesis_from_json(content).chain_id == self.genesis.chain_id
+        except BlockRobotError as error:
+            if error.entry.retryable and error.code != "INTERNAL":
                 raise
             return False
 

@@ -32,8 +32,12 @@ def read_given_file(path: Path, max_bytes: int) -> bytes:
 
 
 def read_given_text(path: Path, max_bytes: int = SMALL_FILE_MAX_BYTES, *, encoding: str = "utf-8") -> str:
-    """With line feeds as ends of lines. Raises FILE_UNUSABLE if too large, OSError, UnicodeDecodeError."""
-    return io.StringIO(read_given_file(path, max_bytes).decode(encoding), newline=None).read()
+    """With line feeds as ends of lines. Raises FILE_UNUSABLE if too large or no text, OSError."""
+    data = read_given_file(path, max_bytes)
+    try:
+        return io.StringIO(data.decode(encoding), newline=None).read()
+    except UnicodeDecodeError:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} is not a text file in {encoding}.") from None
 
 
 def require_free(path: Path, *, replace: bool = False, hint: str = "") -> None:

@@ -192,7 +192,7 @@ def _from_hex(kind: Any, value: Any) -> Any:
     return value
 
 
-def genesis_from_json(text: str) -> Genesis:
+def genesis_from_json(text: str | bytes) -> Genesis:
     """Raises GENESIS_INVALID."""
     try:
         raw = read_json_text(text)

@@ -30,8 +30,6 @@ def read_log(path: Path) -> EventTable:
     """
     try:
         text = read_given_text(path, EVENT_LOG_MAX_BYTES, encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise BlockRobotError("EVENT_LOG_INVALID", f"{path.name} is not a text in UTF-8.") from None
     except OSError as error:
         raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror or type(error).__name__}.") from None
     table = parse_log(text)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from urllib.parse import urlsplit
@@ -29,9 +30,10 @@ from network.provisioning.certificate_requests import check_certificate, check_f
 from network.provisioning.exchange_files import read_node_entry
 from network.provisioning.founding_entries import node_entry_to_json
 from network.provisioning.node_certificates import install
-from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, config_to_toml, load_key
+from node.config import CONFIG_FILE, LOOPBACK, OPERATOR_HOST, NodeConfig, config_to_toml, load_config, load_key
 from node.consensus.journal import Journal
 from node.directory.node_directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
+from node.p2p.connection_acceptor import bind_listener
 from pages.listening import is_loopback
 
 NODE_ENTRY_FILE = "node-entry.json"
@@ -42,6 +44,8 @@ _DIRECTORY_FIELDS = ("name", "organisation", "host", "p2p_port", "api_url", "pro
 NAME_MAX_CHARS = 40
 _NAME_CHARS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789-")
 _EVERYWHERE = frozenset({"0.0.0.0", "::"})  # noqa: S104 - refused
+Place = tuple[str, int]
+"""An address to listen at, and a port."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +83,11 @@ class NewNode:
         is_plain = self.reached_at[2].startswith("http:")
         return bind, self.api_bind or (LOOPBACK if is_plain and not is_loopback(bind) else bind)
 
+    @property
+    def listening_places(self) -> list[Place]:
+        bind, api_bind = self.listens_at
+        return [(bind, self.base_port), (api_bind, self.base_port + 1), (OPERATOR_HOST, self.base_port + 2)]
+
     def check(self) -> None:
         """Raises CONFIGURATION_INVALID, NODE_ADDRESS_UNUSABLE."""
         check_name(self.name, "a node")
@@ -106,6 +115,35 @@ def check_name(name: str, what: str) -> None:
     if not is_name(name):
         text = f"The name of {what} has 1 to {NAME_MAX_CHARS} small letters, digits and hyphens."
         raise BlockRobotError("CONFIGURATION_INVALID", text)
+
+
+def require_own_ports(new: NewNode, folder: Path) -> None:
+    """Raises PORT_IN_USE for those of a node that lies beside it."""
+    for path in folder.parent.glob(f"*/{CONFIG_FILE}"):
+        try:
+            other = load_config(path.parent)
+        except BlockRobotError:
+            continue
+        theirs = [
+            (other.host, other.p2p_port),
+            (other.api_host, other.api_port),
+            (OPERATOR_HOST, other.operator_port),
+            *([(other.metrics_host, other.metrics_port)] if other.metrics_host else []),
+        ]
+        for (host, port), (their_host, their_port) in product(new.listening_places, theirs):
+            if port == their_port and (host == their_host or _EVERYWHERE & {host, their_host}):
+                raise BlockRobotError("PORT_IN_USE", f"{host}:{port} is for {other.name} in {path.parent}.")
+
+
+def find_listening_troubles(new: NewNode) -> list[BlockRobotError]:
+    """Why it could not listen now: ADDRESS_NOT_HERE, PORT_IN_USE, PORT_NOT_PERMITTED."""
+    found: dict[str, BlockRobotError] = {}
+    for place in new.listening_places:
+        try:
+            bind_listener(*place).close()
+        except BlockRobotError as error:
+            found.setdefault(error.detail, error)
+    return list(found.values())
 
 
 def store_uri_of(store: str, network: str, node: str) -> str:
@@ -144,11 +182,12 @@ def create_node(
     `network`: what its database on a MongoDB server is named after, else a draw, which keeps two networks apart;
     `files`: what lies in it besides, by name; `organisation`: of a node that the genesis file does not name. Without an
     authority it gets a request for a certificate, and a draft of its entry (`certify_founder`).
-    Raises NODE_EXISTS, CONFIGURATION_INVALID.
+    Raises NODE_EXISTS, PORT_IN_USE, CONFIGURATION_INVALID.
     """
     new.check()
     if folder.exists():
         raise BlockRobotError("NODE_EXISTS", f"There is something in {folder} already.")
+    require_own_ports(new, folder)
     producer, custodian = new_key(), new_key() if new.is_custodian else None
     host, p2p_port, api_url = new.reached_at
     entry = NodeEntry(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import re
 import shutil
 import sqlite3
 import time
@@ -17,7 +18,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import unquote_plus, urlsplit
 
 import msgspec
 
@@ -39,6 +40,7 @@ from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, load_config, load_genesis, load_key
 from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
+from node.custody.stores.sqlite_schema import distrust
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.directory.directory_file import DIRECTORY_FILE
 from node.faults import STATE_FILE_NAME as FAULTS_FILE_NAME
@@ -54,8 +56,15 @@ NODE, LEDGER, KEYS = "node", "ledger", "keys"
 CUSTODY_DATABASE, CUSTODY_PLACE = f"custody/{DATABASE_FILE_NAME}", f"custody/{PLACE_FILE_NAME}"
 FILES_MAX_COUNT = 100_000
 KEEP_MAX_COUNT = 1_000
-_SECRET_OPTIONS = ("password", "authmechanismproperties")
-"""Of a MongoDB address, by the end of their names."""
+_OPTIONS = re.compile(
+    """appname|authmechanism|authsource|compressors|directconnection|heartbeatfrequencyms|journal|loadbalanced
+    |localthresholdms|maxconnecting|(max|min)poolsize|maxidletimems|maxstalenessseconds|readconcernlevel
+    |readpreference(tags)?|replicaset|retry(reads|writes)|srvmaxhosts|ssl|(connect|serverselection|socket|waitqueue|w)?timeoutms
+    |tls|tls(ca|crl|certificatekey)file|tlsdisableocspendpointcheck|w|zlibcompressionlevel""",
+    re.VERBOSE | re.IGNORECASE,
+)
+_MECHANISMS = frozenset({"DEFAULT", "MONGODB-X509", "SCRAM-SHA-1", "SCRAM-SHA-256"})
+"""What of a MongoDB address a backup may hold: no secret, and no login by credentials that a host has for its driver."""
 Tell = Callable[[str], None]
 
 
@@ -195,8 +204,19 @@ def without_password(store: str) -> str:
         raise BlockRobotError(
             "CONFIGURATION_INVALID", "[custody] store: write / ? and @ in a password as %2F, %3F, %40."
         )
-    kept = [each for each in options.split("&") if not each.partition("=")[0].lower().endswith(_SECRET_OPTIONS)]
-    return f"{scheme}://{user.partition(':')[0]}{at}{hosts}{slash}{database}{question}{'&'.join(kept)}"
+    kept = "&".join(f"{name}={value}" for name, value in _options_of(store) if _is_harmless(name, value))
+    return f"{scheme}://{user.partition(':')[0]}{at}{hosts}{slash}{database}{question if kept else ''}{kept}"
+
+
+def _options_of(store: str) -> list[tuple[str, str]]:
+    """Of a MongoDB address, as its driver takes it apart."""
+    options = re.split(r"[&;\s]", store.partition("?")[2])
+    return [(name, value) for name, _, value in (each.partition("=") for each in options if each)]
+
+
+def _is_harmless(name: str, value: str) -> bool:
+    is_login = name.lower() == "authmechanism"
+    return unquote_plus(value) in _MECHANISMS if is_login else _OPTIONS.fullmatch(name) is not None
 
 
 def _settings_without_password(config: NodeConfig) -> str:
@@ -275,6 +295,7 @@ def restore(
             _copy(erase_keys / ERASE_KEYS_FILE_NAME, config.erase_keys_dir / ERASE_KEYS_FILE_NAME)
         if has_custody:
             _copy(place / CUSTODY_DATABASE, making / CUSTODY_DATABASE)
+            distrust(making / CUSTODY_DATABASE)
         if manifest.has(CUSTODY_PLACE):
             _copy(place / CUSTODY_PLACE, making / CUSTODY_PLACE)
         making.rename(data_dir)
@@ -304,6 +325,13 @@ def warn_of_restored(config: NodeConfig) -> str:
 
 def _require_own_paths(config: NodeConfig, outside: Sequence[Path]) -> None:
     """A backup may have been changed: its node uses nothing of the host's unasked. Raises CONFIGURATION_INVALID."""
+    for name, value in _options_of(config.custody_store):
+        if not _is_harmless(name, value):
+            detail = (
+                f"The backup's {CONFIG_FILE} has {name} in [custody] store, which no backup holds: it may hand credentials "
+                "of this host to a database, or read what is not the node's."
+            )
+            raise BlockRobotError("CONFIGURATION_INVALID", detail)
     allowed = [place.resolve() for place in (config.data_dir, *outside)]
     for path in _paths_of(config):
         if not any(path.resolve().is_relative_to(place) for place in allowed):
@@ -317,9 +345,9 @@ def _paths_of(config: NodeConfig) -> Iterator[Path]:
     """All that `node.toml` names, also in the address of a MongoDB server."""
     named = {**_fields_of(config), **({} if config.clips is None else _fields_of(config.clips))}
     yield from (value for value in named.values() if isinstance(value, Path))
-    for option, value in parse_qsl(config.custody_store.partition("?")[2]):
+    for option, value in _options_of(config.custody_store):
         if option.lower().endswith("file"):
-            yield Path(value)
+            yield Path(unquote_plus(value))
 
 
 def _require_genesis_name(config: NodeConfig) -> bool:

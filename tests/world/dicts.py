@@ -135,6 +135,7 @@ class FakeNetwork:
     """State as the chain would hold it. Every question is noted with the key in whose session it was asked."""
 
     pinned = b"pinned"
+    known_custodians = ()
 
     def __init__(self) -> None:
         self.state: dict[bytes, Any] = {}

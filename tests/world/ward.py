@@ -21,6 +21,7 @@ from clients.robot.recording.sealing import ClipContent, VisitChain, seal_clip
 from clients.sdk.chain.announcements import AnnouncementPage, read_announcements
 from clients.sdk.chain.receipts import FinalReceipt
 from clients.sdk.connections import NodeAddress
+from clients.sdk.known_nodes import nodes_of_genesis
 from clients.sdk.pictures.rendition_picture import encode_depth_png
 from clients.sdk.proof_checks import ProofVerifier, ProvedState
 from clients.wallet.ledger.wallet import Wallet
@@ -190,6 +191,7 @@ class ShortWire:
         self.pruned_height = 0
         self.pruned_below = 0
         self.genesis = chain.genesis
+        self.known_custodians = nodes_of_genesis(chain.genesis).custodians
         self.nodes: tuple[NodeAddress, ...] = (NodeAddress("node-1", "http://127.0.0.1:2"),)
         self.troubles: dict[str, BlockRobotError] = {}
         self.page_count, self.pages = 200, 0

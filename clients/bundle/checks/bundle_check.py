@@ -176,7 +176,7 @@ class _Check:
             raise BlockRobotError("BUNDLE_INVALID", "The bundle has more or fewer files than its manifest lists.")
 
     def _check_genesis(self, text: bytes, manifest: doc.Manifest) -> Genesis:
-        genesis = genesis_from_json(text.decode("utf-8"))
+        genesis = genesis_from_json(text)
         if genesis_to_json(genesis).encode() != text:
             raise BlockRobotError("BUNDLE_INVALID", "genesis.json is not written as a bundle has it; it was changed.")
         named = (manifest.network, manifest.chain_id, manifest.genesis_id)

@@ -41,7 +41,7 @@ async def publish_frames(
             "EMPTY_FRAME_NOT_APPROVED",
             f"{len(waiting)} of the {len(frames)} empty frames are not approved on the chain. Look at "
             f"{place / PREVIEW_FILE}: if nobody is in it, an admin of the robot's organisation says "
-            f"blockrobot frames approve {shlex.quote(str(place))}",
+            f"blockrobot frames approve {shlex.quote(str(place))} --as ORG",
         )
     await network.publish_empty_frames(frames)
 

@@ -19,11 +19,12 @@ from clients.robot.backgrounds.background_banks import (
 )
 from clients.robot.cli.live_options import look_options, notice_teller, open_camera
 from clients.robot.cli.robot_answers import RobotViewpointAnswer, RobotViewpointsAnswer
+from clients.robot.cli.robot_choice import ROBOT_COMMAND, name_robot
 from clients.robot.cli.source_options import open_recording, source_options
 from clients.robot.identity.robot_keys import is_sealed
 from clients.robot.sensing.sensor_events import Depth
 from clients.robot.sources.live.live_sampling import record_empty_frames
-from clients.sdk.terminal.terminal import can_ask, command_output, console, print_answer
+from clients.sdk.terminal.terminal import can_ask, command_output, console, print_answer, print_line
 from pages.time_format import format_time
 
 
@@ -61,10 +62,8 @@ def record_command(
     if as_json:
         print_answer(_viewpoint(scene))
     else:
-        console.print(
-            f"{scene.frame_count} frames. Look at {scene.preview}: is nobody in it?\n"
-            f"Next: blockrobot robot background approve {viewpoint} --by YOUR-NAME."
-        )
+        print_line(f"{scene.frame_count} frames. Look at {scene.preview}: is nobody in it?")
+        print_line(name_robot(f"Next: {ROBOT_COMMAND} background approve {viewpoint} --by YOUR-NAME."))
 
 
 def _recorded_frames(recording: Path, options: dict[str, Any]) -> list[Depth]:
@@ -100,7 +99,7 @@ def list_command(ctx: click.Context, as_json: bool) -> None:
         state = "" if row.state == "approved" else row.state
         console.print(f"{row.viewpoint}: {row.frames} frames, {', '.join(filter(None, (state, by)))}")
     if not rows:
-        console.print("There are none. Next: blockrobot robot background record RECORDING --viewpoint NAME.")
+        print_line(name_robot(f"There are none. Next: {ROBOT_COMMAND} background record RECORDING --viewpoint NAME."))
 
 
 @background.command("approve")

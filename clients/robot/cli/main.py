@@ -27,7 +27,14 @@ from clients.robot.cli.robot_answers import (
     RobotRunAnswer,
     RobotRunEndedAnswer,
 )
-from clients.robot.cli.robot_choice import CREDENTIAL, RobotPlace, read_passphrase
+from clients.robot.cli.robot_choice import (
+    CREDENTIAL,
+    ROBOT_COMMAND,
+    RobotPlace,
+    describe_refusal,
+    name_robot,
+    read_passphrase,
+)
 from clients.robot.cli.run_report import (
     broken_line,
     broken_off,
@@ -52,6 +59,7 @@ from clients.robot.sources.source import Source
 from clients.robot.synthetic.scenario import load_scenario, published_run_1
 from clients.robot.synthetic.scenario_bag import load_or_draw_tags
 from clients.sdk.terminal.json_answers import Problem, extend
+from clients.sdk.terminal.own_command import called_with
 from clients.sdk.terminal.qr_codes import read_given
 from clients.sdk.terminal.safe_output import escape, overwrite_line
 from clients.sdk.terminal.terminal import (
@@ -66,17 +74,19 @@ from clients.sdk.terminal.terminal import (
     print_answer,
     print_line,
     problem_json,
+    set_error_formatter,
 )
 from consensus.chain.genesis import Genesis
 from consensus.exit_codes import EXIT_DONE, exit_code_of
 
 _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_NAME_DEFAULT = "robot"
 _RATE_DEFAULT = 10
 _ROSTER_FILE = "roster.sealed"
 
 
 @click.group()
-@click.option("--name", default="robot", show_default=True, help="Which robot, if there are several.")
+@click.option("--name", default=_NAME_DEFAULT, show_default=True, help="Which robot, if there are several.")
 @click.option("--robot-dir", type=FOLDER, help="The folder of robots.")
 @click.option("--genesis", type=FILE, help="The network's genesis file.")
 @click.option(
@@ -95,7 +105,15 @@ def robot(
     if not name.replace("-", "").replace("_", "").isalnum():
         raise click.UsageError("A robot's name has letters, digits, - and _ only.")
     folder = (robot_dir or home_folder() / "robots") / name
-    ctx.obj = RobotPlace(folder, genesis or home_folder() / "network" / "genesis.json", passphrase_file)
+    given = [
+        ("--name", None if name == _NAME_DEFAULT else name),
+        ("--robot-dir", robot_dir),
+        ("--genesis", genesis),
+        ("--passphrase-file", passphrase_file),
+    ]
+    network = genesis or home_folder() / "network" / "genesis.json"
+    ctx.obj = RobotPlace(folder, network, passphrase_file, called_with(ROBOT_COMMAND, given))
+    set_error_formatter(ctx, describe_refusal)
 
 
 @robot.command()
@@ -113,9 +131,8 @@ def new(place: RobotPlace, as_json: bool) -> None:
         print_answer(RobotNewAnswer(folder=str(folder), member=member, sealed=file is not None))
     else:
         console.print(f"A robot lives in {escape(str(folder))}. Its member key: {member}")
-        console.print(
-            "Next: blockrobot robot register CODE (at the desk, blockrobot card issue --role robot prints one)."
-        )
+        desk = "(at the desk, blockrobot card issue --role robot prints one)"
+        print_line(name_robot(f"Next: {ROBOT_COMMAND} register CODE {desk}."))
 
 
 @robot.command()
@@ -372,7 +389,7 @@ def run(ctx: click.Context, /, as_json: bool, **options: Any) -> None:
         if not options["viewpoint"]:
             raise click.UsageError(
                 "A live camera needs --viewpoint NAME, a bank of approved frames without people. Record one with "
-                f"blockrobot robot background record --source {options['source']} --viewpoint NAME."
+                + name_robot(f"{ROBOT_COMMAND} background record --source {options['source']} --viewpoint NAME.")
             )
         with open_live(options, notice_teller(as_json=as_json)) as source:
             _replay(ctx, source, as_json, options)

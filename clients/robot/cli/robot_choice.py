@@ -10,10 +10,13 @@ import click
 
 from clients.robot.identity.robot_keys import RobotIdentity, is_sealed, load_identity
 from clients.sdk.new_files import SMALL_FILE_MAX_BYTES, read_given_file
+from clients.sdk.terminal.own_command import name_in_full
 from clients.sdk.terminal.terminal import can_ask
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from consensus.visible_text import one_entry
 
+ROBOT_COMMAND = "blockrobot robot"
 PASSPHRASE_MAX_BYTES = 4_096
 CREDENTIAL = "blockrobot-robot-passphrase"
 """How a passphrase is called among the credentials that systemd hands to a unit (`LoadCredential=`)."""
@@ -26,6 +29,8 @@ class RobotPlace:
     folder: Path
     genesis: Path
     passphrase_file: Path | None = None
+    command: str = ROBOT_COMMAND
+    """How the robot is called again."""
 
     def find_passphrase(self) -> str | None:
         """Take it from a file, systemd or the terminal. Raises ROBOT_NOT_FOUND, REQUEST_INVALID."""
@@ -50,6 +55,17 @@ class RobotPlace:
     def load(self) -> RobotIdentity:
         """Raises as `load_identity`."""
         return load_identity(self.folder, self.find_passphrase())
+
+
+def name_robot(words: str) -> str:
+    """Let the commands in these words be of the robot that this command was called for."""
+    context = click.get_current_context(silent=True)
+    place = None if context is None else context.find_object(RobotPlace)
+    return words if place is None else name_in_full(words, ROBOT_COMMAND, place.command)
+
+
+def describe_refusal(error: BlockRobotError) -> str:
+    return f"{name_robot(one_entry(error.detail))}\n  {error.code}. Next step: {name_robot(error.next_step)}"
 
 
 def read_passphrase(file: Path) -> str:

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from msgspec import UnsetType
 
+from clients.robot.cli.robot_choice import ROBOT_COMMAND, name_robot
 from clients.robot.consent.consent_view import ConsentCounts
 from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.withhold_reason import MergedBy, WithholdReason
@@ -273,7 +274,7 @@ def waiting_line(waiting_count: int) -> str:
 
 
 def broken_line(figures: RunProgress, waiting_count: int, spool: str, *, is_live: bool) -> str:
-    again = "with `blockrobot robot run` as before" if is_live else "with any recording"
+    again = name_robot(f"with `{ROBOT_COMMAND} run` as before") if is_live else "with any recording"
     waits = f"{waiting_count} sealed clips wait in {spool}" if waiting_count else "No sealed clip waits"
     return (
         f"Ended at once. {_so_far(figures).capitalize()}. {waits}; what was only in memory is lost.\n"

@@ -9,6 +9,7 @@ import click
 
 from clients.robot.cli.live_options import look_options, make_feeds
 from clients.robot.cli.robot_answers import RobotTopic, RobotTopicsAnswer
+from clients.robot.cli.robot_choice import ROBOT_COMMAND, name_robot
 from clients.robot.sources.live.live_sampling import Sample
 from clients.robot.sources.recordings.recording import Recording
 from clients.robot.sources.recordings.topic_listing import ListedTopic, draft_topics, list_topics, next_steps
@@ -54,7 +55,7 @@ def topics(recording: Path | None, draft: Path | None, as_json: bool, **options:
         print_line(step)
     if draft is not None:
         use = f"replay {recording}" if recording else f"run --source {options['source']} --viewpoint NAME"
-        console.print(f"A draft is in {draft}. Next: check it, then blockrobot robot {use} --topics {draft}.")
+        print_line(name_robot(f"A draft is in {draft}. Next: check it, then {ROBOT_COMMAND} {use} --topics {draft}."))
     elif not listed:
         console.print("Nothing is advertised. Next: start the camera's and the reader's drivers, and list again.")
 

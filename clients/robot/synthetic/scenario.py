@@ -306,7 +306,7 @@ def load_scenario(path: Path) -> Scenario:
         text = read_given_text(path, SCENARIO_FILE_MAX_BYTES)
     except BlockRobotError as error:
         raise BlockRobotError("CONFIGURATION_INVALID", error.detail) from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The scenario {path.name} cannot be read.") from error
     scenario = parse_scenario(text)
     if "room" in read_toml_text(text):

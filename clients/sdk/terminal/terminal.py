@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from rich.text import Text
 
-from clients.sdk.new_files import read_given_text
+from clients.sdk.new_files import read_given_file
 from clients.sdk.node_hints import HINTS
 from clients.sdk.terminal.ascii_output import is_utf8
 from clients.sdk.terminal.safe_output import SafeConsole, keep_own_tags, overwrite_line, write_trusted
@@ -65,11 +65,9 @@ def load_genesis(path: Path) -> Genesis:
     from consensus.chain.genesis import genesis_from_json  # noqa: PLC0415
 
     try:
-        genesis = genesis_from_json(read_given_text(path, JSON_MAX_BYTES))
+        genesis = genesis_from_json(read_given_file(path, JSON_MAX_BYTES))
     except FileNotFoundError:
         raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
-    except UnicodeDecodeError:
-        raise BlockRobotError("GENESIS_INVALID", f"{path} is not a text file.") from None
     note_genesis_place(path, genesis.chain_id)
     return genesis
 

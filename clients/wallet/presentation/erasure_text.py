@@ -19,9 +19,7 @@ _REMAINS = {"commitment-leaves": "erasures.leaves"}
 
 def custodian_names(wallet: Wallet, language: str = DEFAULT_LANGUAGE) -> dict[bytes, str]:
     say = functools.partial(text, "custodian.named", language=language)
-    return {
-        node.custodian_key: say(name=node.name, organisation=node.organisation) for node in wallet.genesis.custodians
-    }
+    return {each.key: say(name=each.name, organisation=each.organisation) for each in wallet.network.known_custodians}
 
 
 def _named(one: CustodianStatus, names: Mapping[bytes, str], language: str | None) -> str:

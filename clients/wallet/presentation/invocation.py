@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from pathlib import Path
 
 import click
 
+from clients.sdk.terminal.own_command import called_with, name_in_full
 from clients.sdk.terminal.terminal import home_folder
 
 WALLET_COMMAND = "blockrobot wallet"
 OFFICER_COMMAND = "blockrobot officer"
-"""How texts name the wallet. One that is followed by an option says itself which wallet it means."""
+"""How texts name the wallet."""
 DEFAULT_PROFILE = "default"
-# A folder's or a file's name that has these words in it is no command.
-_CALL = rf"(?<![\w./\\-]){WALLET_COMMAND}(?! --)(?=[.,;:!?)\]`]*(?:\s|$))"
 _PLACES = {"--wallet-dir": "wallet_dir", "--genesis": "genesis"}
 
 
@@ -43,12 +41,8 @@ def called(command: str = WALLET_COMMAND) -> str:
     if context is None:
         return command
     profile = context.params["profile"]
-    words = [command] if profile == DEFAULT_PROFILE else [f"{command} --profile {profile}"]
-    for option, name in _PLACES.items():
-        place = context.params.get(name)
-        if place is not None:
-            words.append(f"{option} {shlex.quote(str(place.absolute()))}")
-    return " ".join(words)
+    places = [(option, context.params.get(name)) for option, name in _PLACES.items()]
+    return called_with(command, [("--profile", None if profile == DEFAULT_PROFILE else profile), *places])
 
 
 def with_command_prefix(words: str, *, has_fields: bool = False) -> str:
@@ -60,5 +54,4 @@ def with_command_prefix(words: str, *, has_fields: bool = False) -> str:
     command = called()
     if has_fields:
         command = command.replace("{", "{{").replace("}", "}}")
-    # What is called so already is stepped over whole: the paths in it may have the command's words too.
-    return re.sub(f"{re.escape(command)}|{_CALL}", lambda _: command, words)
+    return name_in_full(words, WALLET_COMMAND, command)

@@ -16,14 +16,16 @@ from rich.table import Table
 
 from clients.sdk.terminal.lazy_group import LazyCommand, LazyGroup
 from clients.sdk.terminal.safe_output import escape
-from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_json, status_line
+from clients.sdk.terminal.terminal import EXISTING_FILE, EXIT_FAILED, command_output, console, print_json, status_line
+from clients.sdk.terminal.terminal import load_genesis as load_genesis_file
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
-from network.cli.cluster.remote_table import ask_elsewhere, print_elsewhere
+from network.cli.cluster.remote_table import ask_elsewhere, ask_from_outside, print_elsewhere
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from network.custody.custody_requests import R, ask_all, run_work
 from network.custody.custody_text import describe_position, rebuild_sentences, scrub_sentences, status_sentences
+from network.provisioning.node_joining import newest_directory
 from node.config import NodeConfig, load_genesis
 from node.custody.coordination.custody_answers import CustodyStatus, RebuildAnswer, ScrubAnswer
 
@@ -70,15 +72,22 @@ def _custodians(node: str | None, folder: Path | None, *, may_lack: bool = False
 @click.command()
 @click.argument("node", required=False)
 @folder_option
+@click.option("--genesis", "outside", type=EXISTING_FILE, help="Ask the nodes of this genesis file, from outside.")
 @command_output
-def status(node: str | None, folder: Path | None, as_json: bool) -> None:
+def status(node: str | None, folder: Path | None, outside: Path | None, as_json: bool) -> None:
     """Show how far each custodian is behind the chain, what it holds and lacks, and which erasures are overdue.
 
     Custodians that are not in this folder are listed with what they tell everybody.
-    Exits 0 if every custodian here answers, is up to date and owes no overdue erasure; 1 otherwise.
+    Exits 0 if every custodian here answers, is up to date and owes no overdue erasure; with --genesis if any answers; 1
+    otherwise.
 
     Example: blockrobot custody status --json
     """
+    if outside is not None:
+        if node or folder is not None:
+            raise click.UsageError("--genesis asks from outside: without NODE and --dir.")
+        _show_from_outside(outside, as_json=as_json)
+        return
     configs = _custodians(node, folder, may_lack=True)
     answers = asyncio.run(ask_all(configs))
     if len(configs) == 1 and isinstance(answers[0], BlockRobotError):
@@ -87,7 +96,8 @@ def status(node: str | None, folder: Path | None, as_json: bool) -> None:
     if not node:
         cluster = Cluster(network_folder(folder))
         elsewhere = [other for other in ask_elsewhere(cluster, quiet=as_json) if other.custodian is not False]
-    members = {each.custodian_key.hex(): each.name for each in load_genesis(configs[0]).custodians} if configs else {}
+    directory = newest_directory(load_genesis(configs[0]), configs) if configs else None
+    members = {} if directory is None else {each.custodian_key.hex(): each.name for each in directory.nodes.values()}
     sentences = status_sentences([config.name for config in configs], answers, members)
     if as_json:
         rows = [
@@ -107,6 +117,18 @@ def status(node: str | None, folder: Path | None, as_json: bool) -> None:
         for sentence in sentences:
             console.print(escape(sentence))
     if sentences:
+        sys.exit(EXIT_FAILED)
+
+
+def _show_from_outside(genesis: Path, *, as_json: bool) -> None:
+    asked = ask_from_outside(load_genesis_file(genesis), quiet=as_json)
+    elsewhere = [other for other in asked if other.custodian is not False]
+    is_answered = any(other.problem is None for other in elsewhere)
+    if as_json:
+        print_json({"ok": is_answered, "custodians": [], "elsewhere": msgspec.to_builtins(elsewhere), "problems": []})
+    else:
+        print_elsewhere(elsewhere)
+    if not is_answered:
         sys.exit(EXIT_FAILED)
 
 

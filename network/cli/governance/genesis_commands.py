@@ -18,6 +18,7 @@ from clients.sdk.terminal.terminal import (
     console,
     load_genesis,
     print_answer,
+    print_line,
 )
 from consensus.chain.genesis import ChainSettings, Genesis, genesis_to_json
 from consensus.errors import BlockRobotError
@@ -222,20 +223,13 @@ def _show(
         print_answer(answer)
         return
     owners = ", ".join(entry.name for entry in shown.organisations)
-    table = plain_table(
-        f"The network {escape(shown.network)} of {escape(owners)}", ["node", "organisation", "peers", "clients", "does"]
-    )
-    for node in nodes:
+    print_line(f"The network {shown.network} of {owners}")
+    for node in nodes:  # no table, which would break addresses that are to be compared
         does = [word for word, is_so in (("produces", node.produces), ("keeps clips", node.is_custodian)) if is_so]
-        cells = [
-            node.name,
-            node.organisation,
-            f"{node.host}:{node.p2p_port}",
-            node.api_url,
-            ", ".join(does) or "follows",
-        ]
-        table.add_row(*map(escape, cells))
-    console.print(table)
+        print_line(f"  {node.name} of {node.organisation}: {', '.join(does) or 'follows'}")
+        host = f"[{node.host}]" if ":" in node.host else node.host
+        print_line(f"    peers    {host}:{node.p2p_port}")
+        print_line(f"    clients  {node.api_url}")
     _print_agreement(shown, organisations, changed)
     for warning in warnings:
         console.print(f"[yellow]warning[/yellow] {warning.code}: {escape(warning.detail)}", soft_wrap=True)

@@ -83,7 +83,9 @@ def backup(node: str, out: Path, with_keys: bool, keep: int | None, folder: Path
     if clips_elsewhere:
         console.print(f"Its clips' ciphertexts are in {escape(clips_elsewhere)}, and not in it.")
     if password_left_out:
-        console.print("The password of MongoDB is not in it: put that into node.toml again after a restore.")
+        console.print(
+            "The password of MongoDB or its login is not in it: put that into node.toml again after a restore."
+        )
     for place in deleted:
         console.print(f"Deleted: {escape(str(place))}.")
 

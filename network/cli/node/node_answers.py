@@ -8,6 +8,13 @@ from clients.sdk.terminal.json_answers import Answer, AnswersByCommand, Count, H
 from network.ledger_diff.difference_answers import NodeDiffAnswer
 
 
+class ListeningWarning(Answer, frozen=True, kw_only=True):
+    """Why a new node could not listen now where it is to."""
+
+    code: Annotated[str, doc("Its code")]
+    detail: Annotated[str, doc("What there is to see")]
+
+
 class NodeInitAnswer(Answer, frozen=True, kw_only=True):
     """A node whose data directory was made."""
 
@@ -20,6 +27,7 @@ class NodeInitAnswer(Answer, frozen=True, kw_only=True):
     producer_key: Annotated[Hex, doc("Its producer key")]
     custodian_key: Annotated[Hex, doc("Its custodian key; empty if it is no custodian")]
     next_steps: Annotated[list[str], doc("The next commands to type")]
+    warnings: Annotated[list[ListeningWarning], doc("Why it could not listen now")]
 
 
 class NodeAddStep(Answer, frozen=True, kw_only=True):
@@ -142,7 +150,9 @@ class NodeBackupAnswer(Answer, frozen=True, kw_only=True):
     has_custody: Annotated[bool, doc("Whether what it keeps as a custodian is in it")]
     store_elsewhere: Annotated[bool, doc("Whether it keeps that in MongoDB, which needs a backup of its own")]
     clips_elsewhere: Annotated[str, doc("Where its clips' ciphertexts are, which are not in it; empty: they are")]
-    password_left_out: Annotated[bool, doc("Whether node.toml holds a password of MongoDB, which is not in the backup")]
+    password_left_out: Annotated[
+        bool, doc("Whether node.toml holds a password or login of MongoDB, which is not in the backup")
+    ]
     deleted: Annotated[list[str], doc("The older backups that `--keep` deleted")]
 
 

@@ -25,13 +25,20 @@ from consensus.bounded_text import JSON_MAX_BYTES, read_json_as
 from consensus.chain.genesis import Genesis, NodeEntry
 from network.cli.cluster.cluster_options import folder_option, genesis_steps, network_folder
 from network.cli.governance.governance_signer import admin_keys, plain_table, read_private_key
-from network.cli.node.node_answers import NodeDirectoryAnswer, NodeInitAnswer
+from network.cli.node.node_answers import ListeningWarning, NodeDirectoryAnswer, NodeInitAnswer
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from network.provisioning.certificate_authority import AUTHORITY_CERTIFICATE_FILE, AUTHORITY_KEY_FILE
 from network.provisioning.exchange_files import ORGANISATION_ENTRY_FILE
 from network.provisioning.network_layout import FIRST_PORT, PORTS_PER_NODE
-from network.provisioning.new_node import NODE_ENTRY_FILE, REQUEST_FILE, Founder, NewNode, create_node
+from network.provisioning.new_node import (
+    NODE_ENTRY_FILE,
+    REQUEST_FILE,
+    Founder,
+    NewNode,
+    create_node,
+    find_listening_troubles,
+)
 from network.provisioning.new_organisation import ADMIN_KEY_FILE
 from network.provisioning.node_certificates import get_authority
 from network.provisioning.node_joining import init_node, newest_directory, next_base_port, of_chain
@@ -145,7 +152,7 @@ def init(
     speaker = _speaker(organisation, None if is_elsewhere else network, authority)
     steps = next_steps(name, speaker, place, None if data_dir is not None else network, folder)
     steps[:0] = [f"{step}   (commands look there)" for step in genesis_steps(network, place)]
-    _show_made(entry, place, steps, as_json=as_json)
+    _show_made(entry, new, place, steps, as_json=as_json)
 
 
 def _init_founding(
@@ -184,10 +191,11 @@ def _init_founding(
             f"Let the authority of {new.organisation} sign {place / REQUEST_FILE}, which holds no secret",
             f"blockrobot certificate install {named} CERTIFICATE{at}{where}   (it signs the entry)",
         ]
-    _show_made(entry, place, steps, as_json=as_json)
+    _show_made(entry, new, place, steps, as_json=as_json)
 
 
-def _show_made(entry: NodeEntry, place: Path, steps: list[str], *, as_json: bool) -> None:
+def _show_made(entry: NodeEntry, new: NewNode, place: Path, steps: list[str], *, as_json: bool) -> None:
+    troubles = find_listening_troubles(new)
     if as_json:
         answer = NodeInitAnswer(
             node=entry.name,
@@ -197,9 +205,13 @@ def _show_made(entry: NodeEntry, place: Path, steps: list[str], *, as_json: bool
             producer_key=entry.producer_key.hex(),
             custodian_key=entry.custodian_key.hex(),
             next_steps=steps,
+            warnings=[ListeningWarning(code=trouble.code, detail=trouble.detail) for trouble in troubles],
         )
         print_answer(answer)
         return
+    for trouble in troubles:
+        told = f"{trouble.code}: {trouble.detail} {trouble.entry.next_step}"
+        console.print(f"[yellow]warning[/yellow] {escape(told)}", soft_wrap=True)
     console.print(f"The node {entry.name} of {escape(entry.organisation)} is in {escape(str(place))}. What is next:")
     for number, step in enumerate(steps, 1):
         console.print(f"  {number}. {escape(step)}", soft_wrap=True)

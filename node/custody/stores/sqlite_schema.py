@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+from consensus.errors import BlockRobotError
 from node.custody.stores.sqlite_shares import SHARES_SCHEMA
 from node.custody.stores.sqlite_uploads import UPLOADS_SCHEMA
 
@@ -48,3 +53,32 @@ MISSING_COLUMNS = (
 )
 GRANT_COLUMNS = "access_id, owner, records, height, share"
 OUTBOX_COLUMNS = "kind, subject, part, contract, entry, arguments, height, status, plan"
+
+_BY_THE_CHAIN = ("outbox", "grants", "checkpoint")
+"""What a custodian without a checkpoint is given anew by the final state."""
+
+
+def distrust(path: Path) -> None:
+    """Make a database fit for use that others may have changed. Raises FILE_UNUSABLE for other tables, or triggers.
+
+    It keeps what it was given to hold. What it owes, to whom it may release and what it has followed it learns anew from
+    the chain, or it would sign what somebody wrote here.
+    """
+    refusal = BlockRobotError("FILE_UNUSABLE", f"{path.name} is no database as a custodian of this version makes one.")
+    try:
+        with closing(sqlite3.connect(path)) as found, closing(sqlite3.connect(":memory:")) as own:
+            own.executescript(f"{SCHEMA} PRAGMA user_version = {FORMAT_VERSION};")
+            found.execute("PRAGMA trusted_schema = OFF")
+            if _form_of(found) != _form_of(own):
+                raise refusal
+            with found:
+                for table in _BY_THE_CHAIN:
+                    found.execute(f"DELETE FROM {table}")  # noqa: S608
+    except sqlite3.Error:
+        raise refusal from None
+
+
+def _form_of(database: sqlite3.Connection) -> tuple[int, list[tuple[object, ...]]]:
+    version = database.execute("PRAGMA user_version").fetchone()[0]
+    objects = database.execute("SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY type, name")
+    return version, objects.fetchall()

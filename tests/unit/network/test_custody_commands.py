@@ -10,6 +10,7 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
+from consensus.chain.genesis import genesis_from_json
 from consensus.errors import BlockRobotError
 from consensus.state.settings import UploadQuotas
 from network.cli.main import main
@@ -223,3 +224,13 @@ def test_a_custodian_that_is_none_is_refused_and_a_network_that_is_down_is_said_
     result = _run(folder, "status", "--json")
     assert result.exit_code == 1
     assert [row["error"] for row in json.loads(result.stdout)["custodians"]] == ["NODE_UNREACHABLE"] * 2
+
+
+def test_custodians_are_asked_from_outside_by_their_genesis_file(folder: Path) -> None:
+    genesis = folder / "genesis.json"
+    said = CliRunner().invoke(main, ["custody", "status", "--genesis", str(genesis), "--json"])
+    answer = json.loads(said.stdout)
+    assert (said.exit_code, answer["ok"], answer["custodians"]) == (1, False, []), "none of them runs"
+    keeping = [node.name for node in genesis_from_json(genesis.read_bytes()).custodians]
+    assert [other["name"] for other in answer["elsewhere"]] == keeping
+    assert CliRunner().invoke(main, ["custody", "status", "node-1", "--genesis", str(genesis)]).exit_code == 2

@@ -449,6 +449,16 @@ def test_a_setting_that_somebody_slipped_in_is_seen(handed: dict[str, Path], tmp
     assert answer["settings"]["production"] == "manual"
 
 
+def test_at_80_columns_no_address_that_founders_compare_is_broken(handed: dict[str, Path], tmp_path: Path) -> None:
+    arguments = ["make", *map(str, handed.values()), "--out", str(tmp_path / "1.json")]
+    said = CliRunner(env={"COLUMNS": "80"}).invoke(genesis_group, arguments).output
+    lines = [line.split() for line in said.splitlines()]
+    for node in genesis_from_json((tmp_path / "1.json").read_bytes()).nodes:
+        host = f"[{node.host}]" if ":" in node.host else node.host
+        assert ["peers", f"{host}:{node.p2p_port}"] in lines
+        assert ["clients", node.api_url] in lines
+
+
 def test_an_organisation_whose_nodes_entry_was_left_out_is_warned_of(handed: dict[str, Path], tmp_path: Path) -> None:
     del handed["ward-2"]
 

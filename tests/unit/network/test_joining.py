@@ -106,7 +106,10 @@ def test_a_folder_beside_a_new_node_stays_whatever_its_name_is(folder: Path, gen
     init_node(place, newcomer(), genesis, authority, directory)
     assert load_config(place).name == "node-3"
     assert mine.read_text(encoding="utf-8") == "mine"
-    with pytest.raises(BlockRobotError, match="CONFIGURATION_INVALID"):
+    with pytest.raises(BlockRobotError, match="PORT_IN_USE"):
+        init_node(place.with_name("n10"), newcomer(store="neither"), genesis, authority, directory)
+    (place / "node.toml").write_text("of another version", "utf-8")
+    with pytest.raises(BlockRobotError, match="The store is"):
         init_node(place.with_name("n10"), newcomer(store="neither"), genesis, authority, directory)
     assert sorted(path.name for path in place.parent.iterdir()) == [".n9.new", "n9"]
 
@@ -116,7 +119,7 @@ def test_nodes_of_one_name_share_no_database_on_a_server(folder: Path, genesis: 
     authority, stores = get_authority(folder, "hospital"), set()
     new = newcomer(is_custodian=True, store="mongodb://db.example:27017")
     for number, founder in enumerate((None, Founder(new_key(), 1))):
-        place = tmp_path / str(number)
+        place = tmp_path / str(number) / "node-3"
         if founder is None:
             init_node(place, new, genesis, authority, content_of_genesis(genesis))
         else:

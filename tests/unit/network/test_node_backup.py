@@ -5,6 +5,7 @@ Of a node that runs: `tests/hosts`.
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import os
@@ -14,6 +15,7 @@ import signal
 import sqlite3
 import stat
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -113,6 +115,12 @@ def test_older_backups_of_the_same_node_are_deleted_once_the_new_one_is_there(
         ("mongodb://u:hunter%2F2@a:1,b:2/db?tls=true", "mongodb://u@a:1,b:2/db?tls=true"),
         ("mongodb+srv://u:hunter2@h", "mongodb+srv://u@h"),
         ("mongodb://u:hunter2@h?tlsCertificateKeyFilePassword=hunter2&w=1", "mongodb://u@h?w=1"),
+        ("mongodb://h/db?tls=true;tlsCertificateKeyFilePassword=hunter2", "mongodb://h/db?tls=true"),
+        (
+            "mongodb://h/db?authMechanism=MONGODB-AWS&authMechanismProperties=AWS_SESSION_TOKEN:hunter2",
+            "mongodb://h/db",
+        ),
+        ("mongodb://u@h/db?authMechanism=SCRAM-SHA-256", "mongodb://u@h/db?authMechanism=SCRAM-SHA-256"),
         ("mongodb://u:hunter/2@h/db", None),
         ("mongodb://u:hunter?2@h/db", None),
     ],
@@ -312,11 +320,12 @@ def test_a_backup_that_is_not_whole_makes_no_node(config: NodeConfig, tmp_path: 
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
-def forged(out: Path, name: str, content: str) -> None:
-    """As somebody would who can write where backups lie: with the hash that belongs to it."""
-    (out / name).write_text(content)
+def forged(out: Path, name: str, content: str | None = None) -> None:
+    """As somebody would who can write where backups lie: with the hash that belongs to it, or to what is there."""
+    if content is not None:
+        (out / name).write_text(content)
     made = read_manifest(out)
-    digest = hashlib.sha256(content.encode()).hexdigest()
+    digest = hashlib.sha256((out / name).read_bytes()).hexdigest()
     files = {**made.files, name: digest}
     (out / MANIFEST_FILE).write_bytes(msgspec.json.encode(msgspec.structs.replace(made, files=files)))
 
@@ -347,6 +356,79 @@ def test_a_backup_names_no_file_outside_of_its_node(config: NodeConfig, tmp_path
         with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .* outside of the node's folder"):
             restored_from(out, tmp_path)
         assert not (tmp_path / "anew").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        "authMechanism=MONGODB-OIDC&authMechanismProperties=ENVIRONMENT:azure,TOKEN_RESOURCE:ward",
+        "authMechanism=MONGODB-OIDC",
+        "authmechanism=MONGODB%2DAWS",
+        "authMechanism=GSSAPI",
+        "w=1;authMechanism=MONGODB-OIDC",
+        "w=1 tlsCAFile=/etc/hostname",
+        "tlsInsecure=true",
+        "%61uthMechanism=MONGODB-OIDC",
+    ],
+)
+def test_a_changed_backup_hands_no_credentials_of_this_host_to_a_database(
+    config: NodeConfig, tmp_path: Path, options: str
+) -> None:
+    """The driver asks the cloud that it runs in for a token, or reads one, and gives it to whatever server is named."""
+    out = tmp_path / "backup"
+    back_up(config, out, with_keys=True)
+    text = (out / "node" / "node.toml").read_text()
+    forged(out, "node/node.toml", text.replace('store = "sqlite"', f'store = "mongodb://h/db?{options}"'))
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .*(outside of the node|which no backup holds)"):
+        restored_from(out, tmp_path)
+    assert not (tmp_path / "anew").exists()
+
+
+async def test_what_a_changed_backup_lets_a_custodian_owe_is_signed_by_nobody(
+    config: NodeConfig, tmp_path: Path
+) -> None:
+    """A receipt for an erasure that comes later, a plan to erase, a request of nobody, blocks that are to be skipped."""
+    out, database = tmp_path / "backup", tmp_path / "backup" / "custody" / "custody.sqlite3"
+    back_up(config, out, with_keys=True)
+    forge = (
+        "INSERT INTO outbox VALUES ('erasure.receipt', x'01', 0, 'erasure', 'receipt', x'90', 1, 'ready', x'')",
+        "INSERT INTO outbox VALUES ('erasure.expired', x'02', 0, 'erasure', 'expired', x'90', 1, 'erasing', x'90')",
+        "INSERT INTO grants VALUES (x'03', x'04', x'90', 1, x'')",
+        "INSERT OR REPLACE INTO checkpoint VALUES (1, 1000000, x'05', 1)",
+    )
+    with closing(sqlite3.connect(database)) as opened, opened:
+        for statement in forge:
+            opened.execute(statement)
+    forged(out, "custody/custody.sqlite3")
+    made = restored_from(out, tmp_path, erase_keys=config.erase_keys_dir)
+    assert made.has_custody
+    with closing(sqlite3.connect(made.config.custody_dir / "custody.sqlite3")) as opened:
+        for table in ("outbox", "grants", "checkpoint"):
+            assert opened.execute(f"SELECT count(*) FROM {table}").fetchone() == (0,), table
+    async with Node(made.config, restored=True) as node, asyncio.timeout(60):
+        custody = node._parts.custody
+        assert custody is not None
+        async with custody._followed:
+            await custody._followed.wait_for(lambda: custody.checkpoint_height == 0)
+
+    shutil.rmtree(tmp_path / "anew")
+    for harm in (
+        "CREATE TRIGGER again AFTER INSERT ON checkpoint BEGIN INSERT INTO outbox SELECT * FROM kept; END",
+        "CREATE VIEW kept AS SELECT * FROM outbox",
+        "DROP TABLE day_uses",
+        "PRAGMA user_version = 0",
+    ):
+        whole = database.read_bytes()
+        with closing(sqlite3.connect(database)) as opened, opened:
+            opened.execute(harm)
+        forged(out, "custody/custody.sqlite3")
+        with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE: .*custody.sqlite3"):
+            restored_from(out, tmp_path, erase_keys=config.erase_keys_dir)
+        assert not (tmp_path / "anew").exists()
+        database.write_bytes(whole)
+    forged(out, "custody/custody.sqlite3", "no database at all, but as long as its first page is " * 100)
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE: .*custody.sqlite3"):
+        restored_from(out, tmp_path, erase_keys=config.erase_keys_dir)
 
 
 async def test_a_changed_backup_brings_no_file_by_its_name(config: NodeConfig, tmp_path: Path) -> None:

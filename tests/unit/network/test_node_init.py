@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from contextlib import closing
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -21,7 +22,7 @@ from network.provisioning.new_node import NODE_ENTRY_FILE
 from network.provisioning.node_joining import of_chain
 from node.config import load_config, load_genesis
 from node.directory.directory_file import DIRECTORY_FILE
-from pages.listening import is_loopback
+from pages.listening import is_loopback, open_listener
 
 HOME_PORT, OTHER_PORT = 21_000, 22_000
 
@@ -160,6 +161,33 @@ def test_a_node_is_entered_only_where_clients_would_talk_to_it(
         config, reached = load_config(place), urlsplit(url).hostname or ""
         assert config.api_tls == (not is_loopback(config.api_host))
         assert reached in certified_hosts(x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes()))
+
+
+def test_a_node_takes_no_ports_of_one_that_lies_beside_it(home: Path) -> None:
+    said = run("node-3", "--organisation", "hospital", "--base-port", str(HOME_PORT + PORTS_PER_NODE - 1))
+    assert "PORT_IN_USE" in said.stderr
+    assert f"127.0.0.1:{HOME_PORT + PORTS_PER_NODE} is for node-2" in " ".join(said.stderr.split())
+    assert not (home / "nodes" / "node-3").exists()
+    everywhere = ("--bind", "0.0.0.0", "--advertise", "ward.example", "--base-port", str(HOME_PORT))
+    assert "is for node-1" in " ".join(run("node-3", "--organisation", "hospital", *everywhere).stderr.split())
+    port = str(HOME_PORT + PORTS_PER_NODE + 1)
+    made = run("node-3", "--organisation", "hospital", "--bind", "127.0.0.9", "--base-port", port)
+    assert made.exit_code == 0, "at another address the ports are free"
+
+
+def test_an_address_that_is_not_here_and_a_port_that_is_taken_are_warned_of(home: Path) -> None:
+    """The machine may get the address later, and the program be gone until the node starts."""
+    taken = open_listener("127.0.0.1", 0)
+    port = taken.getsockname()[1]
+    with closing(taken):
+        free = run("node-3", "--organisation", "hospital", "--json")
+        said = run("node-4", "--organisation", "hospital", "--bind", "203.0.113.5", "--json")
+        beside = run("node-5", "--organisation", "hospital", "--base-port", str(port))
+    assert json.loads(free.stdout)["warnings"] == []
+    (warning,) = json.loads(said.stdout)["warnings"]
+    assert (warning["code"], warning["detail"]) == ("ADDRESS_NOT_HERE", "203.0.113.5 is no address of this machine.")
+    assert f"warning PORT_IN_USE: Another program already listens on 127.0.0.1:{port}." in beside.output
+    assert load_config(home / "nodes" / "node-4").host == "203.0.113.5"
 
 
 def _proposals(*arguments: str) -> list[str]:

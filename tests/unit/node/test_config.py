@@ -146,6 +146,17 @@ def test_a_node_does_not_start_with_a_producer_that_never_proved_its_key(tmp_pat
         load_genesis(config)
 
 
+def test_a_file_that_is_no_text_is_refused_and_named(tmp_path: Path) -> None:
+    create_network(tmp_path, nodes=1, organisations=1, base_port=26_400)
+    config = load_config(tmp_path / "nodes" / "node-1")
+    config.genesis_path.write_bytes(b'{"network": "caf\xe9"}')
+    with pytest.raises(BlockRobotError, match=r"^GENESIS_INVALID: .*UTF-8"):
+        load_genesis(config)
+    (config.data_dir / "node.toml").write_bytes(b'[node]\nname = "caf\xe9"\n')
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .*UTF-8"):
+        load_config(config.data_dir)
+
+
 def test_the_reference_has_every_field_and_no_other() -> None:
     page = Path(__file__).resolve().parents[3] / "docs" / "reference" / "node-toml.md"
     found: dict[str, set[str]] = {}

@@ -55,7 +55,7 @@ async def test_what_is_not_approved_is_left_for_a_person_to_look_at_with_the_nex
     network.approved = {frames[0].background_id}
     refused = await refusal_of(network, frames, folder)
     place = folder / FOLDER
-    assert refused.detail.endswith(f"blockrobot frames approve {shlex.quote(str(place))}")
+    assert refused.detail.endswith(f"blockrobot frames approve {shlex.quote(str(place))} --as ORG")
     assert refused.detail.startswith("2 of the 3")
     assert [path.read_bytes() for path in sorted(place.glob("0*.png"))] == [frame.png for frame in frames[1:]]
     assert (place / ROBOT_FILE).read_text().strip() == MEMBER.hex()

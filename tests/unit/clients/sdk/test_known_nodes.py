@@ -9,7 +9,7 @@ from typing import Any, Literal
 import msgspec
 import pytest
 
-from clients.sdk.known_nodes import REFRESH_MS, RETRY_MS, KnownNode, KnownNodes, nodes_of_genesis
+from clients.sdk.known_nodes import REFRESH_MS, RETRY_MS, KnownCustodian, KnownNode, KnownNodes, nodes_of_genesis
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.trust_pin import open_pin, write_pin
 from consensus.chain.light_client import LightClient
@@ -122,6 +122,10 @@ async def test_custodians_are_those_that_the_state_names(town: Town) -> None:
     client = town.client()
     await client.find_nodes(SUBJECT)
     assert [node.name for node in client.custody.custodians] == ["n2"]
+    joined = KnownCustodian("n2", "ward", CUSTODIAN.public_key)
+    founding = nodes_of_genesis(town.ledger.genesis).custodians
+    assert client.known_custodians == (*founding, joined)
+    assert town.client(client.pinned).known_custodians == (*founding, joined)
 
 
 async def test_a_client_that_only_submits_may_look_by_itself(town: Town) -> None:

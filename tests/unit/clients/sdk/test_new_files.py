@@ -8,7 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from clients.sdk.new_files import new_file, open_to_append, read_given_file, write_new_file, write_private
+from clients.sdk.new_files import (
+    new_file,
+    open_to_append,
+    read_given_file,
+    read_given_text,
+    write_new_file,
+    write_private,
+)
 from consensus.errors import BlockRobotError
 
 
@@ -114,3 +121,10 @@ def test_no_more_is_read_than_is_allowed(tmp_path: Path) -> None:
     for path in (tmp_path / "in", Path("/dev/zero")):
         with pytest.raises(BlockRobotError, match="FILE_UNUSABLE"):
             read_given_file(path, 2)
+
+
+def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
+    (tmp_path / "words.txt").write_bytes("café".encode("latin-1"))
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE: .*words\.txt is not a text file in utf-8"):
+        read_given_text(tmp_path / "words.txt")
+    assert read_given_text(tmp_path / "words.txt", encoding="latin-1") == "café"

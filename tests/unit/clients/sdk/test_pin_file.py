@@ -20,7 +20,7 @@ from tests.unit.node.api.small_network import SUBJECT
 
 async def test_the_next_run_begins_where_the_last_one_was(nodes: Any, tmp_path: Path) -> None:
     genesis, path = nodes["n0"].node.ledger.genesis, tmp_path / PIN_FILE
-    known = KnownNodes(0, (KnownNode("n1", nodes["n1"].url, ""),), (KnownCustodian("n1", bytes(33), 40),), 2)
+    known = KnownNodes(0, (KnownNode("n1", nodes["n1"].url, ""),), (KnownCustodian("n1", "ward", bytes(33), 40),), 2)
     replace_file(path, write_pin(LightClient(genesis), known))
     await nodes["n0"].node.ledger.extend()
     async with open_pinned_client(genesis, path) as client:

@@ -13,6 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from clients.sdk.known_nodes import KnownCustodian
 from clients.wallet.commands import erase_commands
 from clients.wallet.commands.erase_commands import erasures
 from clients.wallet.ledger.wallet import Wallet
@@ -198,11 +199,8 @@ def test_the_command_speaks_portuguese_and_its_json_stays_as_it_is(
 ) -> None:
     world, told = World(tmp_path), []
     erasure = run_virtual(_described(world, {}, age_ms=0, frames=[]))
-    custodians = [
-        SimpleNamespace(custodian_key=b"a" * 33, name="node-1", organisation="ward"),
-        SimpleNamespace(custodian_key=b"b" * 33, name="node-2", organisation="lab"),
-    ]
-    wallet = SimpleNamespace(genesis=SimpleNamespace(custodians=custodians))
+    custodians = (KnownCustodian("node-1", "ward", b"a" * 33), KnownCustodian("node-2", "lab", b"b" * 33, 40))
+    wallet = SimpleNamespace(network=SimpleNamespace(known_custodians=custodians))
 
     async def find(_wallet: Wallet, _now_ms: int) -> list[ErasureProgress]:
         return list(told)

@@ -128,12 +128,11 @@ def test_our_log_is_the_same_table_in_all_three_forms(tmp_path: Path) -> None:
 
 
 def test_a_file_without_events_or_of_bytes_is_refused(tmp_path: Path) -> None:
-    for name, content in (("empty", b" \n"), ("bytes", b"\xff\xfe\x00")):
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(BlockRobotError, match=r"^EVENT_LOG_INVALID:"):
+    (tmp_path / "empty").write_bytes(b" \n")
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe\x00")
+    for name, code in (("empty", "EVENT_LOG_INVALID"), ("bytes", "FILE_UNUSABLE"), ("none", "FILE_UNUSABLE")):
+        with pytest.raises(BlockRobotError, match=f"^{code}:"):
             read_log(tmp_path / name)
-    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE:"):
-        read_log(tmp_path / "none")
 
 
 def test_what_is_done_for_one_owner_of_a_frame_follows_what_was_done_for_her() -> None:
