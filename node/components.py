@@ -217,7 +217,9 @@ class NodeComponents:
             calls=CallCheck(lambda: self.executor.reader),
         )
         self.finalized = FinalizedLedger(around.ledger, self.feed)
-        self.stall_detector = StallDetector(around.stopwatch, lambda: self.engine.epoch.epoch.settings, now_ms)
+        self.stall_detector = StallDetector(
+            around.stopwatch, lambda: self.engine.epoch.epoch.settings, now_ms, lambda: self.sync.is_running
+        )
         self.custody = self._make_custody()
         self.custody_admin = self._make_custody_admin()
         self.pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)

@@ -170,10 +170,16 @@ class NodeDirectory:
 
     def rank_custodians(self, record_id: bytes) -> tuple[tuple[NodeAddress, ...], tuple[NodeAddress, ...]]:
         """Those that keep a record's clip, of those with an address, and the others in the order in which they would."""
-        rooms = {each.key: each.room_gib for each in (self._custodians[node.name] for node in self.custodians)}
-        placement = Placement.of(rooms, self.known.custody_copies)
+        proved = self.known.custodians
+        rooms, organisations = (
+            {each.key: each.room_gib for each in proved},
+            {each.key: each.organisation for each in proved},
+        )
+        placement = Placement.of(rooms, self.known.custody_copies, organisations)
         places = {key: place for place, key in enumerate(placement.rank(record_id))}
-        ranked = tuple(sorted(self.custodians, key=lambda node: places[self._custodians[node.name].key]))
+        ranked = tuple(
+            sorted(self.custodians, key=lambda node: places.get(self._custodians[node.name].key, len(places)))
+        )
         return ranked[: placement.count], ranked[placement.count :]
 
     def note_failure(self) -> None:

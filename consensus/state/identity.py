@@ -163,6 +163,11 @@ def custodians(state: Reader) -> list[bytes]:
     return CUSTODIANS.read(state) or []
 
 
+def custodian_organisations(state: Reader) -> dict[bytes, str]:
+    rows = {key: CUSTODIAN.at(state, key) for key in custodians(state)}
+    return {key: row.org for key, row in rows.items() if row is not None}
+
+
 def custodian_rooms(state: Reader) -> dict[bytes, int]:
     """Declared room (GiB, 0: none) by custodian."""
     rows = {key: ROOM.at(state, key) for key in custodians(state)}

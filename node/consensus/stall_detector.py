@@ -20,9 +20,14 @@ class StallDetector:
     """Seconds since the newest final block (or start), and with work waiting."""
 
     def __init__(
-        self, stopwatch: Callable[[], float], settings: Callable[[], ChainSettings], clock: Callable[[], int]
+        self,
+        stopwatch: Callable[[], float],
+        settings: Callable[[], ChainSettings],
+        clock: Callable[[], int],
+        is_catching_up: Callable[[], bool],
     ) -> None:
         """`stopwatch`: monotonic seconds; `settings`: those of the current epoch; `clock`: ms since 1970."""
+        self._is_catching_up = is_catching_up
         self._stopwatch = stopwatch
         self._clock = clock
         self._lags_ms: deque[int] = deque(maxlen=CLOCK_BLOCKS_COUNT)
@@ -31,7 +36,10 @@ class StallDetector:
         self._waiting_since_s: float | None = None
 
     def note_final(self, _blocks: Sequence[object], _proof: object, position: Position) -> None:
-        self._lags_ms.append(self._clock() - position.timestamp_ms)
+        if self._is_catching_up():
+            self._lags_ms.clear()  # old blocks say nothing of the clock
+        else:
+            self._lags_ms.append(self._clock() - position.timestamp_ms)
         self._final_s = self._stopwatch()
         self._waiting_since_s = None
 

@@ -17,7 +17,7 @@ from consensus.state.access import REQUEST as ACCESS_REQUEST
 from consensus.state.audit import ENTRY, EntryRow
 from consensus.state.erasure import REQUEST as ERASURE_REQUEST
 from consensus.state.erasure import ErasureRow
-from consensus.state.identity import HANDLE, active_role, custodian_rooms, custodians
+from consensus.state.identity import HANDLE, active_role, custodian_organisations, custodian_rooms, custodians
 from consensus.state.keys import Reader, Scanner
 from consensus.state.records import EMPTY_FRAME, OF_VISIT, RECORD, RecordRow
 from consensus.state.rights import OBJECTION, QUARANTINE, RESTRICTION
@@ -86,7 +86,7 @@ class _Audited:
 
 
 def read_placement(state: Reader) -> Placement:
-    return Placement.of(custodian_rooms(state), read_copies(state.get))
+    return Placement.of(custodian_rooms(state), read_copies(state.get), custodian_organisations(state))
 
 
 class ChainFacts:

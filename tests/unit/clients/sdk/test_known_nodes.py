@@ -274,7 +274,7 @@ async def test_who_keeps_a_clip_follows_from_the_proved_members_and_setting(town
     await client.find_nodes(SUBJECT)
     for number in range(9):
         record_id = sha256(b"%d" % number)[:16]
-        ranked = Placement.of(rooms, 2).rank(record_id)
+        ranked = Placement.of(rooms, 2, dict.fromkeys(rooms, "ward")).rank(record_id)
         keepers, others = client.custody.rank(record_id)
         assert [keys[node.name] for node in (*keepers, *others)] == list(ranked)
         assert len(keepers) == 2
@@ -282,5 +282,19 @@ async def test_who_keeps_a_clip_follows_from_the_proved_members_and_setting(town
     assert later.custody.rank(record_id) == (keepers, others)
 
 
-def replaced_key(town: Town, name: str, key: bytes) -> NodeRow:
-    return msgspec.structs.replace(entry(name, town.addresses[name]), custodian_key=key)
+async def test_a_clip_is_sent_to_two_organisations(town: Town) -> None:
+    await town.say(ACTIVE)
+    keys = {name: b"\x02" + sha256(name.encode()) for name in ACTIVE}
+    owners = dict(zip(ACTIVE, ("ward", "ward", "clinic"), strict=True))
+    rows = {NODE.key(name): NODE.encode(replaced_key(town, name, key, owners[name])) for name, key in keys.items()}
+    await town.ledger.extend(writes=rows | {QUOTA.key(CUSTODY_COPIES): encode_value(2)})
+    client = town.client()
+    await client.find_nodes(SUBJECT)
+    for number in range(9):
+        keepers, _ = client.custody.rank(sha256(b"%d" % number)[:16])
+        assert {owners[node.name] for node in keepers} == {"ward", "clinic"}
+
+
+def replaced_key(town: Town, name: str, key: bytes, organisation: str = "ward") -> NodeRow:
+    row = entry(name, town.addresses[name])
+    return msgspec.structs.replace(row, custodian_key=key, organisation=organisation)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.primitives.hashing import sha256
+from consensus.records import placement as placement_module
 from consensus.records.placement import COPIES_DEFAULT_COUNT, Placement
 
 RECORDS_COUNT = 6_000
@@ -114,7 +116,47 @@ def test_one_order_is_written_down() -> None:
 
 def test_who_declares_no_room_counts_as_the_least_of_those_who_do() -> None:
     first, second, third = (custodian(number) for number in range(3))
-    assert Placement.of({first: 0, second: 0}, 2) == Placement.even([first, second], 2)
-    assert Placement.of({first: 0, second: 500, third: 2_000}, 2) == Placement(
+    assert Placement.of({first: 0, second: 0}, 2, {}) == Placement.even([first, second], 2)
+    assert Placement.of({first: 0, second: 500, third: 2_000}, 2, {}) == Placement(
         {first: 500, second: 500, third: 2_000}, 2
     )
+
+
+@given(record_ids, st.dictionaries(st.binary(min_size=33, max_size=33), st.integers(1, 1 << 24), min_size=2))
+def test_floats_give_the_exact_order(record_id: bytes, rooms: dict[bytes, int]) -> None:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(placement_module, "_SURELY", math.inf)
+        exact = Placement(rooms).rank(record_id)
+    assert Placement(rooms).rank(record_id) == exact
+
+
+@pytest.mark.parametrize("draw", [0, 1, (1 << 63) - 1, 1 << 63, (1 << 64) - 2, (1 << 64) - 1])
+def test_floats_are_exact_to_twelve_digits_at_either_end(draw: int) -> None:
+    exact = float(placement_module._exact_score(draw, 7))
+    assert 7 / placement_module._minus_log(draw) == pytest.approx(exact, rel=1e-12)
+
+
+@given(
+    record_ids,
+    st.dictionaries(st.binary(min_size=33, max_size=33), st.sampled_from("abc"), min_size=2),
+    st.integers(2, 4),
+)
+def test_copies_lie_at_as_many_organisations_as_there_are(
+    record_id: bytes, organisations: dict[bytes, str], copies: int
+) -> None:
+    rooms = {key: 1 + number % 3 for number, key in enumerate(organisations)}
+    placement = Placement(rooms, copies, organisations)
+    keepers = placement.keepers(record_id)
+    owners = {organisations[key] for key in keepers}
+    assert len(owners) == min(placement.count, len(set(organisations.values())))
+    by_score = Placement(rooms, copies).rank(record_id)
+    firsts = [next(key for key in by_score if organisations[key] == owner) for owner in owners]
+    assert set(firsts) <= set(keepers), "of each organisation the one that is first by room and draw"
+
+
+def test_no_organisation_keeps_a_clip_alone_whatever_room_it_declares() -> None:
+    honest, greedy = [custodian(number) for number in range(6)], [custodian(number) for number in (6, 7)]
+    rooms = dict.fromkeys(honest, 1_000) | dict.fromkeys(greedy, 1 << 24)
+    placement = Placement(rooms, 2, dict.fromkeys(greedy, "greedy"))
+    for record_id in records(500):
+        assert set(placement.keepers(record_id)) & set(honest)

@@ -15,8 +15,10 @@ class Hand:
     def __init__(self, **settings: int | str) -> None:
         self.now_s = 100.0
         chosen = ChainSettings(**settings)  # type: ignore[arg-type]
-        self.error_ms = 0
-        self.watch = StallDetector(lambda: self.now_s, lambda: chosen, lambda: self.time_ms + self.error_ms)
+        self.error_ms, self.catches_up = 0, False
+        self.watch = StallDetector(
+            lambda: self.now_s, lambda: chosen, lambda: self.time_ms + self.error_ms, lambda: self.catches_up
+        )
 
     @property
     def time_ms(self) -> int:
@@ -91,3 +93,17 @@ def test_a_block_of_a_slow_producer_or_an_idle_chain_says_nothing_of_the_clock()
         hand.after(30.0)
         hand.final(lag_ms)
         assert hand.after(0.0)["clock_error_s"] == 0.0
+
+
+def test_old_blocks_say_nothing_of_the_clock_of_a_node_that_catches_up() -> None:
+    hand = Hand()
+    hand.catches_up = True
+    for lag_ms in (3_600_000, 3_500_000, 3_400_000):
+        hand.after(0.1)
+        hand.final(lag_ms)
+        assert hand.after(0.0)["clock_error_s"] == 0.0
+    hand.catches_up, hand.error_ms = False, 600_000
+    for said_s in (0.0, 0.0, 600.0):
+        hand.after(5.0)
+        hand.final()
+        assert hand.after(0.0)["clock_error_s"] == said_s
