@@ -27,7 +27,10 @@ def read_json_text(
     """Raises TextInvalidError."""
     _require_size(text, max_bytes)
     try:
-        value = json.loads(_decoded(text), parse_float=parse_float)
+        decoded = _decoded(text)
+        value = json.loads(decoded, parse_float=parse_float)
+        if "\\ud" in decoded.lower():
+            json.dumps(value, ensure_ascii=False).encode("utf-8")  # half a surrogate pair is no character
     except RecursionError:
         raise _too_deep() from None
     except ValueError as error:

@@ -47,7 +47,10 @@ def read_place(
     scheme, _, rest = url.partition(":")
     if scheme == "folder":
         return ClipsPlace(url, folder=data_dir / (rest or FOLDER_DEFAULT_NAME))
-    parts, where = urlsplit(url), urlsplit(endpoint)
+    try:
+        parts, where = urlsplit(url), urlsplit(endpoint)
+    except ValueError as error:
+        raise invalid_place(f"no URL: {error}.") from None
     if scheme != "s3" or not parts.netloc or "@" in parts.netloc or parts.query or parts.fragment:
         raise invalid_place("it is folder, folder:PATH or s3://BUCKET/PREFIX, without keys.")
     if endpoint and (where.scheme not in ("http", "https") or not where.hostname or where.username or where.query):

@@ -165,7 +165,7 @@ class _Section:
 
     def text(self, field: str, default: str | None = None) -> str:
         value = self._table.get(field, default)
-        if not isinstance(value, str) or not value:
+        if not isinstance(value, str) or not value or "\0" in value:
             raise _invalid(f"[{self._name}] needs the text {field!r}.")
         return value
 

@@ -18,7 +18,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote_plus, urlsplit
+from urllib.parse import unquote_plus
 
 import msgspec
 
@@ -403,7 +403,7 @@ def shown_settings(config: NodeConfig) -> dict[str, str | int | bool | list[str]
         parts = [f"{word} {config.name_of(path)}" for word, path in paths.items() if path is not None]
         shown["clips"] = ", ".join([" at ".join(filter(None, (clips.url, clips.endpoint))), *parts])
     if config.custody_store != "sqlite":
-        shown["custody_store"] = f"mongodb at {urlsplit(config.custody_store).hostname}"
+        shown["custody_store"] = without_password(config.custody_store)
     return {name: list(value) if isinstance(value, tuple) else value for name, value in shown.items()}
 
 

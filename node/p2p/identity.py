@@ -78,16 +78,16 @@ def load_authorities(ca_certificate: str) -> tuple[x509.Certificate, ...]:
         found = x509.load_pem_x509_certificates(ca_certificate.encode())
     except UNREADABLE:
         return ()
-    return tuple(certificate for certificate in found if _is_known_to_tls(certificate))
+    return tuple(certificate for certificate in found if _is_readable(certificate))
 
 
-def _is_known_to_tls(certificate: x509.Certificate) -> bool:
-    """Return whether the TLS library accepts it; the libraries differ on oddities."""
+def _is_readable(certificate: x509.Certificate) -> bool:
+    """Return whether both libraries take its names and key; they differ on oddities."""
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=certificate.public_bytes(Encoding.DER))
-    except (ssl.SSLError, ValueError):
+        return all((certificate.subject, certificate.issuer, certificate.public_key()))
+    except (ssl.SSLError, *UNREADABLE):
         return False
-    return True
 
 
 def identify_peer(certificate_der: bytes | None, directory: DirectoryContent, now_ms: int) -> CertificateFacts:

@@ -37,12 +37,18 @@ class Row(msgspec.Struct):
         "",
         b"\xff\xfe",
         "9" * 5_000,
+        '{"name": "\\ud800"}',
+        '{"\\uDFFF": 1}',
     ],
-    ids=["arrays", "objects", "just too deep", "half", "empty", "no text", "digits"],
+    ids=["arrays", "objects", "just too deep", "half", "empty", "no text", "digits", "half a pair", "the other half"],
 )
 def test_json_that_cannot_be_read_is_refused(text: str | bytes) -> None:
     with pytest.raises(TextInvalidError):
         read_json_text(text)
+
+
+def test_a_character_that_json_writes_as_a_pair_is_read() -> None:
+    assert read_json_text('["\\ud83d\\ude00"]') == ["\U0001f600"]
 
 
 @pytest.mark.parametrize(

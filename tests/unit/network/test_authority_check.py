@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from base64 import b64encode
 from hashlib import sha256
 
 import pytest
@@ -54,6 +56,16 @@ def test_an_organisation_replaces_its_authority_by_one_of_the_same_name() -> Non
     old, new = create_authority("hospital"), create_authority("hospital")
     others = [entry("hospital", old), entry("evil", HOUSE)]
     check_authority(old.certificate_pem + new.certificate_pem, "hospital", others)
+
+
+@pytest.mark.parametrize("tag", range(256))
+def test_an_authority_whose_subject_is_damaged_is_none(tag: int) -> None:
+    der = bytearray(HOUSE.certificate.public_bytes(Encoding.DER))
+    der[der.rfind(b"\x0c\x09Ward CA 2")] = tag
+    text = f"-----BEGIN CERTIFICATE-----\n{b64encode(der).decode()}\n-----END CERTIFICATE-----\n"
+    with contextlib.suppress(BlockRobotError):
+        check_authority(text, "hospital", [])
+        fingerprints(text)
 
 
 def test_what_is_shown_of_an_authority_is_the_usual_fingerprint() -> None:

@@ -185,6 +185,13 @@ def test_an_entry_that_was_changed_on_the_way_is_refused_by_its_name(
         made_of(*handed.values())
 
 
+def test_a_name_that_is_no_text_is_refused(handed: dict[str, Path]) -> None:
+    text = handed["hospital"].read_text()
+    handed["hospital"].write_text(text.replace('"name": "hospital"', '"name": "\\ud800"'))
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE: \S*hospital.json "):
+        made_of(*handed.values())
+
+
 def sign_anew(path: Path, owner: Path, **fields: Any) -> Path:
     """As a hostile party would that has its own admin's and its own custodian's key."""
     (offer,) = read_offers([path])[1]

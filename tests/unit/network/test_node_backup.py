@@ -485,7 +485,9 @@ def test_settings_that_open_a_restored_node_are_shown(config: NodeConfig, tmp_pa
     back_up(config, out, with_keys=True)
     text = (out / "node" / "node.toml").read_text()
     opened = text.replace("[listen]\n", '[listen]\ntrusted_proxies = ["0.0.0.0/0"]\n')
-    opened = opened.replace('store = "sqlite"', 'store = "mongodb://me:secret@10.0.0.9/ward"')
+    opened = opened.replace(
+        'store = "sqlite"', 'store = "mongodb://me:secret@10.0.0.9,10.0.0.66:27018/ward?replicaSet=r"'
+    )
     opened = opened.replace(
         "[custody]\n",
         '[custody]\nclips = "s3://ward/x"\nclips_endpoint = "https://10.0.0.8"\n'
@@ -503,7 +505,10 @@ def test_settings_that_open_a_restored_node_are_shown(config: NodeConfig, tmp_pa
         assert "secret" not in said.output
         for name in ("trusted_proxies", "metrics_host", "faults_enabled", "custody_store"):
             assert name in said.output
-        assert all(value in said.output for value in ("0.0.0.0/0", "0.0.0.0", "mongodb at 10.0.0.9"))
+        assert all(
+            value in said.output
+            for value in ("0.0.0.0/0", "0.0.0.0", "mongodb://me@10.0.0.9,10.0.0.66:27018/ward?replicaSet=r")
+        )
     answer = json.loads(said.stdout)
     assert answer["settings"]["clips"] == "s3://ward/x at https://10.0.0.8, with keys of keys/s3, checked by keys/ca"
     assert answer["settings"]["producer_key_path"] == str(config.producer_key_path)
@@ -513,6 +518,26 @@ def test_settings_that_open_a_restored_node_are_shown(config: NodeConfig, tmp_pa
     assert {"trusted_proxies", "metrics_host", "faults_enabled"} <= set(answer["changed_settings"])
     assert "public_explorer" not in answer["changed_settings"]
     assert answer["settings"]["public_explorer"] is False
+
+
+@pytest.mark.parametrize(
+    ("place", "said"),
+    [
+        ('clips = "s3://[x/y"', "clips"),
+        ('clips = "s3://ward/x"\nclips_endpoint = "https://[x"', "clips"),
+        ('clips = "folder:a\\u0000b"', "clips"),
+    ],
+)
+def test_a_changed_backup_that_names_no_real_place_is_refused(
+    config: NodeConfig, tmp_path: Path, place: str, said: str
+) -> None:
+    out = tmp_path / "backup"
+    back_up(config, out, with_keys=True)
+    text = (out / "node" / "node.toml").read_text()
+    forged(out, "node/node.toml", text.replace("[custody]\n", f"[custody]\n{place}\n"))
+    with pytest.raises(BlockRobotError, match=f"^CONFIGURATION_INVALID: .*{said}"):
+        restored_from(out, tmp_path)
+    assert not (tmp_path / "anew").exists()
 
 
 def test_both_commands_say_what_they_did_and_what_is_next(config: NodeConfig, tmp_path: Path) -> None:

@@ -55,6 +55,7 @@ ODD: dict[str, str] = {
     "bytes behind": pem(DER + b"\0\0"),
     "a version that is none": pem(DER.replace(b"\xa0\x03\x02\x01\x02", b"\xa0\x03\x02\x01\x07", 1)),
     "only the first line": "-----BEGIN CERTIFICATE-----",
+    "a subject that is no text": pem(DER.replace(b"\x0c\x06clinic", b"\x00\x06clinic")),
     "a zero byte": OTHER.certificate_pem + "\0",
     "nothing": "",
 }
