@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
+from msgspec.structs import replace as replace_figures
 
 from network.bench.conditions import Result
 from network.bench.custody import custody_bench
@@ -40,6 +41,9 @@ def test_a_rate_counts_the_other_way_round_and_what_was_not_measured_is_missed()
     erasing = {"erase_p50_ms": 2.5, "erase_p95_ms": 2.5}
     assert compared.times_slower == {**erasing, "hook_records_per_s": 3.0, "catchup_s": 4.0}
     assert compared.missed == ["catchup_s"]
+    assert compared.machine_times_slower == 1.0
+    strained = replace_figures(figures(250, 3_000, 8), scan_records_per_s=10_000.0)
+    assert compare_stores(figures(100, 9_000, 2), strained).machine_times_slower == 3.0
     unmeasured = compare_stores(figures(100, 9_000, 2), figures(0.0, 9_000, 2))
     assert unmeasured.missed == ["erase_p50_ms", "erase_p95_ms"]
 
