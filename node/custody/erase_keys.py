@@ -64,8 +64,8 @@ class ErasableKeys(Protocol):
     @property
     def capacity_count(self) -> int: ...
 
-    def check_destroyed(self) -> int:
-        """Return how many supposedly empty slots still hold bytes."""
+    def check_destroyed(self, first: int = 0, count: int | None = None) -> int:
+        """Return how many supposedly empty slots still hold bytes, of all or of the pages of so many from `first` on."""
         ...
 
 
@@ -180,7 +180,7 @@ class EraseKeys:
     def _wipe_unheld(self) -> None:
         """Zero unheld slots: `allocate` writes keys before their state."""
         with self._lock:
-            dirty = self._find_dirty()
+            dirty = self._find_dirty(0, len(self._states))
             for slot in dirty:
                 self._write(_ZEROS, self._key_offset(slot))
             if dirty:
@@ -203,13 +203,14 @@ class EraseKeys:
     def capacity_count(self) -> int:
         return len(self._states)
 
-    def check_destroyed(self) -> int:
+    def check_destroyed(self, first: int = 0, count: int | None = None) -> int:
         with self._lock:
-            return len(self._find_dirty())
+            end = len(self._states)
+            return len(self._find_dirty(first, end if count is None else min(first + count, end)))
 
-    def _find_dirty(self) -> list[int]:
+    def _find_dirty(self, start: int, end: int) -> list[int]:
         dirty = []
-        for first in range(0, len(self._states), PAGE_SLOTS_COUNT):
+        for first in range(start, end, PAGE_SLOTS_COUNT):
             content = self._read(self._key_offset(first), PAGE_SLOTS_COUNT * ERASE_KEY_BYTES)
             for place in range(PAGE_SLOTS_COUNT):
                 key = content[place * ERASE_KEY_BYTES : (place + 1) * ERASE_KEY_BYTES]

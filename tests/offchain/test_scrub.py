@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload
-from node.custody import custodian
+from node.custody import custodian as custodian_module
+from node.custody.chain_facts import ChainFacts
+from node.custody.custodian import Custodian
+from node.custody.repair import scrub
 from node.custody.repair.scrub import find_unclaimed_keys
 from node.custody.stores.custody_store import BlockEffects, ClipRow
 from tests.offchain.desk import CustodyHarness, Peer
@@ -235,6 +241,92 @@ async def test_a_custodian_that_is_behind_its_ledger_says_nothing_yet(
     await refused("CUSTODY_CATCHING_UP", desk.scrub())
 
 
+async def test_of_a_store_in_which_nothing_looks_wrong_little_is_read_at_rest(
+    desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Uploads and blocks wait for that: it may not grow with what is kept."""
+    await desk.hold(*(record_clip() for _ in range(3)))
+    house, walked = desk.house, dict[str, set[bool]]()
+
+    def watch(owner: Any, name: str) -> None:
+        walk = getattr(owner, name)
+
+        def watched(*arguments: Any) -> Any:
+            walked.setdefault(name, set()).add(house.custodian._writing.locked())
+            return walk(*arguments)
+
+        monkeypatch.setattr(owner, name, watched)
+
+    for name in ("all_clips", "records_with_frames", "slots_in_use", "all_parts"):
+        watch(house.store, name)
+    watch(house.keys, "check_destroyed")
+    watch(house.keys, "find_unclaimed")
+    watch(ChainFacts, "shares")
+    assert (await desk.scrub()).is_clean
+    assert len(walked) == 7
+    assert set().union(*walked.values()) == {False}
+
+
+async def test_uploads_go_on_between_the_suspects_of_a_scrub(
+    desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A custodian that lost much has as many: they are judged some at a time."""
+    monkeypatch.setattr(scrub, "RECORDS_AT_ONCE_COUNT", 2)
+    lost, coming, judged = [record_clip() for _ in range(5)], record_clip(), list[bytes]()
+    await desk.hold(record_clip())
+    for clip in lost:
+        desk.record(clip)
+    custodian, compare, at_rest = desk.house.custodian, scrub.RecordComparer.compare, custodian_module.Custodian.at_rest
+    rests = list[int]()
+
+    async def noting(self: Any, record_id: bytes, *arguments: Any) -> bool:
+        if custodian._writing.locked():
+            judged.append(record_id)
+        return await compare(self, record_id, *arguments)
+
+    @asynccontextmanager
+    async def resting(self: Custodian) -> AsyncIterator[frozenset[int]]:
+        if len(judged) == 2:
+            await self.stage(coming.upload)
+        async with at_rest(self) as in_flight:
+            yield in_flight
+        rests.append(len(judged))
+
+    monkeypatch.setattr(scrub.RecordComparer, "compare", noting)
+    monkeypatch.setattr(custodian_module.Custodian, "at_rest", resting)
+    report = await desk.scrub()
+    assert report.missing == judged == sorted(clip.record_id for clip in lost)
+    assert rests == [2, 4, 5, 5], "two at a time, and the end"
+    assert (report.nothing_erased_is_left, report.unclaimed_keys) == (True, []), (
+        "the upload meanwhile is nobody's fault"
+    )
+    assert len(await custodian.missing(10)) == 5
+
+
+async def test_a_key_that_comes_during_a_walk_is_taken_for_unclaimed_neither_then_nor_at_rest(
+    desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its row may be where the walk has been: only what no walk finds is looked for at rest."""
+    await desk.hold(record_clip())
+    store, custodian, walks = desk.house.store, desk.house.custodian, list[bool]()
+    walk = store.slots_in_use
+
+    async def behind_the_walk() -> AsyncIterator[int]:
+        walks.append(custodian._writing.locked())
+        async for slot in walk():
+            yield slot
+        if len(walks) == 1:
+            await custodian.stage(record_clip().upload)
+
+    monkeypatch.setattr(store, "slots_in_use", behind_the_walk)
+    assert (await desk.scrub()).unclaimed_keys == []
+    assert walks == [False, False], "the second walk found the upload's rows"
+    ((lone, _),) = desk.house.keys.allocate(1)
+    walks[:] = [False]
+    assert (await desk.scrub()).unclaimed_keys == [lone]
+    assert walks[1:] == [False] * scrub.KEY_WALKS_MAX_COUNT + [True]
+
+
 async def test_an_upload_on_its_way_is_no_orphan(desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its keys are there before its rows; the scrub must not take them for keys that nobody needs."""
     await desk.hold(record_clip())
@@ -377,7 +469,7 @@ async def test_a_start_tells_how_many_slots_it_has_read(
 ) -> None:
     for _ in range(3):
         await opened.keep()
-    monkeypatch.setattr(custodian, "_TELL_SLOTS_COUNT", 4)
+    monkeypatch.setattr(custodian_module, "_TELL_SLOTS_COUNT", 4)
     told: list[int] = []
     await opened.custodian.start(told.append)
     assert told == [4, 8]

@@ -6,6 +6,7 @@ import asyncio
 import os
 import secrets
 import sqlite3
+import tracemalloc
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -90,6 +91,26 @@ def test_free_pages_are_dirty_unless_deleting_overwrites(tmp_path: Path, secure:
         assert (pages.count_dirty(_roots(path)) > 100_000) == is_dirty
         pages.clean(_roots(path))
         assert pages.count_dirty(_roots(path)) == 0
+
+
+def test_a_walk_holds_a_bit_for_each_page_and_not_its_number(tmp_path: Path) -> None:
+    path = tmp_path / "x.sqlite3"
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA synchronous = OFF")
+        database.execute("CREATE TABLE frames (content BLOB)")
+        database.execute("BEGIN")
+        database.executemany("INSERT INTO frames VALUES (?)", [(bytes(3_000),)] * 10_000)
+        database.execute("COMMIT")
+    roots, pages_count = _roots(path), path.stat().st_size // 4096
+    assert pages_count > 10_000
+    with _pages(path) as pages:
+        tracemalloc.start()
+        try:
+            pages.count_dirty(roots)
+            held_bytes = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+    assert held_bytes < 10 * pages_count, "a number in a set is some 70 bytes"
 
 
 def test_an_empty_file_has_no_pages(tmp_path: Path) -> None:

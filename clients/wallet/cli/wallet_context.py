@@ -142,6 +142,7 @@ def run_made(store: Keystore, genesis_path: Path, action: Callable[[Wallet], Awa
 def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable[T]]) -> T:
     async def main() -> T:
         async with Wallet(store, genesis) as opened:
+            opened.tell_scanned = print_scanned
             try:
                 return await action(opened)
             finally:
@@ -149,6 +150,11 @@ def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable
                 print_failed_nodes(opened.network.troubles)
 
     return asyncio.run(main())
+
+
+def print_scanned(done: int, of: int) -> None:
+    """On standard error, where a status line that is shown moves out of its way."""
+    click.echo(text("ask.scanned", number=done, count=of), err=True)
 
 
 def print_failed_nodes(troubles: Mapping[str, BlockRobotError]) -> None:

@@ -81,6 +81,8 @@ class VisitReport:
 
 
 _LOOK_UP_MS = 2_000
+SCAN_SAVED_EVERY_COUNT = 10_000
+"""Of announcements or grants that were read; a scan that is cut off goes on from there."""
 _CHANGES_NO_RECORD = frozenset(
     {RECORDED_KIND, "visit_closed", "access_requested", "access_released", "access_refused", "verdict", "granted"}
 )
@@ -101,7 +103,8 @@ def _still_true(before: VisitReport | None, visit: KnownVisit, trail: Sequence[A
 
 class Wallet:
     """An open wallet; use as `async with`. `member_gone`: membership ended without leaving; only known visits are
-    shown, without `out_of_reach` ones. Setting `trails` to a dict caches audits.
+    shown, without `out_of_reach` ones. Setting `trails` to a dict caches audits. `tell_scanned` hears how many were read of
+    how many, each time a long scan is saved.
     """
 
     def __init__(self, store: Keystore, genesis: Genesis) -> None:
@@ -112,6 +115,7 @@ class Wallet:
         self.member_gone = False
         self.out_of_reach: tuple[KnownVisit, ...] = ()
         self.trails: dict[bytes, list[AuditEntry]] | None = None
+        self.tell_scanned: Callable[[int, int], None] = lambda _done, _of: None
 
     async def __aenter__(self) -> Wallet:
         await use_given_nodes(self.network, self.genesis.chain_id)
@@ -208,7 +212,7 @@ class Wallet:
         controlled. Raises MEMBERSHIP_ENDED if none.
         """
         await self.require_registered()
-        content, known_count = self.store.content, self.store.content.scanned_count
+        content, saved_count = self.store.content, self.store.content.scanned_count
         while True:
             try:
                 page = await self._read_announcements(content.scanned_count)
@@ -222,9 +226,18 @@ class Wallet:
             content.scanned_count = page.next_number
             if page.next_number >= page.count:
                 break
-        if content.scanned_count != known_count:
+            saved_count = self.save_scanned(page.next_number, page.count, saved_count)
+        if content.scanned_count != saved_count:
             self.store.save()
         return [visit for visit in content.visits if not visit.taken]
+
+    def save_scanned(self, done: int, of: int, saved_count: int) -> int:
+        """Save what a scan found, if enough was read since `saved_count`; return what is saved now."""
+        if done - saved_count < SCAN_SAVED_EVERY_COUNT:
+            return saved_count
+        self.store.save()
+        self.tell_scanned(done, of)
+        return done
 
     async def _scan_without_membership(self) -> list[KnownVisit]:
         self.member_gone = True

@@ -63,7 +63,7 @@ async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
     Former members read no new ones. Raises PROOF_INVALID if one is omitted, NOT_REGISTERED.
     """
     await wallet.require_registered()
-    content, known_count = wallet.store.content, wallet.store.content.scanned_grants_count
+    content, saved_count = wallet.store.content, wallet.store.content.scanned_grants_count
     while True:
         try:
             count, grants = await _read_page(wallet, content.scanned_grants_count)
@@ -80,7 +80,8 @@ async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
         content.scanned_grants_count += len(grants)
         if content.scanned_grants_count >= count:
             break
-    if content.scanned_grants_count != known_count:
+        saved_count = wallet.save_scanned(content.scanned_grants_count, count, saved_count)
+    if content.scanned_grants_count != saved_count:
         wallet.store.save()
     return list(content.received_grants), True
 

@@ -9,7 +9,7 @@ import tempfile
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
@@ -39,6 +39,8 @@ NODES_COUNT = 4
 BLOCK_RECORDS_COUNT = 50
 EXPIRES_AFTER_MS = 30 * 24 * 3_600_000
 SCANNED_COUNT = 2_000
+SLOWER_MAX_TIMES = 3.0
+"""How many times as long the other store may take for any of what is compared."""
 HOSPITAL_DAY_VISITS_COUNT = 20_000
 """What is taken for a day of a large hospital: five thousand people, whom robots meet four times each."""
 _START_MS = 1_800_000_000_000
@@ -48,8 +50,8 @@ OnProgress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class CustodyOptions:
-    """Store, erasures, backlog and clip size; with `held` only erasing beside kept clips is measured; `apart`: where clips
-    are kept.
+    """Store, erasures, backlog and clip size; with `held` only erasing beside kept clips is measured; `beside`: the store
+    that is measured after it in the same run; `apart`: where clips are kept.
     """
 
     store: str = "sqlite"
@@ -58,6 +60,7 @@ class CustodyOptions:
     frames: int = 5
     frame_bytes: int = 12_000
     held: tuple[int, ...] = ()
+    beside: str = ""
     apart: ClipsApart | None = None
 
 
@@ -138,6 +141,39 @@ class HeldFigures(Struct, frozen=True, kw_only=True):
 
     held: list[HeldRow]
     cpu_ratio: float
+
+
+class ComparedFigures(Struct, frozen=True, kw_only=True):
+    """The same work with two stores, one after the other.
+
+    `times_slower`: how many times as long `beside` takes, by figure; null where nothing was measured; `goal` at most.
+    `machine_times_slower`: the same of scanning, which uses no store: far from 1, other work made the difference.
+    """
+
+    store: CustodyFigures
+    beside: CustodyFigures
+    times_slower: dict[str, float | None]
+    machine_times_slower: float
+    missed: list[str]
+    goal: float
+
+
+def compare_stores(store: CustodyFigures, beside: CustodyFigures) -> ComparedFigures:
+    slower: dict[str, float | None] = {}
+    for name in ("erase_p50_ms", "erase_p95_ms", "hook_records_per_s", "catchup_s"):
+        took, beside_took = getattr(store, name), getattr(beside, name)
+        if name == "hook_records_per_s":
+            took, beside_took = beside_took, took
+        slower[name] = round(beside_took / took, 2) if took and beside_took else None
+    missed = [name for name, times in slower.items() if times is None or times > SLOWER_MAX_TIMES]
+    return ComparedFigures(
+        store=store,
+        beside=beside,
+        times_slower=slower,
+        machine_times_slower=round(store.scan_records_per_s / beside.scan_records_per_s, 2),
+        missed=missed,
+        goal=SLOWER_MAX_TIMES,
+    )
 
 
 async def _measure_following(options: CustodyOptions, folder: Path, on_progress: OnProgress) -> FollowingFigures:
@@ -241,12 +277,25 @@ async def _run_held(options: CustodyOptions, on_progress: OnProgress) -> Result[
     return Result(name="custody", ok=ok, figures=figures, conditions=conditions)
 
 
+async def _run_beside(options: CustodyOptions, on_progress: OnProgress) -> Result[ComparedFigures]:
+    first = await _run_one(options, on_progress)
+    second = await _run_one(replace(options, store=options.beside), on_progress)
+    figures = compare_stores(first.figures, second.figures)
+    beside = {f"beside_{name}": second.conditions[name] for name in ("store", "load")}
+    ok = first.ok and second.ok and not figures.missed
+    return Result(name="custody", ok=ok, figures=figures, conditions={**first.conditions, **beside})
+
+
 async def run_custody_benchmark(
     options: CustodyOptions, on_progress: OnProgress = lambda _text: None
-) -> Result[CustodyFigures] | Result[HeldFigures]:
-    """`ok` is False after any error or missing clip."""
+) -> Result[CustodyFigures] | Result[HeldFigures] | Result[ComparedFigures]:
+    """`ok` is False after any error or missing clip, or if the store `beside` is too slow."""
     if options.held:
         return await _run_held(options, on_progress)
+    return await (_run_beside if options.beside else _run_one)(options, on_progress)
+
+
+async def _run_one(options: CustodyOptions, on_progress: OnProgress) -> Result[CustodyFigures]:
     conditions = measure_conditions(
         nodes=NODES_COUNT,
         store="mongodb" if options.store.startswith(MONGO_SCHEMES) else options.store,

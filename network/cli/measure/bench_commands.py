@@ -194,24 +194,29 @@ def _read_counts(_context: click.Context, _option: click.Parameter, text: str | 
     "--behind", default=10_000, show_default=True, type=click.IntRange(50, 1_000_000), help="Records to catch up."
 )
 @click.option("--held", callback=_read_counts, help="Only erasing, beside so many kept clips: 250,4000,100000. SQLite.")
+@click.option("--beside", default="", metavar="STORE", help="Then the same with this store, and how many times slower.")
 @with_clips
 @command_output
-def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...], apart: Any, as_json: bool) -> None:
+def custody_command(
+    store: str, erasures: int, behind: int, held: tuple[int, ...], beside: str, apart: Any, as_json: bool
+) -> None:
     """Measure what custody costs: erasing until every receipt is final, following, catching up, scanning, room.
 
     A server for --store or --clips has to run already; databases and objects of the benchmark are removed at its end. A
-    line of progress goes to standard error. 10,000 records take a few minutes and about 3 GB of disk.
+    line of progress goes to standard error. 10,000 records take a few minutes and about 3 GB of disk. Exits 1 if the store
+    of --beside takes more than three times as long for anything.
 
     \b
     Example: blockrobot bench custody --store sqlite --json
+    Example: blockrobot bench custody --beside mongodb --erasures 8 --behind 400
     Example: blockrobot bench custody --clips s3://ward/bench --clips-endpoint http://127.0.0.1:8333
     """
     from network.bench.custody.custody_bench import CustodyOptions, run_custody_benchmark  # noqa: PLC0415 - only when it is needed
 
-    uri = LOCAL_MONGO_URI if store == "mongodb" else store
-    if held and (uri != "sqlite" or apart is not None):
-        raise click.UsageError("--held measures the embedded store; leave --store and --clips out.")
-    options = CustodyOptions(store=uri, erasures=erasures, behind=behind, held=held, apart=apart)
+    uri, other = (LOCAL_MONGO_URI if name == "mongodb" else name for name in (store, beside))
+    if held and (uri != "sqlite" or beside or apart is not None):
+        raise click.UsageError("--held measures the embedded store; leave --store, --beside and --clips out.")
+    options = CustodyOptions(store=uri, erasures=erasures, behind=behind, held=held, beside=other, apart=apart)
     _finish(run_to_end(run_custody_benchmark(options, _Teller())), as_json=as_json)
 
 

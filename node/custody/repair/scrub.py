@@ -6,9 +6,10 @@ Repairs nothing; missing clips are listed for fetching.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, asynccontextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
@@ -24,6 +25,8 @@ Tell = Callable[[str, int, int], None]
 """Told of progress: what is being looked at, how many are done, and of how many (0: not known)."""
 
 RECORDS_AT_ONCE_COUNT = 256
+SLOTS_AT_ONCE_COUNT = 16_384
+KEY_WALKS_MAX_COUNT = 3
 SETTLE_MAX_S = 20.0
 _SETTLE_POLL_S = 0.05
 _TELL_EVERY_COUNT = 100
@@ -78,7 +81,10 @@ class RecordComparer:
         self._custodian = custodian
         self._store = store
         self._facts = facts
-        self._erased_frames = facts.erased_frames()
+
+    @cached_property
+    def _erased_frames(self) -> dict[bytes, frozenset[int]]:
+        return self._facts.erased_frames()  # of all erasures that ever were
 
     def erased_frames(self, record: RecordState) -> frozenset[int]:
         return frozenset(record.facts.erased_frames) | self._erased_frames.get(record.facts.record_id, frozenset())
@@ -151,34 +157,75 @@ async def caught_up(
 async def scrub(
     custodian: Custodian, store: CustodyStore, keys: ErasableKeys, open_facts: OpenFacts, tell: Tell = ignore_progress
 ) -> ScrubReport:
-    """Absent clips are listed as missing.
+    """Absent clips are listed as missing. All is read while the custodian goes on; what looks wrong is judged at rest.
 
     Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED.
     """
     seen = ScrubReport()
     with open_facts() as facts:
         suspects = await _look_through(RecordComparer(custodian, store, facts), store, facts, seen, tell)
+        may_hold_ended_parts = bool(await find_ended_parts(store, facts))
+    frames = await find_unclaimed_frames(store)
     tell("blobs", 0, 0)
     await store.sweep_blobs()
     tell("keys", 0, 0)
+    dirty_slots_count = await _count_dirty_slots(keys)
+    may_hold_unclaimed_keys = await _may_hold_unclaimed_keys(store, keys)
+    report = await _judge(sorted(suspects), custodian, store, open_facts)
+    report.records_count, report.dirty_slots_count = seen.records_count, dirty_slots_count
+    report.clips_compared_count, report.frames_compared_count = seen.clips_compared_count, seen.frames_compared_count
     async with caught_up(custodian, open_facts) as (facts, in_flight):
-        report = ScrubReport(height=facts.point.height, records_count=seen.records_count)
-        judge = RecordComparer(custodian, store, facts)
-        clips = await store.clips(sorted(suspects))
-        for record_id in sorted(suspects):
-            await judge.compare(record_id, facts.record(record_id), clips.get(record_id), report)
-        report.clips_compared_count = seen.clips_compared_count
-        report.frames_compared_count = seen.frames_compared_count
-        report.unclaimed_frames = await find_unclaimed_frames(store)
-        report.parts_held_though_ended = await find_ended_parts(store, facts)
+        report.height = facts.point.height
+        report.unclaimed_frames = await _among_unclaimed(store, frames)
+        if may_hold_ended_parts:
+            report.parts_held_though_ended = await find_ended_parts(store, facts)
         report.empty_frames_held_though_withdrawn = await find_withdrawn_frames(store, facts)
-        report.unclaimed_keys = await find_unclaimed_keys(store, keys, in_flight)
-        report.dirty_slots_count = await asyncio.to_thread(keys.check_destroyed)
+        if may_hold_unclaimed_keys:
+            report.unclaimed_keys = await find_unclaimed_keys(store, keys, in_flight)
         report.leftovers = await store.leftovers()
-        records = (facts.record(record_id) for record_id in report.missing)
-        absent = tuple(record.facts for record in records if record is not None)
-        await store.apply(BlockEffects(missing=await _not_listed(store, absent)))
     return report
+
+
+async def _judge(
+    suspects: Sequence[bytes], custodian: Custodian, store: CustodyStore, open_facts: OpenFacts
+) -> ScrubReport:
+    """Some at a time, so that blocks and uploads wait for no more than those."""
+    report = ScrubReport()
+    for start in range(0, len(suspects), RECORDS_AT_ONCE_COUNT):
+        batch = suspects[start : start + RECORDS_AT_ONCE_COUNT]
+        async with caught_up(custodian, open_facts) as (facts, _):
+            judge, clips = RecordComparer(custodian, store, facts), await store.clips(batch)
+            missing_before = len(report.missing)
+            for record_id in batch:
+                await judge.compare(record_id, facts.record(record_id), clips.get(record_id), report)
+            records = (facts.record(record_id) for record_id in report.missing[missing_before:])
+            absent = tuple(record.facts for record in records if record is not None)
+            await store.apply(BlockEffects(missing=await _not_listed(store, absent)))
+    return report
+
+
+async def _count_dirty_slots(keys: ErasableKeys) -> int:
+    parts = range(0, keys.capacity_count, SLOTS_AT_ONCE_COUNT)
+    return sum([await asyncio.to_thread(keys.check_destroyed, start, SLOTS_AT_ONCE_COUNT) for start in parts])
+
+
+async def _may_hold_unclaimed_keys(store: CustodyStore, keys: ErasableKeys) -> bool:
+    """A key that comes or goes during a walk looks unclaimed in that one only."""
+    suspects = set(await find_unclaimed_keys(store, keys, frozenset()))
+    for _ in range(KEY_WALKS_MAX_COUNT - 1):
+        if suspects:
+            suspects.intersection_update(await find_unclaimed_keys(store, keys, frozenset()))
+    return bool(suspects)
+
+
+async def _among_unclaimed(store: CustodyStore, record_ids: Sequence[bytes]) -> list[bytes]:
+    held = {place.record_id for place in await store.frame_places(record_ids)}
+    clips = await store.clips(sorted(held))
+    return [each for each in record_ids if each in held and _is_unclaimed(clips.get(each))]
+
+
+def _is_unclaimed(clip: ClipRow | None) -> bool:
+    return clip is None or clip.status == "erased"
 
 
 async def find_withdrawn_frames(store: CustodyStore, facts: ChainFacts) -> list[bytes]:
@@ -228,13 +275,13 @@ async def _look_through(
 
 
 async def find_unclaimed_frames(store: CustodyStore) -> list[bytes]:
-    """Return records with frames but no clip; only at rest."""
+    """Return records with frames but no clip; for certain only at rest."""
     found: list[bytes] = []
     batch: list[bytes] = []
 
     async def check() -> None:
         clips = await store.clips(batch)
-        found.extend(each for each in batch if each not in clips or clips[each].status == "erased")
+        found.extend(each for each in batch if _is_unclaimed(clips.get(each)))
         batch.clear()
 
     async for record_id in store.records_with_frames():
@@ -246,7 +293,7 @@ async def find_unclaimed_frames(store: CustodyStore) -> list[bytes]:
 
 
 async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple[bytes, bytes]]:
-    """Return (grant, record) of parts to be destroyed; only at rest."""
+    """Return (grant, record) of parts to be destroyed; for certain only at rest."""
     standing, ended = facts.shares()
     denied = {row.owner for row in facts.visit_restrictions() if row.quarantined}
     found: list[tuple[bytes, bytes]] = []
@@ -262,7 +309,7 @@ async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple
 
 
 async def find_unclaimed_keys(store: CustodyStore, keys: ErasableKeys, in_flight: frozenset[int]) -> list[int]:
-    """Return keyed slots neither named nor in flight; only at rest."""
+    """Return keyed slots neither named nor in flight; for certain only at rest."""
     claimed = bytearray(keys.capacity_count)
     async for slot in store.slots_in_use():
         if slot < len(claimed):

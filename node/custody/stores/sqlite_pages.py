@@ -70,12 +70,12 @@ class PageFile:
 
     def _gaps(self, roots: Sequence[int]) -> Iterator[tuple[int, bytes, int, int]]:
         waiting = [1, *roots]
-        seen: set[int] = set()
+        seen = bytearray(os.fstat(self._descriptor).st_size // (8 * self._page_bytes) + 1)  # a bit for each page
         while waiting:
-            number = waiting.pop()
-            if number in seen:
+            place, bit = divmod(number := waiting.pop(), 8)
+            if place >= len(seen) or seen[place] & 1 << bit:
                 continue
-            seen.add(number)
+            seen[place] |= 1 << bit
             content = self._page(number)
             waiting += self._children(number, content)
             yield from self._gaps_in(number, content)

@@ -61,6 +61,19 @@ def test_what_is_read_beside_another_program_leaves_the_file_as_it_was_and_what_
     assert path.read_bytes() != before, "by itself it notes what it found"
 
 
+def test_a_long_reading_of_the_ledger_says_how_far_it_is(desk: WalletHarness, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("clients.wallet.ledger.wallet.SCAN_SAVED_EVERY_COUNT", 2)
+    for number in range(2, 6):
+        desk.story.visit(number)
+    seen = desk.run("records", "--json")
+    assert (seen.exit_code, len(json.loads(seen.stdout)["visits"])) == (0, 5), seen.output
+    assert seen.stderr.splitlines() == [
+        "Read so far: 2 of 5 entries of the ledger ...",
+        "Read so far: 4 of 5 entries of the ledger ...",
+    ]
+    assert desk.run("records", "--json").stderr == "", "the next time there is nothing left to read"
+
+
 @pytest.mark.parametrize("is_marked", [False, True])
 def test_a_command_is_let_through_for_its_mark_and_not_for_its_name(desk: WalletHarness, is_marked: bool) -> None:
     async def nothing(_: Any) -> None: ...

@@ -23,6 +23,7 @@ from clients.wallet.sharing.incoming_shares import (
     IncomingShare,
     IncomingShares,
 )
+from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.members.handles import encode_short
 from consensus.records.sharing import GRANT_STEP_MS, SharedDownload
@@ -83,6 +84,31 @@ async def test_nobody_else_finds_the_grant_and_a_second_reading_begins_where_the
     assert doctor.store.content.scanned_grants_count == 3
     assert len(await receiving.inbox()) == 2, "what is known is not found again"
     assert await find_received(ward.come_in("visitor", "subject")) == ([], True)
+
+
+async def test_a_reading_of_grants_that_is_cut_off_goes_on_where_it_was_saved(
+    ward: SharedWard, doctor: Wallet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(chain_grants, "PAGE_COUNT", 1)
+    monkeypatch.setattr("clients.wallet.ledger.wallet.SCAN_SAVED_EVERY_COUNT", 2)
+    ward.record_visit(1)
+    for _ in range(4):
+        await ward.share(doctor)
+    honest, read = chain_grants._read_page, list[int]()
+
+    async def killed(wallet: Wallet, first: int) -> tuple[int, list[chain_grants.Grant]]:
+        read.append(first)
+        if read == [0, 1, 2, 3]:
+            raise KeyboardInterrupt
+        return await honest(wallet, first)
+
+    monkeypatch.setattr(chain_grants, "_read_page", killed)
+    with pytest.raises(KeyboardInterrupt):
+        await find_received(doctor)
+    again = Wallet(Keystore.open(doctor.store._path, "tea"), doctor.genesis)
+    again.network = doctor.network
+    found, _ = await find_received(again)
+    assert (len(found), read) == (4, [0, 1, 2, 3, 2, 3]), "from what was saved"
 
 
 async def test_a_page_that_leaves_a_grant_out_is_refused(

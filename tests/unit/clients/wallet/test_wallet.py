@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import msgspec
 import pytest
 
+from clients.sdk.chain.announcements import AnnouncementPage
 from clients.sdk.proof_checks import ProvedState
+from clients.wallet.ledger.wallet import Wallet
 from clients.wallet.store.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
@@ -36,6 +38,40 @@ async def test_scanning_goes_on_where_it_ended_and_finds_nothing_twice(world: Wo
     assert len(await world.wallet.scan()) == 2
     assert len(world.network.asked) == asked + 1
     assert len(Keystore.open(world.store._path, "tea").content.visits) == 2
+
+
+async def test_a_first_scan_that_is_cut_off_goes_on_where_it_was_saved(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The program is killed: nothing of it runs to an end. Pages of two, saved after every four announcements."""
+    monkeypatch.setattr("clients.wallet.ledger.wallet.SCAN_SAVED_EVERY_COUNT", 4)
+    own = [world.open_visit().owner]
+    for _ in range(4):
+        world.open_visit(world.stranger())
+    own += [world.open_visit().owner, world.open_visit().owner]
+    page_of, told = world.network.announcements, list[tuple[int, int]]()
+
+    async def killed(first: int, key: PrivateKey) -> AnnouncementPage:
+        if first == 6:
+            raise KeyboardInterrupt
+        return await page_of(first, key)
+
+    monkeypatch.setattr(world.network, "announcements", killed)
+    with pytest.raises(KeyboardInterrupt):
+        await world.wallet.scan()
+    content = (kept := Keystore.open(world.store._path, "tea")).content
+    assert (content.scanned_count, [visit.owner for visit in content.visits]) == (4, own[:1])
+
+    monkeypatch.setattr(world.network, "announcements", page_of)
+    world.network.asked.clear()
+    again = Wallet(kept, world.genesis)
+    again.network, again.tell_scanned = world.wallet.network, lambda done, of: told.append((done, of))
+    assert [visit.owner for visit in await again.scan()] == own
+    assert [what for what, _ in world.network.asked] == ["announcements"] * 2, "of four pages only the last two"
+    assert told == [], "the rest is short"
+    again.store.content.scanned_count = 0
+    assert len(await again.scan()) == 3
+    assert told == [(4, 7)]
 
 
 async def test_every_wallet_reads_every_announcement_in_the_members_session(world: World) -> None:
