@@ -34,7 +34,7 @@ from consensus.chain.genesis import Genesis
 from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
 from contracts.execution.epochs import read_epoch
-from network.provisioning.network_files import HALF_DONE
+from network.provisioning.network_files import HALF_DONE, remove_marked
 from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, load_config, load_genesis, load_key
 from node.custody.blobs.place_file import PLACE_FILE_NAME
@@ -167,7 +167,7 @@ def _workplace(parent: Path, *name: str) -> Iterator[Path]:
                 shutil.rmtree(left)
         yield place
     finally:
-        shutil.rmtree(place)
+        remove_marked(place, LOCK_FILE_NAME)
         lock.release()
 
 

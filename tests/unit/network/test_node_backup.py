@@ -38,6 +38,7 @@ from node.directory.node_directory import DirectoryContent, DirectoryOrganisatio
 from node.node_process import Node
 from node.storage.lmdb_reader import LedgerFile
 from tests.cluster.network_under_test import find_base_port
+from tests.world.cuts import is_killed_after
 
 FALSE_DIRECTORY = DirectoryContent(10**12, {}, {"hospital": DirectoryOrganisation("hospital", "of somebody else")})
 
@@ -264,6 +265,19 @@ def test_what_a_cut_leaves_of_a_backup_or_a_restore_is_removed_by_the_next(
     back_up(config, folder / "third", with_keys=False)
     assert {path.name for path in folder.iterdir()} == {"second", "third"}
     assert [path.name for path in anew.parent.iterdir()] == ["anew"]
+
+
+def test_whatever_a_cut_leaves_of_a_removal_is_removed_by_the_next(config: NodeConfig, tmp_path: Path) -> None:
+    folder = tmp_path / "backups"
+    made = back_up(config, folder / "new", with_keys=False)
+    for removals in range(1, 100):
+        shutil.copytree(folder / "new", folder / "old")
+        if not is_killed_after(removals, lambda: node_backup.delete_old(folder / "new", made, 1)):
+            break
+        back_up(config, folder / "next", with_keys=False)
+        shutil.rmtree(folder / "next")
+        assert {path.name for path in folder.iterdir()} == {"new"}
+    assert len(list((folder / "new").rglob("*"))) < removals - 1 < 98
 
 
 def test_a_folder_of_somebodys_by_the_name_of_half_a_node_is_left_as_it_is(config: NodeConfig, tmp_path: Path) -> None:
