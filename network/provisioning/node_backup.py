@@ -39,6 +39,7 @@ from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, load_config, load_genesis, load_key
 from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
+from node.custody.stores.open_store import mongo_options
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.directory.directory_file import DIRECTORY_FILE
 from node.faults import STATE_FILE_NAME as FAULTS_FILE_NAME
@@ -195,8 +196,11 @@ def without_password(store: str) -> str:
         raise BlockRobotError(
             "CONFIGURATION_INVALID", "[custody] store: write / ? and @ in a password as %2F, %3F, %40."
         )
-    kept = [each for each in options.split("&") if not each.partition("=")[0].lower().endswith(_SECRET_OPTIONS)]
-    return f"{scheme}://{user.partition(':')[0]}{at}{hosts}{slash}{database}{question}{'&'.join(kept)}"
+    given = mongo_options(store)
+    kept = [each for each in given if not each.partition("=")[0].lower().endswith(_SECRET_OPTIONS)]
+    if kept != given:
+        options = "&".join(kept)
+    return f"{scheme}://{user.partition(':')[0]}{at}{hosts}{slash}{database}{question}{options}"
 
 
 def _settings_without_password(config: NodeConfig) -> str:
@@ -317,7 +321,7 @@ def _paths_of(config: NodeConfig) -> Iterator[Path]:
     """All that `node.toml` names, also in the address of a MongoDB server."""
     named = {**_fields_of(config), **({} if config.clips is None else _fields_of(config.clips))}
     yield from (value for value in named.values() if isinstance(value, Path))
-    for option, value in parse_qsl(config.custody_store.partition("?")[2]):
+    for option, value in parse_qsl("&".join(mongo_options(config.custody_store))):
         if option.lower().endswith("file"):
             yield Path(value)
 

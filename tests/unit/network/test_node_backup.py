@@ -114,6 +114,9 @@ def test_older_backups_of_the_same_node_are_deleted_once_the_new_one_is_there(
         ("mongodb://u:hunter%2F2@a:1,b:2/db?tls=true", "mongodb://u@a:1,b:2/db?tls=true"),
         ("mongodb+srv://u:hunter2@h", "mongodb+srv://u@h"),
         ("mongodb://u:hunter2@h?tlsCertificateKeyFilePassword=hunter2&w=1", "mongodb://u@h?w=1"),
+        ("mongodb://h?w=1;tls=true", "mongodb://h?w=1;tls=true"),
+        ("mongodb://h?w=1;AUTHMECHANISMPROPERTIES=X:hunter2;w=2", "mongodb://h?w=1&w=2"),
+        ("mongodb://h?w=1 authMechanismProperties=X:hunter2", "mongodb://h?w=1"),
         ("mongodb://u:hunter/2@h/db", None),
         ("mongodb://u:hunter?2@h/db", None),
     ],
@@ -350,7 +353,9 @@ def test_a_backup_names_no_file_outside_of_its_node(config: NodeConfig, tmp_path
     changes += [(field, path) for field in ("genesis", "clips_credentials", "clips_ca") for path in paths]
     changes += [("clips", f"folder:{path}") for path in paths]
     changes += [
-        ("store", f"mongodb://h/db?tls=true&{option}={paths[0]}") for option in ("tlsCAFile", "tlsCertificateKeyFile")
+        ("store", f"mongodb://h/db?tls=true{mark}{option}={paths[0]}")
+        for option in ("tlsCAFile", "TLScertificateKEYfile")
+        for mark in ("&", ";", " ")
     ]
     for change in changes:
         changed = text
