@@ -194,8 +194,8 @@ def _read_counts(_context: click.Context, _option: click.Parameter, text: str | 
     "--behind", default=10_000, show_default=True, type=click.IntRange(50, 1_000_000), help="Records to catch up."
 )
 @click.option("--held", callback=_read_counts, help="Only erasing, beside so many kept clips: 250,4000,100000. SQLite.")
-@with_clips
 @command_output
+@with_clips
 def custody_command(store: str, erasures: int, behind: int, held: tuple[int, ...], apart: Any, as_json: bool) -> None:
     """Measure what custody costs: erasing until every receipt is final, following, catching up, scanning, room.
 
@@ -460,8 +460,8 @@ def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path |
 @click.option(
     "--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the scene is drawn from."
 )
-@with_clips
 @command_output
+@with_clips
 def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, apart: Any, as_json: bool) -> None:
     """Measure whether a robot keeps up with its camera, two registered people in view; no frame may be lost or doubled.
 
