@@ -162,7 +162,7 @@ class NodeDirectory:
 
     def rank_custodians(self, record_id: bytes) -> tuple[tuple[NodeAddress, ...], tuple[NodeAddress, ...]]:
         """Those that keep a record's clip, of those with an address, and the others in the order in which they would."""
-        rooms = {each.key: each.room_gib for each in (self._custodians[node.name] for node in self.custodians)}
+        rooms = {each.key: each.room_gib for each in self._custodians.values()}  # of all, as the custodians rank
         placement = Placement.of(rooms, self.known.custody_copies)
         places = {key: place for place, key in enumerate(placement.rank(record_id))}
         ranked = tuple(sorted(self.custodians, key=lambda node: places[self._custodians[node.name].key]))
