@@ -330,6 +330,9 @@ def _require_genesis_name(config: NodeConfig) -> bool:
     """Whether the genesis file is beside `node.toml`, under no name that a node looks for. Raises CONFIGURATION_INVALID."""
     path = config.genesis_path
     if path.parent != config.data_dir:
+        if path.resolve().is_relative_to(config.data_dir.resolve()):
+            detail = f"[node] genesis: put the file beside {CONFIG_FILE}, or outside of the node's folder."
+            raise BlockRobotError("CONFIGURATION_INVALID", detail)
         return False
     if path.suffix != ".json" or path.name in (DIRECTORY_FILE, FAULTS_FILE_NAME):
         raise BlockRobotError("CONFIGURATION_INVALID", f"[node] genesis: call the file genesis.json, not {path.name}.")

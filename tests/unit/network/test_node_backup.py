@@ -242,6 +242,15 @@ def test_a_genesis_file_by_another_name_is_in_a_backup(config: NodeConfig, tmp_p
     assert restored_from(tmp_path / "backup", tmp_path).genesis == load_genesis(named)
 
 
+def test_a_backup_is_not_made_without_the_genesis_file_that_it_needs(config: NodeConfig, tmp_path: Path) -> None:
+    below = changed(config, 'genesis = "genesis.json"', 'genesis = "of-network/genesis.json"')
+    below.genesis_path.parent.mkdir()
+    (config.data_dir / "genesis.json").rename(below.genesis_path)
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .* beside node.toml"):
+        back_up(below, tmp_path / "backup", with_keys=True)
+    assert not (tmp_path / "backup").exists()
+
+
 def test_what_a_cut_leaves_of_a_backup_or_a_restore_is_removed_by_the_next(
     config: NodeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
