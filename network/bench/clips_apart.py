@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import secrets
+import shutil
+from collections.abc import AsyncIterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from clients.sdk.new_files import replace_file
+from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from node.clips_place import FOLDER_DEFAULT_NAME, ClipsPlace, read_place
 from node.config import CONFIG_FILE, config_to_toml
@@ -35,6 +40,8 @@ class ClipsApart:
         """`folder`: the custodian's own."""
         if self.url == "folder":
             return read_place(f"folder:{FOLDER_DEFAULT_NAME}", folder)
+        if self.kind != "s3":  # any other folder would never be emptied
+            raise BlockRobotError("CONFIGURATION_INVALID", "--clips is folder, or s3://BUCKET/PREFIX.")
         url = f"{self.url.rstrip('/')}/{self.run}/{custodian}"
         return read_place(
             url, folder, endpoint=self.endpoint, ca_path=self.ca_path, credentials_path=self.credentials_path
@@ -53,3 +60,20 @@ class ClipsApart:
             async with open_blobs(self.place_of("", folder)) as blobs:
                 for name in [name async for name in blobs.names()]:
                     await blobs.delete(name)
+
+
+@contextlib.asynccontextmanager
+async def removed_after(folder: Path, apart: ClipsApart | None) -> AsyncIterator[None]:
+    """A measurement's folder, which has keys, whatever happens. Raises STORE_UNAVAILABLE for a bucket, if nothing else."""
+    try:
+        try:
+            yield
+        except BaseException:
+            if apart is not None:
+                with contextlib.suppress(BlockRobotError):
+                    await apart.remove(folder)
+            raise
+        if apart is not None:
+            await apart.remove(folder)
+    finally:
+        await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)

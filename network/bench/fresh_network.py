@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-import shutil
 import socket
 import tempfile
 import time
@@ -17,12 +16,13 @@ from clients.sdk.chain.enrolment import NewMember, register_member
 from clients.sdk.network_client import NetworkClient
 from consensus.chain.genesis import Genesis
 from consensus.chain.transaction import Transaction
+from consensus.errors import BlockRobotError
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.members.vouchers import Card, decode_card_code
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.records.owner_keys import open_visit_keys
-from network.bench.clips_apart import ClipsApart
+from network.bench.clips_apart import ClipsApart, removed_after
 from network.bench.nginx import trust_proxy
 from network.cluster import Cluster
 from network.demo.tampering import drop_databases
@@ -148,25 +148,28 @@ class FreshNetwork:
                 self._apart.configure(self._cluster)
             self._cluster.start_all()
             await self._cluster.wait_ready()
-        except BaseException:
-            await self._close()
+        except BaseException as error:
+            await self._close(error)
             raise
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await self._close()
+        await self._close(error)
 
-    async def _close(self) -> None:
-        for client in self._clients:
-            await client.close()
-        if self._cluster is not None:
-            await asyncio.to_thread(self._cluster.stop_all)
-            await asyncio.to_thread(drop_databases, self._cluster)
-        if self._apart is not None:
-            await self._apart.remove(self._folder)
-        shutil.rmtree(self._folder, ignore_errors=True)
+    async def _close(self, error: BaseException | None) -> None:
+        """`error`: what ended the measurement, which no other one replaces."""
+        try:
+            async with removed_after(self._folder, self._apart):
+                for client in self._clients:
+                    await client.close()
+                if self._cluster is not None:
+                    await asyncio.to_thread(self._cluster.stop_all)
+                    await asyncio.to_thread(drop_databases, self._cluster)
+        except BlockRobotError:
+            if error is None:
+                raise
 
     def client_of(self, number: int) -> NetworkClient:
         node = self.genesis.nodes[number % self._nodes_count]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,3 +58,14 @@ def require_own(folder: Path, own: re.Pattern[str] = _NETWORK_FILE) -> None:
     """Before it is emptied. Raises FOLDER_NOT_EMPTY, OSError."""
     for path in find_foreign(folder, own):
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{path} was not made by this command: nothing was deleted.")
+
+
+def remove_marked(folder: Path, mark: str) -> None:
+    """The mark last: what a cut leaves is still known for what it is. Raises OSError."""
+    for place in folder.iterdir():
+        if place.is_dir() and not place.is_symlink():
+            shutil.rmtree(place)
+        elif place.name != mark:
+            place.unlink()
+    (folder / mark).unlink(missing_ok=True)
+    folder.rmdir()

@@ -7,7 +7,7 @@ DIRECTORY/nodes/<name>/           node.toml, genesis.json, node-entry.json, keys
 
 from __future__ import annotations
 
-import shutil
+import contextlib
 import tempfile
 import time
 from collections.abc import Collection
@@ -20,6 +20,7 @@ from consensus.limits import PRODUCERS_MAX_COUNT
 from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey
 from network.provisioning.founding import adopt_genesis, find_own_entries, make_genesis
 from network.provisioning.founding_entries import read_offers
+from network.provisioning.network_files import remove_marked
 from network.provisioning.network_removal import MAKING_MARK, marked_as_making, remove_abandoned
 from network.provisioning.new_node import Founder, NewNode, create_node
 from network.provisioning.new_organisation import ADMIN_KEY_FILE, create_organisation
@@ -88,7 +89,8 @@ def create_network(
             _put_in_place(making, directory)
         (directory / MAKING_MARK).unlink(missing_ok=True)
     except BaseException:
-        shutil.rmtree(making, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            remove_marked(making, MAKING_MARK)
         raise
     return genesis
 

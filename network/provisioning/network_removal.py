@@ -10,12 +10,11 @@ import contextlib
 import fcntl
 import os
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 from consensus.errors import BlockRobotError
-from network.provisioning.network_files import find_foreign
+from network.provisioning.network_files import find_foreign, remove_marked
 
 GENESIS_FILE = "genesis.json"
 NETWORK_FOLDERS = ("nodes", "organisations")
@@ -84,6 +83,6 @@ def _remove_if_abandoned(place: Path) -> None:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             is_marked = os.read(descriptor, len(_MARK_TEXT) + 1) == _MARK_TEXT
             if is_marked and not any(find_foreign(place)):
-                shutil.rmtree(place)
+                remove_marked(place, MAKING_MARK)
         finally:
             os.close(descriptor)

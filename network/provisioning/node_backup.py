@@ -35,11 +35,12 @@ from consensus.chain.genesis import Genesis
 from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
 from contracts.execution.epochs import read_epoch
-from network.provisioning.network_files import HALF_DONE
+from network.provisioning.network_files import HALF_DONE, remove_marked
 from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, load_config, load_genesis, load_key
 from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
+from node.custody.stores.open_store import mongo_options
 from node.custody.stores.sqlite_schema import distrust
 from node.custody.stores.sqlite_store import DATABASE_FILE_NAME
 from node.directory.directory_file import DIRECTORY_FILE
@@ -176,7 +177,7 @@ def _workplace(parent: Path, *name: str) -> Iterator[Path]:
                 shutil.rmtree(left)
         yield place
     finally:
-        shutil.rmtree(place)
+        remove_marked(place, LOCK_FILE_NAME)
         lock.release()
 
 
@@ -209,9 +210,7 @@ def without_password(store: str) -> str:
 
 
 def _options_of(store: str) -> list[tuple[str, str]]:
-    """Of a MongoDB address, as its driver takes it apart."""
-    options = re.split(r"[&;\s]", store.partition("?")[2])
-    return [(name, value) for name, _, value in (each.partition("=") for each in options if each)]
+    return [(name, value) for name, _, value in (each.partition("=") for each in mongo_options(store) if each)]
 
 
 def _is_harmless(name: str, value: str) -> bool:
@@ -354,6 +353,9 @@ def _require_genesis_name(config: NodeConfig) -> bool:
     """Whether the genesis file is beside `node.toml`, under no name that a node looks for. Raises CONFIGURATION_INVALID."""
     path = config.genesis_path
     if path.parent != config.data_dir:
+        if path.resolve().is_relative_to(config.data_dir.resolve()):
+            detail = f"[node] genesis: put the file beside {CONFIG_FILE}, or outside of the node's folder."
+            raise BlockRobotError("CONFIGURATION_INVALID", detail)
         return False
     if path.suffix != ".json" or path.name in (DIRECTORY_FILE, FAULTS_FILE_NAME):
         raise BlockRobotError("CONFIGURATION_INVALID", f"[node] genesis: call the file genesis.json, not {path.name}.")

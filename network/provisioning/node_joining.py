@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+from clients.sdk.node_places import canonical_host
 from consensus.chain.genesis import Genesis, NodeEntry, genesis_to_json
 from consensus.errors import BlockRobotError
 from network.provisioning.certificate_authority import Authority
@@ -35,7 +36,7 @@ def check_asked(
     """
     nodes = {} if known is None else known.nodes
     owner = nodes[name].organisation if name in nodes else organisation
-    false = sorted(host for host in hosts if "*" in host or (host.lower() in nodes and host.lower() != name))
+    false = sorted(host for host in hosts if _canonical(host) in {"", *nodes} - {name})
     if not is_name(name):
         detail = f"The request names {name!r}, which is no name of a node."
     elif expected not in {None, name}:
@@ -43,10 +44,18 @@ def check_asked(
     elif owner != organisation:
         detail = f"The request is of {name!r}, which is a node of {owner!r}."
     elif false:
-        detail = f"The request of {name!r} names {false[0]!r} besides, which is not its own."
+        detail = f"The request of {name!r} names {false[0]!r} besides, which is no address of its own."
     else:
         return
     raise BlockRobotError("FILE_UNUSABLE", detail)
+
+
+def _canonical(host: str) -> str:
+    """Empty if it is no host's name or address."""
+    try:
+        return canonical_host(host)
+    except ValueError:
+        return ""
 
 
 def newest_directory(genesis: Genesis, configs: Iterable[NodeConfig]) -> DirectoryContent:

@@ -17,6 +17,14 @@ from consensus.limits import MIB_BYTES
 RESERVE_DEFAULT_MIB = 1_024
 
 
+def _free_bytes(folder: Path) -> int:
+    try:
+        found = os.statvfs(folder)
+    except OSError:  # a disk that is gone takes nothing
+        return 0
+    return found.f_bavail * found.f_frsize
+
+
 class DiskReserve:
     """Free space of the fuller of two folders' disks, minus a reserve (0: none)."""
 
@@ -27,8 +35,7 @@ class DiskReserve:
 
     @property
     def free_bytes(self) -> int:
-        found = map(os.statvfs, self._folders)
-        return min(each.f_bavail * each.f_frsize for each in found)
+        return min(map(_free_bytes, self._folders))
 
     @property
     def is_reached(self) -> bool:

@@ -204,6 +204,9 @@ def test_the_reserve_is_not_used_and_none_is_kept_back_if_it_is_zero(
     assert DiskReserve(tmp_path, 11).is_reached
     assert DiskReserve(tmp_path, 10, clips).is_reached, "the clips' own disk is the fuller one"
     assert not DiskReserve(tmp_path, 5, clips).is_reached
+    monkeypatch.undo()
+    with pytest.raises(BlockRobotError, match=r"^DISK_RESERVE_REACHED: 0 MiB are free"):
+        DiskReserve(tmp_path, 1, tmp_path / "unmounted").require(1)
 
 
 async def test_a_fetched_clip_counts_for_no_robot(opened: CustodianHarness) -> None:

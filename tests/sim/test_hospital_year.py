@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import os
+import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
+from contracts.execution.contract_machine import ContractMachine
 from network.cli.main import main
 from network.lab.year.month_checks import check_month
-from network.lab.year.out_folder import FIGURES_FILE, REPORT_FILE
-from network.lab.year.plan import YearOptions
+from network.lab.year.out_folder import FIGURES_FILE, MARK, REPORT_FILE, reserved_out
+from network.lab.year.plan import Event, Kind, YearOptions
 from network.lab.year.run_year import YearRun, run_year
+from network.provisioning import node_backup
+from network.provisioning.network_files import HALF_DONE
 
 TINY = YearOptions(days=3, members=12, robots=2, custodians=2, seed=4)
 
@@ -76,6 +83,56 @@ async def test_a_call_that_the_chain_refuses_is_a_failure(tmp_path: Path) -> Non
         stranger = run.hospital.officer.keys.identity
         await run.play([], [run.chain.sign(stranger, "identity", "revoke", bytes(32))])
     assert [each for each in run.troubles if "HANDLE_UNKNOWN" in each]
+
+
+async def test_what_is_planned_for_something_that_was_refused_is_a_failure_and_ends_nothing(tmp_path: Path) -> None:
+    run = YearRun(TINY._replace(days=1), tmp_path / "year", lambda _text: None)
+    async with run.opened():
+        await run.begin()
+        kinds: tuple[Kind, ...] = ("revoke_grant", "look", "restrict", "setting")
+        await run.play([run.hospital.tell(Event(0, kind, 999)) for kind in kinds])
+        await run.play_day()
+    assert [each.split(" of what is not there: ")[0] for each in run.troubles] == list(kinds[:3])
+    assert run.hospital.counts["settings changed"] == 1
+    assert run.hospital.counts["visits"] > 0
+
+
+async def test_a_call_that_comes_into_no_block_is_named_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build = ContractMachine.build
+
+    def without_revocations(*place: Any, **options: Any) -> Any:
+        *where, calls = place
+        return build(*where, [call for call in calls if call.body.entry != "revoke"], **options)
+
+    run = YearRun(TINY._replace(days=1), tmp_path / "year", lambda _text: None)
+    async with run.opened():
+        await run.begin()
+        monkeypatch.setattr(ContractMachine, "build", without_revocations)
+        await run.play([run.hospital.tell(Event(0, "revoke_member", 0))])
+        height = run.chain.height
+        await run.play([run.hospital.tell(Event(0, "withdraw", 1))])
+    assert [each for each in run.troubles if "identity.revoke" in each] == run.troubles != []
+    assert (height, run.hospital.counts["consents withdrawn"]) == (run.chain.height - 1, 1)
+
+
+def test_a_year_that_was_killed_in_the_middle_of_its_backup_takes_its_folder_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "year"
+    child = os.fork()
+    if not child:
+        monkeypatch.setattr(node_backup, "make_snapshot_folder", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+        try:
+            with reserved_out(out):
+                asyncio.run(run_year(TINY._replace(days=1, members=4), out))
+        finally:
+            os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    assert list(out.glob(f".*.{HALF_DONE}/*/keys/*.key"))
+    with reserved_out(out):
+        assert [path.name for path in out.iterdir()] == [MARK]
 
 
 @pytest.mark.long

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-import shutil
 import tempfile
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -24,7 +23,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload
 from consensus.records.owner_keys import open_visit_keys, scan_announcement
-from network.bench.clips_apart import ClipsApart
+from network.bench.clips_apart import ClipsApart, removed_after
 from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.custody.custody_clips import ClipRobot, SealedClip, seal_clip
 from network.bench.custody.custody_held import HeldRow, measure_held
@@ -267,10 +266,8 @@ async def _measure_erasing(options: CustodyOptions, on_progress: OnProgress) -> 
 async def _run_held(options: CustodyOptions, on_progress: OnProgress) -> Result[HeldFigures]:
     conditions = measure_conditions(nodes=0, store="sqlite", erasures=options.erasures, held=list(options.held))
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
-    try:
+    async with removed_after(folder, None):
         rows = [await measure_held(held, options.erasures, folder / str(held), on_progress) for held in options.held]
-    finally:
-        await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
     costs = [row.erase_block_cpu_p50_ms for row in rows]
     figures = HeldFigures(held=rows, cpu_ratio=round(max(costs) / min(costs), 2))
     ok = not any(row.bytes_left for row in rows)
@@ -307,13 +304,9 @@ async def _run_one(options: CustodyOptions, on_progress: OnProgress) -> Result[C
         hospital_day_visits=HOSPITAL_DAY_VISITS_COUNT,
     )
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
-    try:
+    async with removed_after(folder, options.apart):
         took_ms, errors = await _measure_erasing(options, on_progress)
         following = await _measure_following(options, folder, on_progress)
-    finally:
-        if options.apart is not None:
-            await options.apart.remove(folder)
-        await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
     on_progress("scanning")
     scanned_per_s = await asyncio.to_thread(_measure_scanning)
     figures = CustodyFigures(

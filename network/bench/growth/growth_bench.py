@@ -19,9 +19,12 @@ from network.bench.growth.growth_on_clients import WORDS, measure_person, measur
 from network.bench.growth.growth_on_custody import fill_custody, measure_custody
 from network.bench.growth.growth_on_ledger import Measured, measure_chain, measure_members, measure_state
 from network.bench.growth.growth_rows import member_rows, person_rows, record_key, record_rows
+from node.custody import erase_keys
+from node.custody.stores import sqlite_schema
+from node.storage import lmdb_layout
 
 FILL_VERSION = 1
-"""Of what the cache holds: a change of the filling, or of a format that is filled, needs another."""
+"""Of what the cache holds: a change of the filling needs another."""
 _LITTLE_COUNT = 100
 """Of members and blocks where others grow."""
 
@@ -120,7 +123,9 @@ def choose_sizes(names: Sequence[str], *, is_full: bool) -> dict[str, tuple[int,
 
 async def fill_once(cache: Path, name: str, size: int, on_progress: OnProgress) -> tuple[Path, float]:
     """Return the folder with this size, filled if it was not, and in how many seconds."""
-    folder = cache / f"{name}-{size}-{FILL_VERSION}"
+    ledger = lmdb_layout.FORMAT_NAME.decode().rpartition("/")[2]
+    formats = f"{ledger}-{sqlite_schema.FORMAT_VERSION}-{erase_keys.FORMAT_VERSION}"
+    folder = cache / f"{name}-{size}-{FILL_VERSION}-{formats}"
     if folder.is_dir():
         return folder, 0.0
     part = folder.with_name(f"{folder.name}.part")

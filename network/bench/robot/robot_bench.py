@@ -6,7 +6,6 @@ Real robots, nodes and wallets; each robot is a process.
 from __future__ import annotations
 
 import asyncio
-import shutil
 import tempfile
 import time
 from collections import Counter
@@ -19,7 +18,7 @@ from msgspec import UNSET, Struct, UnsetType
 
 from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scenario_bag import load_or_draw_tags, make_bag
-from network.bench.clips_apart import ClipsApart
+from network.bench.clips_apart import ClipsApart, removed_after
 from network.bench.conditions import Condition, Result, measure_conditions, percentile
 from network.bench.fresh_network import find_base_port
 from network.bench.robot.robot_counts import (
@@ -99,25 +98,23 @@ async def run_robot_benchmark(options: RobotOptions, on_progress: OnProgress) ->
     )
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-"))
     stage = Stage(folder, store="sqlite", base_port=find_base_port(NODES_COUNT), purpose=PURPOSE)
-    try:
-        on_progress("starting four nodes")
-        await stage.start_network("bench-robot", options.apart.configure if options.apart else None)
-        on_progress("registering people and robots")
-        for alias in PEOPLE:
-            await stage.enrol_person(alias, tags[alias])
-        robots = [await _enrol(stage, number) for number in range(options.robots)]
-        conditions = _conditions(options, scene)
-        cut = await _play(stage, robots, bag, scene, options, on_progress)
-        for robot in robots:
-            with robot.log.open(encoding="utf-8") as lines:
-                robot.logged = await asyncio.to_thread(read_frames, lines)
-        on_progress("looking with the owners' eyes")
-        owners = await _look(stage)
-    finally:
-        await stage.stop()
-        if options.apart is not None:
-            await options.apart.remove(folder)
-        shutil.rmtree(folder, ignore_errors=True)
+    async with removed_after(folder, options.apart):
+        try:
+            on_progress("starting four nodes")
+            await stage.start_network("bench-robot", options.apart.configure if options.apart else None)
+            on_progress("registering people and robots")
+            for alias in PEOPLE:
+                await stage.enrol_person(alias, tags[alias])
+            robots = [await _enrol(stage, number) for number in range(options.robots)]
+            conditions = _conditions(options, scene)
+            cut = await _play(stage, robots, bag, scene, options, on_progress)
+            for robot in robots:
+                with robot.log.open(encoding="utf-8") as lines:
+                    robot.logged = await asyncio.to_thread(read_frames, lines)
+            on_progress("looking with the owners' eyes")
+            owners = await _look(stage)
+        finally:
+            await stage.stop()
     played = [(robot.member, robot.summary, robot.logged) for robot in robots if robot.summary is not None]
     figures = make_figures(options, played, owners, _cut_figures(robots, cut))
     return Result(name="robot", ok=is_good(figures), figures=figures, conditions=conditions)

@@ -195,8 +195,8 @@ def _read_counts(_context: click.Context, _option: click.Parameter, text: str | 
 )
 @click.option("--held", callback=_read_counts, help="Only erasing, beside so many kept clips: 250,4000,100000. SQLite.")
 @click.option("--beside", default="", metavar="STORE", help="Then the same with this store, and how many times slower.")
-@with_clips
 @command_output
+@with_clips
 def custody_command(
     store: str, erasures: int, behind: int, held: tuple[int, ...], beside: str, apart: Any, as_json: bool
 ) -> None:
@@ -465,8 +465,8 @@ def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path |
 @click.option(
     "--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the scene is drawn from."
 )
-@with_clips
 @command_output
+@with_clips
 def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, apart: Any, as_json: bool) -> None:
     """Measure whether a robot keeps up with its camera, two registered people in view; no frame may be lost or doubled.
 

@@ -176,7 +176,7 @@ def judge_moving(group: str, drawn: MovingDraw) -> MovingOutcome:
 
 
 def case_of(group: str, number: int) -> tuple[Setting, Story]:
-    """Both change from one draw to the next; neither number divides the other, so every pair comes up."""
+    """Both change from one draw to the next; the numbers have no common divisor, so every pair comes up."""
     settings = _settings_of(group)
     return settings[number % len(settings)], STORIES[number % len(STORIES)]
 

@@ -108,7 +108,6 @@ class MadeBlock:
 
     receipts: dict[bytes, Receipt]
     events: FinalizedEvents
-    left_out: frozenset[bytes]
 
 
 class HospitalChain:
@@ -173,7 +172,7 @@ class HospitalChain:
         self.blocks_count += 1
         self.transactions_count += len(included)
         events = collect_events(height, block.block_id, time_ms, result.receipts)
-        return MadeBlock(receipts, events, frozenset(call.txid for call in calls if call.txid not in receipts))
+        return MadeBlock(receipts, events)
 
 
 def read_block(ledger: LedgerSnapshot, height: int) -> tuple[Block, Sequence[Receipt]]:

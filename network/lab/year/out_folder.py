@@ -10,12 +10,13 @@ import msgspec
 
 from network.lab.year.figures import HospitalYearAnswer
 from network.lab.year.year_page import build_page
+from network.provisioning.network_files import HALF_DONE
 from network.run_folder import STAGE_FILES, empty, reserved_folder
 
 NETWORK, SNAPSHOT, BACKUP, RESTORED = "network", "snapshot", "backup", "restored"
 REPORT_FILE, FIGURES_FILE = "report.html", "figures.json"
 MARK = ".blockrobot-year"
-_COPIES = rf"\.?(?:{SNAPSHOT}|{BACKUP}|{RESTORED})(?:\.[a-z0-9_]+)*/.+"
+_COPIES = rf"\.?(?:{SNAPSHOT}|{BACKUP}|{RESTORED})(?:\.[a-z0-9_]+)*/.+|\.[a-z0-9-]+\.{HALF_DONE}/.+"
 
 
 @contextmanager

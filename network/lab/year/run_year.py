@@ -95,8 +95,8 @@ class YearRun:
 
     async def play(self, stories: Sequence[Story], calls: Sequence[Transaction] = ()) -> None:
         """A block at least; as many as it takes until nobody has anything left to say."""
-        waiting: list[tuple[Story, list[Transaction]]] = [(story, await anext(story, [])) for story in stories]
         receipts: dict[bytes, Receipt] = {}
+        waiting = [(story, await self._go_on(story, [], receipts)) for story in stories]
         for number in range(_SETTLING_BLOCKS_MAX_COUNT):
             owed = await self.custodians.owed()
             pending = [*calls, *(call for _, own in waiting for call in own)]
@@ -106,6 +106,8 @@ class YearRun:
                 return
             made = await self.chain.block(batch)
             await self.custodians.follow(made.events)
+            if batch and not made.receipts:
+                break
             receipts |= made.receipts
             for txid, receipt in made.receipts.items():
                 if not receipt.ok:
@@ -114,7 +116,11 @@ class YearRun:
                         await owed[txid][1].custodian.dismiss(owed[txid][2])
             waiting = [(story, await self._go_on(story, own, receipts)) for story, own in waiting]
             waiting = [(story, own) for story, own in waiting if own]
-        self.troubles.append("the custodians do not come to an end of what they owe to the chain")
+        first = batch[0].body
+        self.troubles.append(
+            f"{number + 1} blocks bring it to no end: of {len(batch)} calls for the last one the first is "
+            f"{first.contract}.{first.entry}, and it took {len(made.receipts)}"
+        )
 
     async def _go_on(self, story: Story, calls: list[Transaction], receipts: dict[bytes, Receipt]) -> list[Transaction]:
         """The next calls of a story once all of its last ones are in blocks; none at its end, or after a refusal."""
@@ -123,11 +129,13 @@ class YearRun:
         found = [receipts[call.txid] for call in calls]
         try:
             if all(receipt.ok for receipt in found):
-                return await story.asend(found)
+                return await (story.asend(found) if found else anext(story))
         except StopAsyncIteration:
             return []
         except BlockRobotError as error:
             self.troubles.append(f"a custodian refused: {error}")
+        except LookupError as error:  # a visit or a grant that was refused on another day
+            self.troubles.append(f"{getattr(story, '__name__', 'a story')} of what is not there: {error!r}")
         await story.aclose()
         return []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import cast
@@ -55,3 +56,9 @@ def open_blobs(place: ClipsPlace) -> BlobStore:
         detail = "Clips in S3 need the package aiobotocore: `make install-s3` in your clone."
         raise BlockRobotError("EXTRA_MISSING", detail) from None
     return S3Blobs(place)
+
+
+def mongo_options(uri: str) -> list[str]:
+    """As pymongo parts them: by & or ;, and where there is neither, by white space. Names are in any case."""
+    options = uri.partition("?")[2]
+    return re.split("[&;]", options) if re.search("[&;]", options) else options.split()

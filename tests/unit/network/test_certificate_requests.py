@@ -242,6 +242,9 @@ def test_only_names_and_addresses_of_hosts_are_certified_of_what_a_request_names
         ("ward-7", ["10.0.0.7", "node-2"], "names 'node-2' besides"),
         ("node-1", ["10.0.0.1", "NODE-2"], "names 'NODE-2' besides"),
         ("ward-7", ["*.hospital.example"], "names '*.hospital.example' besides"),
+        ("node-1", ["10.0.0.1", "node-2."], "names 'node-2.' besides"),
+        ("ward-7", ["10.0.0.7\nnode-1 of hospital, too"], r"names '10.0.0.7\nnode-1 of hospital, too' besides"),
+        ("ward-7", ["10.0.0.7\x1b[2K"], r"names '10.0.0.7\x1b[2K' besides"),
         ("ward-8", ["10.0.0.7"], "is of 'ward-8', not of 'ward-7'"),
     ],
 )

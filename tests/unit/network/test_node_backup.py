@@ -40,6 +40,7 @@ from node.directory.node_directory import DirectoryContent, DirectoryOrganisatio
 from node.node_process import Node
 from node.storage.lmdb_reader import LedgerFile
 from tests.cluster.network_under_test import find_base_port
+from tests.world.cuts import is_killed_after
 
 FALSE_DIRECTORY = DirectoryContent(10**12, {}, {"hospital": DirectoryOrganisation("hospital", "of somebody else")})
 
@@ -121,6 +122,9 @@ def test_older_backups_of_the_same_node_are_deleted_once_the_new_one_is_there(
             "mongodb://h/db",
         ),
         ("mongodb://u@h/db?authMechanism=SCRAM-SHA-256", "mongodb://u@h/db?authMechanism=SCRAM-SHA-256"),
+        ("mongodb://h?w=1;tls=true", "mongodb://h?w=1&tls=true"),
+        ("mongodb://h?w=1;AUTHMECHANISMPROPERTIES=X:hunter2;w=2", "mongodb://h?w=1&w=2"),
+        ("mongodb://h?w=1 authMechanismProperties=X:hunter2", "mongodb://h?w=1"),
         ("mongodb://u:hunter/2@h/db", None),
         ("mongodb://u:hunter?2@h/db", None),
     ],
@@ -246,6 +250,15 @@ def test_a_genesis_file_by_another_name_is_in_a_backup(config: NodeConfig, tmp_p
     assert restored_from(tmp_path / "backup", tmp_path).genesis == load_genesis(named)
 
 
+def test_a_backup_is_not_made_without_the_genesis_file_that_it_needs(config: NodeConfig, tmp_path: Path) -> None:
+    below = changed(config, 'genesis = "genesis.json"', 'genesis = "of-network/genesis.json"')
+    below.genesis_path.parent.mkdir()
+    (config.data_dir / "genesis.json").rename(below.genesis_path)
+    with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .* beside node.toml"):
+        back_up(below, tmp_path / "backup", with_keys=True)
+    assert not (tmp_path / "backup").exists()
+
+
 def test_what_a_cut_leaves_of_a_backup_or_a_restore_is_removed_by_the_next(
     config: NodeConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -272,6 +285,22 @@ def test_what_a_cut_leaves_of_a_backup_or_a_restore_is_removed_by_the_next(
     back_up(config, folder / "third", with_keys=False)
     assert {path.name for path in folder.iterdir()} == {"second", "third"}
     assert [path.name for path in anew.parent.iterdir()] == ["anew"]
+
+
+def test_whatever_a_cut_leaves_of_a_removal_is_removed_by_the_next(config: NodeConfig, tmp_path: Path) -> None:
+    folder = tmp_path / "backups"
+    made = back_up(config, folder / "new", with_keys=False)
+
+    def delete_another() -> None:
+        shutil.copytree(folder / "new", folder / "old")
+        node_backup.delete_old(folder / "new", made, 1)
+
+    removals = 1
+    while is_killed_after(removals, delete_another):
+        delete_another()
+        assert [path.name for path in folder.iterdir()] == ["new"]
+        removals += 1
+    assert removals - 1 > len(list((folder / "new").rglob("*")))
 
 
 def test_a_folder_of_somebodys_by_the_name_of_half_a_node_is_left_as_it_is(config: NodeConfig, tmp_path: Path) -> None:
@@ -345,7 +374,9 @@ def test_a_backup_names_no_file_outside_of_its_node(config: NodeConfig, tmp_path
     changes += [(field, path) for field in ("genesis", "clips_credentials", "clips_ca") for path in paths]
     changes += [("clips", f"folder:{path}") for path in paths]
     changes += [
-        ("store", f"mongodb://h/db?tls=true&{option}={paths[0]}") for option in ("tlsCAFile", "tlsCertificateKeyFile")
+        ("store", f"mongodb://h/db?tls=true{mark}{option}={paths[0]}")
+        for option in ("tlsCAFile", "TLScertificateKEYfile")
+        for mark in ("&", ";", " ")
     ]
     for change in changes:
         changed = text

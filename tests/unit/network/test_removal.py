@@ -19,10 +19,11 @@ from network.cli.main import main
 from network.cluster import Cluster
 from network.provisioning.network_files import HALF_DONE
 from network.provisioning.network_layout import create_network
-from network.provisioning.network_removal import MAKING_MARK, remove_network
+from network.provisioning.network_removal import MAKING_MARK, remove_abandoned, remove_network
 from node.custody.blobs.blob_backed_store import OWNER_NAME
 from node.custody.blobs.blob_names import BlobNames
 from node.custody.blobs.folder_blobs import FolderBlobs
+from tests.world.cuts import is_killed_after
 
 
 @pytest.fixture
@@ -208,6 +209,24 @@ def test_what_a_killed_maker_left_is_removed_by_the_next_of_the_same_name_and_no
     create_network(tmp_path / "network", nodes=1, organisations=1, base_port=25_000)
     assert {path.name for path in tmp_path.iterdir()} == {"copy", "network", "other"}
     assert not (tmp_path / "network" / MAKING_MARK).exists()
+
+
+def test_a_second_cut_while_that_is_removed_leaves_no_keys_for_good(tmp_path: Path) -> None:
+    made, half = tmp_path / "made", tmp_path / ".network.half_one"
+    create_network(made, nodes=1, organisations=1, base_port=25_000)
+    (made / MAKING_MARK).write_bytes(b"BlockRobot makes a network here.\n")
+
+    def remove_another() -> None:
+        shutil.copytree(made, half)
+        remove_abandoned(tmp_path / "network")
+
+    removals = 1
+    while is_killed_after(removals, remove_another):
+        remove_abandoned(tmp_path / "network")
+        assert contents(half) == []
+        shutil.rmtree(half, ignore_errors=True)
+        removals += 1
+    assert removals - 1 > len(list(made.rglob("*.key")))
 
 
 def test_what_only_looks_left_behind_stays(tmp_path: Path, home: Path) -> None:

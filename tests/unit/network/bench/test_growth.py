@@ -27,6 +27,9 @@ from network.bench.growth.growth_timing import (
     time_scan,
 )
 from network.cli.measure.bench_commands import GROWTH_AXES
+from node.custody import erase_keys
+from node.custody.stores import sqlite_schema
+from node.storage import lmdb_layout
 
 SIZES = (1_000, 10_000, 100_000)
 
@@ -108,7 +111,14 @@ async def test_a_size_is_filled_once_and_anew_after_a_filling_that_was_cut_off(
     first, _ = await fill_once(tmp_path, "clips", 10, print)
     second, filled_s = await fill_once(tmp_path, "clips", 10, print)
     other, _ = await fill_once(tmp_path, "clips", 20, print)
-    assert fillings == [10, 10, 20]
+    for module, name, format_name in (
+        (sqlite_schema, "FORMAT_VERSION", 999),
+        (erase_keys, "FORMAT_VERSION", 999),
+        (lmdb_layout, "FORMAT_NAME", b"blockrobot-ledger/999"),
+    ):
+        monkeypatch.setattr(module, name, format_name)
+        await fill_once(tmp_path, "clips", 20, print)
+    assert fillings == [10, 10, 20, 20, 20, 20], "each format is filled anew"
     assert first == second != other
     assert (first / "whole").is_file()
     assert filled_s == 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.sensing.sensor_events import Facing, Sighting
 from network.cli.measure.bench_commands import bench
 from network.lab.matcher.matcher_draws import TIMES_S, TRACK_MS, Array, Bearer, Setting
+from network.lab.matcher.matcher_evaluation import settings_of
 from network.lab.matcher.moving_draws import (
     BESIDE_DEG,
     GREETING_S,
@@ -27,6 +29,8 @@ from network.lab.matcher.moving_draws import (
     see,
 )
 from network.lab.matcher.moving_evaluation import (
+    MOVING_BEARERS,
+    MOVING_GROUPS,
     SEEN_EVERY,
     MovingOutcome,
     Ruled,
@@ -52,6 +56,8 @@ def test_a_draw_is_fixed_by_its_seed_and_every_setting_meets_every_story() -> No
     assert {story for _, story in cases} == set(STORIES)
     assert {setting.bearer for setting, _ in cases} == {"present", "absent", "behind", "aside"}
     assert all(setting.drifting for setting, _ in cases)
+    counts = {group: len(settings_of(group, MOVING_BEARERS)) for group in MOVING_GROUPS}
+    assert {math.gcd(count, len(STORIES)) for count in counts.values()} == {1}, counts
 
 
 def test_people_are_where_a_robot_that_moved_and_turned_sees_them() -> None:
