@@ -97,7 +97,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("EVENTS_TOO_MANY", 409, "The nodes keep more events than are read in one go.", "Let your organisation prune old blocks, or read the events from a later block on with `blockrobot contract events --from`."),
     ErrorEntry("NODE_NOT_READY", 503, "The node is starting or has lost its peers.", "Wait until /readyz answers 200.", retryable=True),
     ErrorEntry("NODE_ADDRESS_UNUSABLE", 400, "The address of a node that was given cannot be used.", "Give https://HOST:PORT, or NAME=https://HOST:PORT; http is for this machine alone."),
-    ErrorEntry("NODE_ADDRESS_WRONG", 503, "Who answers at a node's address is not that node of this network.", "Ask the node's organisation for its address; until then the nodes that are known are asked.", retryable=True),
+    ErrorEntry("NODE_ADDRESS_WRONG", 503, "Who answers at a node's address is not that node of this network.", "Ask the node's organisation for its address; until then the nodes that are known are asked. If the node is gone for good: `blockrobot org propose remove-node`.", retryable=True),
     ErrorEntry("NODE_UNREACHABLE", 503, "No node of the network answered.", "Check your connection, and `blockrobot status`. Nodes of your own start with `blockrobot node run NAME --detach` (`blockrobot up`, if all of the network are on this machine); where the others' are reached in another way than the network lists: `blockrobot --node URL`.", retryable=True),
     ErrorEntry("INTERNAL", 500, "The node met a fault of its own; it is logged there.", "Try another node and report the fault.", retryable=True),
     # Nodes and storage

@@ -112,8 +112,8 @@ KINDS: dict[str, FindingKind] = _table(
         "REMOTE_NODE_SILENT",
         "warning",
         "A node that is not in this folder does not answer here as that node.",
-        "Ask its organisation whether it runs; if it is only reached in another way from here: blockrobot --node URL "
-        "doctor.",
+        "Ask its organisation whether it runs (if it is gone for good: blockrobot org propose remove-node NODE); if it is "
+        "only reached in another way from here: blockrobot --node URL doctor.",
     ),
     FindingKind(
         "REMOTE_NODE_BEHIND",
