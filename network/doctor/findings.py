@@ -100,7 +100,10 @@ KINDS: dict[str, FindingKind] = _table(
         "Have it added: blockrobot org propose add-node --from node-entry.json; if it was, let it catch up.",
     ),
     FindingKind(
-        "NODE_REMOVED", "warning", "The network removed the node.", "Stop it; keep or destroy its data directory."
+        "NODE_REMOVED",
+        "warning",
+        "The network removed the node.",
+        "Stop it: blockrobot down NODE; keep or destroy its data directory.",
     ),
     FindingKind(
         "NODE_BEHIND",

@@ -149,14 +149,15 @@ def _first_failure(cluster: Cluster, error: BaseException) -> BaseException:
 
 
 @click.command()
+@click.argument("nodes", nargs=-1, metavar="[NODE]...")
 @folder_option
 @command_output
-def down(folder: Path | None, as_json: bool) -> None:
-    """Stop the local network. Nothing final is lost.
+def down(nodes: tuple[str, ...], folder: Path | None, as_json: bool) -> None:
+    """Stop the local network, or only the nodes that are named. Nothing final is lost.
 
-    Example: blockrobot down
+    Examples: blockrobot down; blockrobot down node-5
     """
-    stopped = Cluster(network_folder(folder)).stop_all()
+    stopped = Cluster(network_folder(folder)).stop_all(nodes)
     if as_json:
         print_answer(DownAnswer(stopped=stopped))
     else:
