@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -156,16 +157,18 @@ class Cluster:
         if not self._reap(name, STOP_TIMEOUT_S):
             self.kill(name)
 
-    def stop_all(self) -> list[str]:
-        """Cleanly; return their names."""
-        running = [name for name in self.names if self.is_running(name)]
+    def stop_all(self, names: Sequence[str] = ()) -> list[str]:
+        """Or only these. Cleanly; return the names of those that ran. Raises NOT_FOUND."""
+        chosen = [self.config(name).data_dir.name for name in dict.fromkeys(names)] or self.names
+        running = [name for name in chosen if self.is_running(name)]
         for name in running:
             self._signal(name, signal.SIGTERM)
             self._signal(name, signal.SIGCONT)
         for name in running:
             if not self._reap(name, STOP_TIMEOUT_S):
                 self.kill(name)
-        (self.folder / _STATE_FILE).unlink(missing_ok=True)
+        if not names:
+            (self.folder / _STATE_FILE).unlink(missing_ok=True)
         for child in self._children.values():
             child.poll()  # one that somebody else killed and replaced is still this process's child
         return running

@@ -60,7 +60,7 @@ class Picture:
 
 
 def state_of(look: NodeObservation) -> str:
-    """Stopped, paused, no answer, a fault, locked out, waiting, suspended or signing."""
+    """Stopped, paused, no answer, a fault, locked out, removed, waiting, suspended or signing."""
     if not look.running:
         return "stopped"
     if look.paused:
@@ -73,7 +73,8 @@ def state_of(look: NodeObservation) -> str:
     if status.get("lockout"):
         return f"locked out: {status['lockout'].get('reason', '')}"
     usual = "signing" if status.get("suspended_height") is None else "suspended"
-    return usual if status.get("ready") else "waiting"
+    unready = "removed" if removal_of(look.name, status) else "waiting"
+    return usual if status.get("ready") else unready
 
 
 def accusers_of(name: str, statuses: Mapping[str, Mapping[str, Any] | None]) -> tuple[str, ...]:
@@ -83,6 +84,19 @@ def accusers_of(name: str, statuses: Mapping[str, Mapping[str, Any] | None]) -> 
         for other, status in statuses.items()
         if other != name and any(row["name"] == name for row in (status or {}).get("accused", ()))
     )
+
+
+def removal_of(name: str, status: Mapping[str, Any]) -> str:
+    """How a node knows that the network removed it: by its own ledger, or, if it was off then, by its peers, of whom none
+    talks to it. Empty if it was not.
+    """
+    problem = status.get("problem") or {}
+    if problem.get("code") == "NODE_REMOVED":
+        return str(problem["detail"])
+    saying = [str(row["peer"]) for row in status.get("refused_by", []) if row["code"] == "PEER_REMOVED"]
+    if not saying or status.get("peers"):
+        return ""
+    return f"{', '.join(saying)} {'say' if len(saying) > 1 else 'says'} that {name} was removed."
 
 
 def clock_words(error_s: float) -> str:

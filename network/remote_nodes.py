@@ -12,7 +12,7 @@ from typing import Annotated
 import msgspec
 
 from clients.sdk.connections import CONNECT_TIMEOUT_MS, NodeAddress, check_address
-from clients.sdk.given_nodes import use_given_nodes
+from clients.sdk.given_nodes import GivenNode, read_claim, use_given_nodes
 from clients.sdk.known_nodes import NODES_MAX_COUNT, KnownNode, KnownNodes
 from clients.sdk.network_client import NetworkClient
 from clients.sdk.node_answers import read_answer
@@ -87,7 +87,7 @@ async def ask_remote_nodes(
             for node in client.unlisted
             if node.name not in {*here, *directory.active}
         ]
-        asking = _Asking(client, deadline_s, partial(progress, "Asking nodes elsewhere"), len(asked))
+        asking = _Asking(client, directory, deadline_s, partial(progress, "Asking nodes elsewhere"), len(asked))
         return list(await asyncio.gather(*(asking.ask(*each) for each in asked)))
 
 
@@ -130,9 +130,14 @@ class _Asking:
     """Asks nodes side by side; what one proves of the chain's epochs holds for all."""
 
     def __init__(
-        self, client: NetworkClient, deadline_s: float, progress: Callable[[int, int], None], count: int
+        self,
+        client: NetworkClient,
+        directory: DirectoryContent,
+        deadline_s: float,
+        progress: Callable[[int, int], None],
+        count: int,
     ) -> None:
-        self._client, self._deadline_s = client, deadline_s
+        self._client, self._names, self._deadline_s = client, frozenset(directory.nodes), deadline_s
         self._verifier = ProofVerifier(client.genesis, LightClient(client.genesis))
         self._proved: dict[int, Header] = {}
         self._key = NOTICE.key(next((each.name for each in client.genesis.organisations), ""))
@@ -148,14 +153,28 @@ class _Asking:
             try:
                 async with asyncio.timeout_at(self._deadline_s):
                     proved = await self._prove(address), round((time.monotonic() - started_s) * 1000)
+                    await self._require_no_other(address)
             except BlockRobotError as error:
-                refusal = error
+                proved, refusal = None, error
             except TimeoutError:
-                sentence = f"Node {node.name} proved no final block within {ASK_ALL_REMOTE_MAX_S:.0f} s."
+                proved, sentence = None, f"Node {node.name} proved no final block within {ASK_ALL_REMOTE_MAX_S:.0f} s."
                 refusal = BlockRobotError("NODE_UNREACHABLE", sentence)
         self._done += 1
         self._progress(self._done, self._count)
         return node.answered(proved, refusal)
+
+    async def _require_no_other(self, address: NodeAddress) -> None:
+        """A proxy there may have a name of its own, or none; another known node may not. Raises NODE_ADDRESS_WRONG."""
+        if address.is_given or not address.url.startswith("https:"):
+            return
+        given = GivenNode(address.url)
+        try:
+            shown = (await read_claim(given)).name
+        except BlockRobotError:
+            return
+        if shown != address.name and shown in self._names:
+            sentence = f"By its certificate, {given.place} is {shown!r}, not {address.name!r}."
+            raise BlockRobotError("NODE_ADDRESS_WRONG", sentence)
 
     async def _prove(self, address: NodeAddress) -> Header:
         """The newest final block, which stands in a notice's proof.

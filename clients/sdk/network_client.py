@@ -247,22 +247,22 @@ class NetworkClient:
                 self._sessions.forget(node, key, token)
         raise AssertionError("a loop of two attempts ends by answer or error")
 
-    async def with_any_node(self, work: Callable[[NodeAddress], Awaitable[T]], *, is_doubted: bool = False) -> T:
-        """Try nodes in turn; raises the first final refusal, or `failure_of` all. `is_doubted` refusals need more nodes
-        than may be faulty. Where this client's budgets are used up, it waits a few seconds before it gives up.
+    async def with_any_node(self, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
+        """Try nodes in turn; raises a refusal once more nodes than may be faulty agree, or `failure_of` all. Where this
+        client's budgets are used up, it waits a few seconds before it gives up.
         """
         for _ in range(BUDGET_WAITS_MAX_COUNT):
             try:
-                return await self._try_nodes(work, is_doubted=is_doubted)
+                return await self._try_nodes(work)
             except BlockRobotError as error:
                 if error.code != "RATE_LIMITED":
                     raise
             await asyncio.sleep(BUDGET_WAIT_MS / 1000)
-        return await self._try_nodes(work, is_doubted=is_doubted)
+        return await self._try_nodes(work)
 
-    async def _try_nodes(self, work: Callable[[NodeAddress], Awaitable[T]], *, is_doubted: bool) -> T:
+    async def _try_nodes(self, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
         failures: list[BlockRobotError] = []
-        believed_count = 1 + (Schedule.of(self.light_client.epoch).faults_tolerated if is_doubted else 0)
+        believed_count = 1 + Schedule.of(self.light_client.epoch).faults_tolerated
         for node in self._book.unlisted:
             try:
                 return await self._through_epochs(node, work)
@@ -330,7 +330,7 @@ class NetworkClient:
                 raise error
             return transaction.txid
 
-        return await self.with_any_node(submit_to, is_doubted=True)
+        return await self.with_any_node(submit_to)
 
     async def submit_batch(self, transactions: Sequence[Transaction]) -> list[BlockRobotError | None]:
         """Submit up to 256 transactions to one node; return rejections or None. They share a lane, which links the

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -75,13 +76,14 @@ def may_ask_another(error: BlockRobotError) -> bool:
 
 
 def failure_of(failures: Sequence[BlockRobotError]) -> BlockRobotError:
-    """What to raise after all nodes refused. Clock errors count only from more than half of the nodes; else nodes are
-    unreachable.
+    """What to raise after all nodes refused: what most say. Clock errors count only from more than half of the nodes;
+    else nodes are unreachable.
     """
     by_clock = [error for error in failures if error.code in BY_ITS_CLOCK]
     others = [error for error in failures if error.code not in BY_ITS_CLOCK | {"NODE_UNREACHABLE"}]
     if others:
-        return others[0]
+        counts = Counter(error.code for error in others)
+        return max(others, key=lambda error: (error.code != "NODE_ADDRESS_WRONG", counts[error.code]))
     if 2 * len(by_clock) > len(failures):
         return by_clock[0]
     return next((error for error in failures if error not in by_clock), BlockRobotError("NODE_UNREACHABLE"))

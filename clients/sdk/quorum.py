@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from clients.sdk.connections import NodeAddress
 from clients.sdk.known_nodes import read_active_nodes
+from clients.sdk.node_answers import NOT_TAKING_PART
 from clients.sdk.proof_checks import ProvedState
 from consensus.chain.block import Header
 from consensus.chain.genesis import Genesis
@@ -16,6 +17,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 
 _TURNED_AWAY = frozenset({"SESSION_REFUSED", "SENDER_NOT_ADMITTED"})
+_SERVES_NOBODY = NOT_TAKING_PART | {"NODE_UNREACHABLE", "NODE_ADDRESS_WRONG"}
 
 
 class HeaderClient(Protocol):
@@ -83,7 +85,7 @@ async def is_rejected_by_network(client: HeaderClient, key: PrivateKey) -> bool:
 
     codes = await asyncio.gather(*(ask(node) for node in client.nodes))
     refusals = sum(code in _TURNED_AWAY for code in codes)
-    is_served = any(code not in _TURNED_AWAY | {"NODE_UNREACHABLE"} for code in codes)
+    is_served = any(code not in _TURNED_AWAY | _SERVES_NOBODY for code in codes)
     return not is_served and refusals > Schedule.of(client.light_client.epoch).faults_tolerated
 
 

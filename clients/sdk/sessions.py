@@ -10,7 +10,7 @@ from msgspec import UNSET
 
 from clients.sdk.chain.transactions import Clock
 from clients.sdk.connections import REQUEST_TIMEOUT_MS, Connections, NodeAddress
-from clients.sdk.node_answers import read_answer, read_hex
+from clients.sdk.node_answers import may_ask_another, read_answer, read_hex
 from consensus.api_documents import ChallengeAnswer, ChallengeRequest, Request, SessionAnswer, SessionRequest
 from consensus.chain.session_message import CHALLENGE_SIZE_BYTES, sign_session
 from consensus.errors import BlockRobotError
@@ -51,12 +51,21 @@ class Sessions:
         self._tokens: OrderedDict[tuple[str, bytes, bytes], _Token] = OrderedDict()
 
     async def token(self, node: NodeAddress, key: PrivateKey, timeout_ms: int = REQUEST_TIMEOUT_MS) -> str:
-        """Opens a session if needed. Raises SESSION_REFUSED, NODE_UNREACHABLE etc."""
+        """Opens a session if needed. Raises SESSION_REFUSED, NODE_UNREACHABLE etc.: after each another node may be asked.
+
+        What else who answers there says of a session, as another node at that address does, is NODE_ADDRESS_WRONG.
+        """
         place = _place(node, key)
         known = self._tokens.get(place)
         if known is not None and known.expires_at_ms > self._clock.now_ms() + RENEW_BEFORE_MS:
             return known.text
-        opened = await self._open(node, key, timeout_ms)
+        try:
+            opened = await self._open(node, key, timeout_ms)
+        except BlockRobotError as error:
+            if may_ask_another(error):
+                raise
+            sentence = f"Who answers at {node.url} opens no session as node {node.name} ({error.code}: {error.detail})"
+            raise BlockRobotError("NODE_ADDRESS_WRONG", sentence) from None
         self._tokens[place] = opened
         while len(self._tokens) > TOKENS_MAX_COUNT:
             self._tokens.popitem(last=False)

@@ -13,7 +13,10 @@ _COMMANDS = {
         "network.cli.cluster.cluster_commands:up",
         "Start the local network, making it first if there is none. Its state survives down and up.",
     ),
-    "down": LazyCommand("network.cli.cluster.cluster_commands:down", "Stop the local network. Nothing final is lost."),
+    "down": LazyCommand(
+        "network.cli.cluster.cluster_commands:down",
+        "Stop the local network, or only the nodes that are named. Nothing final is lost.",
+    ),
     "status": LazyCommand(
         "network.cli.cluster.cluster_commands:status",
         "Show each node's height, finalized height, round, peers and custody checkpoint.",

@@ -15,7 +15,7 @@ GAVE_UP_AWAITED_MS = 5_000
 """How long after a round is over who gave it up is waited for: nodes are not all asked, nor answer, at one moment."""
 ROUTINE_KINDS = frozenset({"leader", "link"})
 _WELL = frozenset({"signing"})
-_WAITING = frozenset({"waiting", "paused", "suspended"})
+_WAITING = frozenset({"waiting", "paused", "suspended", "removed"})
 
 
 def make_event(at_ms: int, kind: str, text: str, tone: str = "", nodes: Sequence[str] = ()) -> Event:

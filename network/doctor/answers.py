@@ -9,7 +9,7 @@ from typing import Any
 
 from consensus.chain.messages import ASKING
 from contracts.worker.sandbox import REQUIRED_PARTS
-from network.cluster_monitor import clock_words, refusals_of
+from network.cluster_monitor import clock_words, refusals_of, removal_of
 from network.doctor.findings import Finding
 from network.remote_nodes import RemoteNode
 from node.directory.node_directory import DirectoryContent
@@ -109,14 +109,17 @@ def _what_the_sandbox_lacks(contracts: dict[str, Any]) -> str:
     return f"The sandbox of contracts lacks {', '.join(named)}." if named else ""
 
 
-def check_membership(names: Sequence[str], directory: DirectoryContent) -> list[Finding]:
+def check_membership(answers: Sequence[Answer], directory: DirectoryContent) -> list[Finding]:
     found = []
-    for name in names:
-        node = directory.nodes.get(name)
-        if node is None:
-            found.append(Finding("NODE_NOT_ADDED", name, f"The chain does not name it at height {directory.height}."))
-        elif not directory.is_active(node):
+    for answer in answers:
+        name, node = answer.name, directory.nodes.get(answer.name)
+        removal = removal_of(name, answer.status or {})
+        if node is not None and not directory.is_active(node):
             found.append(Finding("NODE_REMOVED", name, f"It was removed at height {node.since_height}."))
+        elif removal:
+            found.append(Finding("NODE_REMOVED", name, removal))
+        elif node is None:
+            found.append(Finding("NODE_NOT_ADDED", name, f"The chain does not name it at height {directory.height}."))
     return found
 
 

@@ -119,12 +119,12 @@ def examine(
         findings += check_directory(config, directory, time_ms)
     findings += check_authorities(directory, time_ms)
     answers = asyncio.run(_ask_all(configs, genesis))
-    membership = words.check_membership([config.name for config in configs], directory)
+    membership = words.check_membership(answers, directory)
     removed = frozenset(finding.node for finding in membership if finding.code == "NODE_REMOVED")
     findings += asyncio.run(check_uploads(configs, answers))
     here = {path.name for path in directories}
     elsewhere = asyncio.run(ask_remote_nodes(genesis, directory, here, progress)) if whole else []
-    findings += [*membership, *words.check_presence(answers, removed), *_check_answers(answers, ledgers)]
+    findings += [*membership, *words.check_presence(answers, removed), *_check_answers(answers, ledgers, removed)]
     findings += words.check_heights(answers, elsewhere)
     if whole:
         findings += words.check_links(answers, directory)
@@ -188,8 +188,12 @@ def _is_taken(host: str, port: int) -> bool:
         return False
 
 
-def _check_answers(answers: Sequence[Answer], ledgers: dict[str, LedgerFacts]) -> list[Finding]:
-    facts = max(ledgers.values(), key=lambda item: item.height, default=None)
+def _check_answers(
+    answers: Sequence[Answer], ledgers: dict[str, LedgerFacts], removed: frozenset[str]
+) -> list[Finding]:
+    """The ledger of a `removed` node ends: that is no late block."""
+    told = [item for name, item in ledgers.items() if name not in removed]
+    facts = max(told, key=lambda item: item.height, default=None)
     roots = {name: dict(item.roots) for name, item in ledgers.items() if not item.trouble}
     for answer in answers:
         if answer.status is not None and answer.status.get("state_height") is not None:
@@ -204,7 +208,7 @@ def _check_answers(answers: Sequence[Answer], ledgers: dict[str, LedgerFacts]) -
         *words.check_roots(roots),
     ]
     up_s = max((float(item.status.get("uptime_s", 0)) for item in answers if item.status is not None), default=0.0)
-    late = words.check_late(answers)
+    late = words.check_late([answer for answer in answers if answer.name not in removed])
     found += late
     if not late and not clocks and facts is not None and facts.height > 0:
         found += words.check_finality(facts.timestamp_ms, now_ms(), facts.heartbeat_ms, facts.production, up_s)

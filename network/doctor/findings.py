@@ -100,7 +100,10 @@ KINDS: dict[str, FindingKind] = _table(
         "Have it added: blockrobot org propose add-node --from node-entry.json; if it was, let it catch up.",
     ),
     FindingKind(
-        "NODE_REMOVED", "warning", "The network removed the node.", "Stop it; keep or destroy its data directory."
+        "NODE_REMOVED",
+        "warning",
+        "The network removed the node.",
+        "Stop it: blockrobot down NODE; keep or destroy its data directory.",
     ),
     FindingKind(
         "NODE_BEHIND",
@@ -112,8 +115,8 @@ KINDS: dict[str, FindingKind] = _table(
         "REMOTE_NODE_SILENT",
         "warning",
         "A node that is not in this folder does not answer here as that node.",
-        "Ask its organisation whether it runs; if it is only reached in another way from here: blockrobot --node URL "
-        "doctor.",
+        "Ask its organisation whether it runs (if it is gone for good: blockrobot org propose remove-node NODE); if it is "
+        "only reached in another way from here: blockrobot --node URL doctor.",
     ),
     FindingKind(
         "REMOTE_NODE_BEHIND",

@@ -43,7 +43,7 @@ REQUEST_FILE = "node.csr"
 _DIRECTORY_FIELDS = ("name", "organisation", "host", "p2p_port", "api_url", "producer_key", "custodian_key")
 NAME_MAX_CHARS = 40
 _NAME_CHARS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789-")
-_EVERYWHERE = frozenset({"0.0.0.0", "::"})  # noqa: S104 - refused
+EVERYWHERE = frozenset({"0.0.0.0", "::"})  # noqa: S104 - refused
 Place = tuple[str, int]
 """An address to listen at, and a port."""
 
@@ -93,7 +93,7 @@ class NewNode:
         check_name(self.name, "a node")
         if not 0 < self.base_port <= PORT_MAX - 2:
             raise BlockRobotError("CONFIGURATION_INVALID", f"{self.base_port} leaves no room for three ports.")
-        if self.host in _EVERYWHERE:
+        if self.host in EVERYWHERE:
             detail = f"Nobody reaches a node at {self.host}: name the address that others know with --advertise."
             raise BlockRobotError("CONFIGURATION_INVALID", detail)
         check_place(self.name, *self.reached_at)
@@ -131,7 +131,7 @@ def require_own_ports(new: NewNode, folder: Path) -> None:
             *([(other.metrics_host, other.metrics_port)] if other.metrics_host else []),
         ]
         for (host, port), (their_host, their_port) in product(new.listening_places, theirs):
-            if port == their_port and (host == their_host or _EVERYWHERE & {host, their_host}):
+            if port == their_port and (host == their_host or EVERYWHERE & {host, their_host}):
                 raise BlockRobotError("PORT_IN_USE", f"{host}:{port} is for {other.name} in {path.parent}.")
 
 

@@ -30,7 +30,7 @@ class DoctorAnswer(Answer, frozen=True, kw_only=True):
 
 
 class DownAnswer(Answer, frozen=True, kw_only=True):
-    """A network that was stopped."""
+    """A network, or nodes of it, that were stopped."""
 
     stopped: Annotated[list[str], doc("Names of the nodes that ran")]
 

@@ -22,7 +22,7 @@ from network.cli.cluster.cluster_options import dir_words, folder_option, networ
 from network.cli.cluster.remote_table import ask_elsewhere, ask_from_outside, print_elsewhere
 from network.cli.cluster.status_answers import NodeStatus, StatusAnswer
 from network.cluster import Cluster, NodeStatusReport
-from network.cluster_monitor import accusers_of, clock_words, kept_lines, refusals_of
+from network.cluster_monitor import accusers_of, clock_words, kept_lines, refusals_of, removal_of
 from network.doctor.findings import Finding
 from network.notices.notice_publishing import publish_demo_notice
 from network.provisioning.network_files import require_own
@@ -149,14 +149,15 @@ def _first_failure(cluster: Cluster, error: BaseException) -> BaseException:
 
 
 @click.command()
+@click.argument("nodes", nargs=-1, metavar="[NODE]...")
 @folder_option
 @command_output
-def down(folder: Path | None, as_json: bool) -> None:
-    """Stop the local network. Nothing final is lost.
+def down(nodes: tuple[str, ...], folder: Path | None, as_json: bool) -> None:
+    """Stop the local network, or only the nodes that are named. Nothing final is lost.
 
-    Example: blockrobot down
+    Examples: blockrobot down; blockrobot down node-5
     """
-    stopped = Cluster(network_folder(folder)).stop_all()
+    stopped = Cluster(network_folder(folder)).stop_all(nodes)
     if as_json:
         print_answer(DownAnswer(stopped=stopped))
     else:
@@ -236,7 +237,7 @@ def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> No
         click.echo(f"{name} {line}")
 
 
-_TONES = {"ready": "green", "waiting": "yellow", "stopped": "yellow"}
+_TONES = {"ready": "green", "waiting": "yellow", "stopped": "yellow", "removed": "yellow"}
 """What a state is shown in; any other is a fault, and red."""
 
 
@@ -246,7 +247,7 @@ def _state_of(row: NodeStatusReport, accused_by: Sequence[str] = ()) -> str:
     if row.status is None:
         return "no answer"
     if not row.status.get("ready"):
-        return "waiting"
+        return "removed" if removal_of(row.name, row.status) else "waiting"
     if not (row.status.get("lockout") or {}).get("can_end", True):
         return "locked out"
     if row.status.get("finality", {}).get("late"):
@@ -328,7 +329,13 @@ def _lies(row: NodeStatusReport, accused_by: Sequence[str]) -> list[str]:
 
 
 def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:
+    removal = removal_of(name, status)
+    if removal:
+        return [f"{removal} (NODE_REMOVED) {Finding('NODE_REMOVED', name, '').next_step}"]
     told = []
+    problem = status.get("problem")
+    if problem:
+        told.append(f"{name}: {problem['detail']} ({problem['code']}) {problem['next_step']}")
     if status.get("lockout"):
         told.append(f"{name} signs nothing ({status['lockout']['reason']}) until {status['lockout']['until']}.")
         if not status["lockout"]["can_end"]:

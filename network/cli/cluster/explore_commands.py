@@ -18,6 +18,7 @@ from aiohttp import web
 
 from clients.sdk.connections import NodeAddress
 from clients.sdk.network_client import NetworkClient, open_pinned_client
+from clients.sdk.node_answers import failure_of
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console, home_folder, print_answer, status_line
 from clients.sdk.trust_pin import PIN_FILE
@@ -143,15 +144,13 @@ async def open_explorer(signers: list[Signer], node_name: str | None) -> Explore
 
 async def _enter_any(client: NetworkClient, signer: Signer, node_name: str | None) -> ExplorerAccess:
     nodes = await _nodes_of(client, signer, node_name)
-    failure: BlockRobotError | None = None
+    failures = []
     for node in nodes:
         try:
             return await _enter(client, signer, node)
         except BlockRobotError as error:
-            if not error.entry.retryable:
-                raise
-            failure = failure or error
-    raise failure or BlockRobotError("NODE_UNREACHABLE")
+            failures.append(error)
+    raise failure_of(failures)
 
 
 async def _nodes_of(client: NetworkClient, signer: Signer, node_name: str | None) -> tuple[NodeAddress, ...]:

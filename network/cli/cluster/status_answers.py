@@ -211,7 +211,10 @@ class WatchedNode(Answer, frozen=True, kw_only=True):
 
     name: Annotated[str, doc("The node")]
     state: Annotated[
-        str, doc("`stopped`, `paused`, `no answer`, `locked out: ...`, `waiting`, `suspended`, `signing` or a fault")
+        str,
+        doc(
+            "`stopped`, `paused`, `no answer`, `locked out: ...`, `removed`, `waiting`, `suspended`, `signing` or a fault"
+        ),
     ]
     height: Annotated[Height | None, doc("Its newest certified block; null without an answer")]
     finalized_height: Annotated[Height | None, doc("Its newest final block; null without an answer")]

@@ -46,10 +46,10 @@ from network.provisioning.exchange_files import (
     read_node_entry,
     read_organisation_entry,
 )
-from network.provisioning.new_node import NewNode
+from network.provisioning.new_node import EVERYWHERE, NewNode
 from network.provisioning.new_organisation import create_organisation, enter_organisation
 from network.provisioning.node_certificates import read_certificate
-from node.config import CONFIG_FILE, load_config
+from node.config import CONFIG_FILE, NodeConfig, load_config
 
 _FINGERPRINT_SHOWN_CHARS = 16
 
@@ -324,8 +324,19 @@ def move_node(name: str, advertise: str, api_url: str, admin: AdminOptions, as_j
     new.check()
     _, _, url = new.reached_at
     arguments = {"name": name, "host": host, "p2p_port": port, "api_url": url}
-    _check_own_certificate(network_folder(admin.folder) / "nodes" / name, (host, place_of(url)[0]))
+    data_dir = network_folder(admin.folder) / "nodes" / name
+    _check_own_certificate(data_dir, (host, place_of(url)[0]))
     _propose("move_node", arguments, admin, as_json=as_json)
+    if (data_dir / CONFIG_FILE).is_file():
+        _tell_listening(name, load_config(data_dir), host, port)
+
+
+def _tell_listening(name: str, config: NodeConfig, host: str, port: int) -> None:
+    if config.p2p_port == port and config.host in {host, *EVERYWHERE}:
+        return
+    step = f"blockrobot down {name}; blockrobot node run {name} --detach"
+    told = f"{name} listens at {config.host}:{config.p2p_port}. Unless connections to {host}:{port} are passed on"
+    click.echo(f"{told} to it, change [listen] in its node.toml, and start it again: {step}", err=True)
 
 
 def _check_own_certificate(data_dir: Path, hosts: Sequence[str]) -> None:

@@ -17,7 +17,7 @@ export const LINK_WORDS = {
 /** The tone of a node's state. */
 export function toneOf(node) {
   if (node.state === "signing") return node.behaviour ? "warn" : "good";
-  return ["waiting", "paused", "suspended"].includes(node.state) ? "warn" : "bad";
+  return ["waiting", "paused", "suspended", "removed"].includes(node.state) ? "warn" : "bad";
 }
 
 /** A node's state in a word or two, lies included. */

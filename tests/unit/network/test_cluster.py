@@ -13,8 +13,10 @@ from pathlib import Path
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
+from click.testing import CliRunner
 
 from consensus.errors import BlockRobotError
+from network.cli.main import main
 from network.cluster import Cluster
 from network.provisioning.network_layout import create_network
 from node.faults import STATE_FILE_NAME
@@ -100,6 +102,26 @@ def test_a_stranger_with_a_nodes_old_number_is_not_taken_for_the_node(cluster: C
     assert not cluster.is_running("node-1")
     assert cluster.stop_all() == []
     cluster.kill("node-1")
+
+
+def test_one_node_is_stopped_and_the_others_run_on(cluster: Cluster) -> None:
+    sleeping = [sys.executable, "-c", "import time; time.sleep(60)"]
+    nodes = {name: subprocess.Popen([*sleeping, str(cluster.config(name).data_dir)]) for name in ("node-1", "node-2")}
+    pids = {name: process.pid for name, process in nodes.items()}
+    (cluster.folder / "cluster.json").write_text(json.dumps({"pids": pids}), encoding="utf-8")
+    for name, process in nodes.items():
+        cluster._children[name] = process
+    down = ["down", "--dir", str(cluster.folder), "--json"]
+    try:
+        assert CliRunner().invoke(main, [*down, "node-2", "node-9"]).exit_code == 3, "NOT_FOUND"
+        assert nodes["node-2"].poll() is None, "all names are read first"
+        assert cluster.stop_all(["node-2", "node-3"]) == ["node-2"]
+        assert (nodes["node-1"].poll(), cluster.is_running("node-1")) == (None, True)
+        assert cluster.stop_all() == ["node-1"]
+    finally:
+        for process in nodes.values():
+            process.kill()
+            process.wait()
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"pids": 7}', '{"pids": {"node-1": "x"}}'])

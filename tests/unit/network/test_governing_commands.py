@@ -264,7 +264,10 @@ def test_a_node_moves_only_to_where_its_certificate_says(chain: Consortium, tmp_
     assert "First: blockrobot certificate renew node-01 --host 10.0.0.9 (and" in said
     assert refusal(org, *move, "10.0.0.9:7272") == "CERTIFICATE_UNFIT"
     assert chain.height == 0, "nothing was sent"
-    assert answer(org, *move, "127.0.0.1:7272")["executed"]
+    said = run(org, *move, "127.0.0.1:7272")
+    assert "node-01 listens at 127.0.0.1:20000" in said.stderr
+    assert "blockrobot down node-01; blockrobot node run node-01 --detach" in said.stderr
+    assert "listens at" not in run(org, *move, "127.0.0.1:20000").stderr, "it does so already"
     shutil.rmtree(tmp_path / "network" / "nodes")
     assert answer(org, *move, "10.0.0.9:7272")["executed"]
 

@@ -43,6 +43,7 @@ def test_who_is_accused_by_others_is_told_and_its_own_word_does_not_count() -> N
         (look(ready=False), "waiting"),
         (look(suspended_height=7), "suspended"),
         (look(suspended_height=None), "signing"),
+        (look(ready=False, peers=[], problem={"code": "NODE_REMOVED", "detail": "It was removed."}), "removed"),
         (look(fault="The disk is full."), "fault: The disk is full."),
         (look(lockout={"reason": "asking", "until": "later"}), "locked out: asking"),
         (NodeObservation("node-1", running=True, paused=False, status=None), "no answer"),

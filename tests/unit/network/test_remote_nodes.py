@@ -64,6 +64,22 @@ async def test_an_address_that_is_typed_reaches_a_node_that_the_chain_names_else
     assert (found["n0"].problem, found["n0"].api_url) == (None, url)
 
 
+async def test_another_node_at_the_address_of_one_that_is_gone_does_not_answer_for_it(nodes: CertifiedNodes) -> None:
+    url = await nodes.serve("n1", host="127.0.0.1")
+    found = await ask(nodes, n0=url, n1=url)
+    assert found["n1"].problem is None
+    problem = found["n0"].problem
+    assert problem is not None
+    assert (problem.code, "'n1', not 'n0'" in problem.detail) == ("NODE_ADDRESS_WRONG", True)
+    [gone] = [item for item in check_heights([], list(found.values())) if item.node == "n0"]
+    assert "blockrobot org propose remove-node n0" in gone.next_step
+
+
+async def test_a_proxys_own_certificate_is_no_other_node(nodes: CertifiedNodes) -> None:
+    url = await nodes.serve("n0", shows="ward.example", host="127.0.0.1")
+    assert (await ask(nodes, n0=url))["n0"].problem is None
+
+
 async def test_a_node_of_another_chain_proves_nothing(nodes: CertifiedNodes, tmp_path: Path) -> None:
     other = CertifiedNodes(tmp_path, nodes.stack, "another")
     await other.ledger.start()

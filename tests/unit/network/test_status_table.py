@@ -66,6 +66,41 @@ def test_a_refused_peer_is_told_with_what_to_do(capsys: pytest.CaptureFixture[st
     assert "refuses" not in said(capsys, refused_peers=[row | {"code": "PEER_REMOVED"}])
 
 
+REMOVED = [{"peer": name, "code": "PEER_REMOVED", "detail": "It was."} for name in ("node-2", "node-3")]
+
+
+@pytest.mark.parametrize(
+    ("status", "sentence"),
+    [
+        (
+            {"problem": {"code": "NODE_REMOVED", "detail": "node-1 was removed.", "next_step": "Stop it."}},
+            "node-1 was removed. (NODE_REMOVED) Stop it",
+        ),
+        ({"refused_by": REMOVED}, "node-2, node-3 say that node-1 was removed. (NODE_REMOVED)"),
+    ],
+)
+def test_a_removed_node_says_so_and_not_that_blocks_are_late(
+    capsys: pytest.CaptureFixture[str], status: dict[str, Any], sentence: str
+) -> None:
+    late = {"age_s": 121.0, "waiting_s": 0.0, "late": True, "clock_error_s": 0.0}
+    text = said(capsys, ready=False, peers=[], finality=late, **status)
+    (row,) = [line for line in text.splitlines() if line.startswith("│node-1")]
+    assert ("removed" in row, "waiting" in row) == (True, False)
+    assert sentence in text
+    assert "no new final block" not in text
+
+
+def test_one_peer_that_calls_a_node_removed_is_not_believed_while_others_talk_to_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert "removed" not in said(capsys, refused_by=REMOVED[:1])
+
+
+def test_what_keeps_all_peers_from_a_node_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    problem = {"code": "CERTIFICATE_EXPIRED", "detail": "It is over.", "next_step": "Renew it."}
+    assert "node-1: It is over. (CERTIFICATE_EXPIRED) Renew it." in said(capsys, problem=problem)
+
+
 def test_a_lockout_that_cannot_end_is_told_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
     lockout = {"reason": "restored", "until": "later", "can_end": True}
     assert "Waiting does not help" not in said(capsys, lockout=lockout)

@@ -13,6 +13,7 @@ from consensus.api_documents import Problem
 from consensus.chain.schedule import Schedule
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.state import records
+from node.api.access.sessions import SessionTable
 from tests.unit.clients.sdk.conftest import DEAD_URL, make_transaction, refusal_of
 from tests.unit.node.api.small_network import SUBJECT
 
@@ -33,6 +34,9 @@ AWAY, LATE, FULL = "NODE_UNREACHABLE", "TRANSACTION_EXPIRED", "MEMPOOL_FULL"
         ([LATE, AWAY, AWAY, AWAY], AWAY),
         ([LATE, FULL], FULL),
         ([LATE, LATE, LATE], LATE),
+        (["INTERNAL", "SESSION_REFUSED", "SESSION_REFUSED"], "SESSION_REFUSED"),
+        (["NODE_ADDRESS_WRONG", "SESSION_REFUSED"], "SESSION_REFUSED"),
+        ([AWAY, "NODE_ADDRESS_WRONG"], "NODE_ADDRESS_WRONG"),
     ],
 )
 def test_after_all_refused_the_most_telling_refusal_is_raised_and_clocks_are_believed_if_most_agree(
@@ -138,12 +142,54 @@ async def test_one_node_that_opens_no_session_does_not_speak_for_the_others(node
     assert await refusal_of(client.with_any_node(ask)) == "SESSION_REFUSED"
 
 
+async def test_another_node_at_a_removed_ones_address_keeps_nobody_out(nodes: Any) -> None:
+    """The genesis file names n2 there still: who answers takes no session for that name."""
+    client = nodes.client(urls={"n2": nodes["n0"].url, "n1": nodes["n1"].url})
+    assert (await client.state_value(records.ANNOUNCEMENT_COUNT.flat, SUBJECT)) == 3
+    assert client.troubles["n2"].code == "NODE_ADDRESS_WRONG"
+    assert "SIGNATURE_INVALID" in client.troubles["n2"].detail
+
+
+@pytest.mark.parametrize("part", range(PARTS_COUNT))
+async def test_no_refusal_of_a_session_by_one_node_keeps_anybody_out(
+    nodes: Any, monkeypatch: pytest.MonkeyPatch, part: int
+) -> None:
+    """Of a network of two nodes as well, where none may be faulty: it costs a question."""
+    open_session = SessionTable.open
+    for code in sorted(CATALOGUE)[part::PARTS_COUNT]:
+
+        def refuse(table: Any, *request: Any, code: str = code) -> Any:
+            if table._node_name == "n0":
+                raise BlockRobotError(code)
+            return open_session(table, *request)
+
+        monkeypatch.setattr(SessionTable, "open", refuse)
+        client = nodes.client()
+        assert (await client.state_value(records.ANNOUNCEMENT_COUNT.flat, SUBJECT)) == 3, code
+
+
+async def test_no_refusal_of_one_node_keeps_anything_unread(nodes: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Schedule, "faults_tolerated", property(lambda _: 1))
+    for code in CATALOGUE:
+        client = nodes.client()
+
+        async def ask(node: Any, code: str = code) -> str:
+            if node.name == "n0":
+                raise BlockRobotError(code)
+            return str(node.name)
+
+        assert await client.with_any_node(ask) == "n1", code
+
+
 async def test_without_any_node_the_network_is_unreachable(nodes: Any) -> None:
     client = nodes.client(urls={"n0": DEAD_URL, "n1": DEAD_URL})
     assert await refusal_of(client.query("echo", "back", [], SUBJECT)) == "NODE_UNREACHABLE"
 
 
-async def test_a_busy_node_is_passed_over_and_a_clear_refusal_is_not(nodes: Any) -> None:
+async def test_a_busy_node_is_passed_over_and_a_clear_refusal_is_not_where_none_may_be_faulty(
+    nodes: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Schedule, "faults_tolerated", property(lambda _: 0))
     client = nodes.client()
     nodes["n0"].node.pool.fault = RuntimeError("busy")
     await client.submit(make_transaction(client))

@@ -93,6 +93,7 @@ async def test_an_epoch_that_begins_meanwhile_makes_the_answers_worthless() -> N
     [
         ((REFUSED, REFUSED, REFUSED, REFUSED), True),
         ((REFUSED, REFUSED, AWAY, AWAY), True),
+        ((REFUSED, REFUSED, "NODE_ADDRESS_WRONG", "NODE_REMOVED"), True),
         ((REFUSED, AWAY, AWAY, AWAY), False),
         ((REFUSED, REFUSED, REFUSED, ""), False),
         ((REFUSED, REFUSED, REFUSED, BEHIND), False),

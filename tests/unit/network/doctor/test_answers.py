@@ -19,7 +19,9 @@ from network.doctor.answers import (
     check_versions,
     check_words,
 )
+from network.doctor.examination import _check_answers
 from network.doctor.findings import KINDS, Finding, in_order
+from network.doctor.ledger_probe import LedgerFacts
 from node.directory.node_directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
 
 VERSION = "0.1.0"
@@ -68,7 +70,10 @@ def test_dead_and_silent_nodes_are_told_apart_and_one_that_does_not_count_may_be
     assert codes(check_presence(answers)) == [("NODE_DOWN", "a"), ("PORT_TAKEN", "a"), ("NODE_SILENT", "b")]
     content = directory("a", "b")
     gone = replace(content, nodes={**content.nodes, "b": replace(content.nodes["b"], is_active=False)})
-    assert codes(check_membership(["a", "b", "c"], gone)) == [("NODE_REMOVED", "b"), ("NODE_NOT_ADDED", "c")]
+    assert codes(check_membership([answer(name) for name in "abc"], gone)) == [
+        ("NODE_REMOVED", "b"),
+        ("NODE_NOT_ADDED", "c"),
+    ]
     answers = [Answer("b", running=False, status=None), Answer("c", running=False, status=None)]
     assert codes(check_presence(answers, frozenset({"b"}))) == [("NODE_DOWN", "c")]
 
@@ -131,6 +136,17 @@ def test_a_suspended_producer_is_named_with_the_command_that_brings_it_back() ->
     assert (found.code, found.node, found.kind.severity) == ("PRODUCER_SUSPENDED", "b", "problem")
     assert "since height 12" in found.detail
     assert "blockrobot producer approve b --as ORG" in found.next_step
+
+
+def test_a_removed_node_is_told_by_its_peers_and_makes_no_finality_stale() -> None:
+    """One that did not run when it was removed never gets the block that says so."""
+    late = {"late": True, "age_s": 121.0, "waiting_s": 0.0}
+    refusals = [{"peer": "b", "code": "PEER_REMOVED", "detail": ""}]
+    gone = answer("a", peers=[], finality=late, refused_by=refusals)
+    assert codes(check_membership([gone], directory("a", "b"))) == [("NODE_REMOVED", "a")]
+    ledgers = {"a": LedgerFacts("a", "", height=10, heartbeat_ms=30_000)}
+    assert ("FINALITY_STALE", "") in codes(_check_answers([gone], ledgers, frozenset()))
+    assert codes(_check_answers([gone], ledgers, frozenset({"a"}))) == []
 
 
 def test_a_missing_link_is_named_once_unless_it_is_refused() -> None:
