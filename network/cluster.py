@@ -20,6 +20,7 @@ from typing import Any
 import aiohttp
 import msgspec
 
+from clients.sdk.new_files import require_seen
 from clients.sdk.terminal.terminal import load_genesis
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.genesis import Genesis
@@ -52,7 +53,8 @@ class _ClusterState(msgspec.Struct):
 
 
 def no_network(folder: Path) -> BlockRobotError:
-    """What to raise where there is no genesis file."""
+    """What to raise where there is no genesis file. Raises PermissionError if that cannot be seen."""
+    require_seen(folder.parent, "genesis.json", folder.name)
     own = [path.parent / "genesis.json" for path in sorted((folder / "nodes").glob(f"*/{CONFIG_FILE}"))]
     known = next((path for path in own if path.is_file()), None)
     if known is not None:
@@ -111,9 +113,12 @@ class Cluster:
         self._note_start(name, child.pid, behaviour)
 
     def config(self, name: str) -> NodeConfig:
-        """Raises NOT_FOUND."""
+        """Raises NOT_FOUND, PermissionError."""
         if name not in self.configs:
-            raise BlockRobotError("NOT_FOUND", f"There is no node {name!r}; there are {', '.join(self.names)}.")
+            require_seen(self.folder / "nodes", CONFIG_FILE, name)
+            raise BlockRobotError(
+                "NOT_FOUND", f"There is no node {name!r}; there are {', '.join(self.names) or 'none'}."
+            )
         return self.configs[name]
 
     def start_all(self) -> list[str]:

@@ -17,7 +17,7 @@ from clients.registrar.registrar_answers import (
     CardRevokeAnswer,
     RosterMakeAnswer,
 )
-from clients.sdk.new_files import new_file, read_given_text, write_new_file
+from clients.sdk.new_files import new_file, read_given_text, require_seen, write_new_file
 from clients.sdk.terminal.qr_codes import qr_columns, qr_lines
 from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
@@ -57,6 +57,7 @@ def _open(registrar_dir: Path | None, genesis: Path | None) -> Registrar:
             detail = f"There is no {KEY_FILE} in {place / 'organisations'}: name its folder with --registrar-dir."
             raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", detail)
         registrar_dir = here[names[0]]
+            require_seen(place / "organisations", KEY_FILE)
     return Registrar(registrar_dir, opened)
 
 

@@ -184,7 +184,7 @@ def _workplace(parent: Path, *name: str) -> Iterator[Path]:
 
 def _read_own(place: Path) -> BackupManifest | None:
     """None unless the folder has what a backup's manifest says, and nothing else."""
-    if place.is_symlink() or place.name.startswith(".") or not (place / MANIFEST_FILE).is_file():
+    if place.is_symlink() or place.name.startswith("."):
         return None
     try:
         manifest = read_json_as(read_given_file(place / MANIFEST_FILE, JSON_MAX_BYTES), BackupManifest)
@@ -443,7 +443,8 @@ def unusual_settings(config: NodeConfig) -> dict[str, str | int | bool | list[st
 
 
 def _files_of(place: Path) -> Iterator[Path]:
-    """Raises FILE_UNUSABLE for links, or too many."""
+    """Raises FILE_UNUSABLE for links, or too many; PermissionError."""
+    next(place.iterdir(), None)  # where that is not permitted, rglob finds nothing
     for number, path in enumerate(sorted(place.rglob("*"))):
         if path.is_symlink() or number >= FILES_MAX_COUNT:
             raise BlockRobotError("FILE_UNUSABLE", f"{path} is a link, or one file too many.")
