@@ -52,6 +52,11 @@ class _ClusterState(msgspec.Struct):
     behaviours: dict[str, str] = {}
 
 
+def machine_words() -> str:
+    """What may make it too slow."""
+    return f"the machine has {os.cpu_count()} cores and a load of {os.getloadavg()[0]:.1f}"
+
+
 def no_network(folder: Path) -> BlockRobotError:
     """What to raise where there is no genesis file. Raises PermissionError if that cannot be seen."""
     require_seen(folder.parent, "genesis.json", folder.name)
@@ -228,7 +233,7 @@ class Cluster:
                     if await self._answers_ready(session, name, is_asked_for=names is not None):
                         waiting.remove(name)
                 if waiting and time.monotonic() > deadline:
-                    detail = f"Not ready in time: {', '.join(waiting)}."
+                    detail = f"Not ready in time: {', '.join(waiting)}; {machine_words()}."
                     raise BlockRobotError("CLUSTER_START_FAILED", detail, nodes=" ".join(waiting))
                 if waiting:
                     await asyncio.sleep(_POLL_S)
