@@ -66,8 +66,7 @@ def no_network(folder: Path) -> BlockRobotError:
         sentence = f"{folder} has no genesis.json; that of its nodes' network: cp {known} {folder}"
         return BlockRobotError("CLUSTER_NOT_RUNNING", sentence)
     if own:
-        sentence = f"The nodes in {folder} belong to no network yet: blockrobot genesis check FILE --adopt."
-        return BlockRobotError("CLUSTER_NOT_RUNNING", sentence)
+        return BlockRobotError("NETWORK_NOT_FOUNDED", f"The nodes in {folder} belong to no network yet.")
     return BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")
 
 

@@ -29,6 +29,7 @@ from contracts.execution.genesis import complete_genesis
 from network.cli.governance.genesis_commands import genesis as genesis_group
 from network.cli.governance.governance_signer import read_private_key
 from network.cli.governance.org_commands import org
+from network.cli.node.node_run_commands import run as node_run
 from network.cli.node.node_setup_commands import init
 from network.provisioning import founding, new_organisation
 from network.provisioning.authority_check import fingerprints
@@ -491,6 +492,20 @@ def test_a_founding_node_made_by_mistake_may_be_made_anew(world: Path) -> None:
     said = run(init, "ward-2", "--founding", "--organisation", "clinic", "--dir", str(world / "clinic"))
     assert "NODE_EXISTS" in said.output
     assert "has no genesis.json yet" in said.output
+
+
+def test_a_founder_is_told_what_comes_before_a_command(world: Path, tmp_path: Path) -> None:
+    said = run(init, "ward-1", "--founding", "--organisation", "nobody", "--dir", str(tmp_path))
+    assert "ORGANISATION_KEY_NOT_FOUND" in said.output
+    assert "blockrobot org new NAME" in said.output
+    home = tmp_path / "home"
+    shutil.copytree(world / "clinic", home)
+    for path in home.rglob("genesis.json"):
+        path.unlink()
+    for options in ([], ["--detach"]):
+        said = run(node_run, "ward-2", "--dir", str(home), *options)
+        assert "NETWORK_NOT_FOUNDED" in said.output
+        assert "blockrobot genesis check FILE --adopt" in said.output
 
 
 def test_a_file_that_was_adopted_too_early_is_replaced_until_a_node_has_started(
