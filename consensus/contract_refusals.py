@@ -45,7 +45,7 @@ NEXT_STEPS: Mapping[str, str] = MappingProxyType(
             "replay` or `blockrobot robot run`."
         ),
         "MEMBER_NOT_ACTIVE": f"The membership has ended. {_CARD}",
-        "ROBOT_NAME_WRONG": "Give another: `blockrobot card name` says what a name and a place may hold.",
+        "ROBOT_NAME_WRONG": "Give another: `blockrobot card name --help` says what a name and a place may hold.",
         # Officers
         "NOT_AN_OFFICER": "Use the wallet of an officer of the organisation whose robot it was: `officer --profile NAME`.",
         "BREACH_NOT_ASSESSED": "Assess it first: `blockrobot officer assess`.",

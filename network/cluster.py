@@ -21,6 +21,7 @@ from typing import Any
 import aiohttp
 import msgspec
 
+from clients.sdk.new_files import require_seen
 from clients.sdk.terminal.terminal import load_genesis
 from consensus.bounded_text import TextInvalidError, read_json_as
 from consensus.chain.genesis import Genesis
@@ -52,16 +53,21 @@ class _ClusterState(msgspec.Struct):
     behaviours: dict[str, str] = {}
 
 
+def machine_words() -> str:
+    """What may make it too slow."""
+    return f"the machine has {os.cpu_count()} cores and a load of {os.getloadavg()[0]:.1f}"
+
+
 def no_network(folder: Path) -> BlockRobotError:
-    """What to raise where there is no genesis file."""
+    """What to raise where there is no genesis file. Raises PermissionError if that cannot be seen."""
+    require_seen(folder.parent, "genesis.json", folder.name)
     own = [path.parent / "genesis.json" for path in sorted((folder / "nodes").glob(f"*/{CONFIG_FILE}"))]
     known = next((path for path in own if path.is_file()), None)
     if known is not None:
         sentence = f"{folder} has no genesis.json; that of its nodes' network: cp {known} {folder}"
         return BlockRobotError("CLUSTER_NOT_RUNNING", sentence)
     if own:
-        sentence = f"The nodes in {folder} belong to no network yet: blockrobot genesis check FILE --adopt."
-        return BlockRobotError("CLUSTER_NOT_RUNNING", sentence)
+        return BlockRobotError("NETWORK_NOT_FOUNDED", f"The nodes in {folder} belong to no network yet.")
     return BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")
 
 
@@ -112,9 +118,12 @@ class Cluster:
         self._note_start(name, child.pid, behaviour)
 
     def config(self, name: str) -> NodeConfig:
-        """Raises NOT_FOUND."""
+        """Raises NOT_FOUND, PermissionError."""
         if name not in self.configs:
-            raise BlockRobotError("NOT_FOUND", f"There is no node {name!r}; there are {', '.join(self.names)}.")
+            require_seen(self.folder / "nodes", CONFIG_FILE, name)
+            raise BlockRobotError(
+                "NOT_FOUND", f"There is no node {name!r}; there are {', '.join(self.names) or 'none'}."
+            )
         return self.configs[name]
 
     def start_all(self) -> list[str]:
@@ -226,7 +235,7 @@ class Cluster:
                     if await self._answers_ready(session, name, is_asked_for=names is not None):
                         waiting.remove(name)
                 if waiting and time.monotonic() > deadline:
-                    detail = f"Not ready in time: {', '.join(waiting)}."
+                    detail = f"Not ready in time: {', '.join(waiting)}; {machine_words()}."
                     raise BlockRobotError("CLUSTER_START_FAILED", detail, nodes=" ".join(waiting))
                 if waiting:
                     await asyncio.sleep(_POLL_S)

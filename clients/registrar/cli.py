@@ -17,7 +17,7 @@ from clients.registrar.registrar_answers import (
     CardRevokeAnswer,
     RosterMakeAnswer,
 )
-from clients.sdk.new_files import new_file, read_given_text, write_new_file
+from clients.sdk.new_files import new_file, read_given_text, require_seen, write_new_file
 from clients.sdk.terminal.qr_codes import qr_columns, qr_lines
 from clients.sdk.terminal.terminal import (
     EXISTING_FILE,
@@ -32,6 +32,9 @@ from clients.sdk.terminal.terminal import (
 )
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import ROLES, decode_card_code
+
+LAST_LATIN = "\u024f"
+"""The last sign that the contract of identities takes in a robot's name."""
 
 
 def _registrar_options(command: Any) -> Any:
@@ -54,6 +57,7 @@ def _open(registrar_dir: Path | None, genesis: Path | None) -> Registrar:
         here = {path.parent.name: path.parent for path in sorted((place / "organisations").glob(f"*/{KEY_FILE}"))}
         names = [*(entry.name for entry in opened.organisations if entry.name in here), *here]
         if not names:
+            require_seen(place / "organisations", KEY_FILE)
             detail = f"There is no {KEY_FILE} in {place / 'organisations'}: name its folder with --registrar-dir."
             raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", detail)
         registrar_dir = here[names[0]]
@@ -192,6 +196,12 @@ def name_robot(
     """
     if (robot is None) == (uid_file is None):
         raise click.UsageError("Give --robot KEY or --uid-file FILE.")
+    strange = next((sign for sign in name + place if not " " <= sign <= LAST_LATIN), None)
+    if strange is not None:
+        raise click.UsageError(
+            f"A name and a place are of Latin letters, digits and signs, up to U+{ord(LAST_LATIN):04X}: "
+            f"{strange!r} (U+{ord(strange):04X}) cannot stand there."
+        )
     opened = _open(registrar_dir, genesis)
     key = asyncio.run(opened.get_member(read_given_text(uid_file))) if uid_file else _member_key(robot, "--robot")
     txid = asyncio.run(opened.name_robot(key, name, place))

@@ -10,7 +10,7 @@ import os
 import secrets
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -38,6 +38,14 @@ def read_given_text(path: Path, max_bytes: int = SMALL_FILE_MAX_BYTES, *, encodi
         return io.StringIO(data.decode(encoding), newline=None).read()
     except UnicodeDecodeError:
         raise BlockRobotError("FILE_UNUSABLE", f"{path} is not a text file in {encoding}.") from None
+
+
+def require_seen(folder: Path, name: str, child: str | None = None) -> None:
+    """Raise PermissionError where that hides a file of this name in `folder`'s child, else in any: it looks missing."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        for place in (folder / child,) if child else sorted(folder.iterdir()):
+            with suppress(FileNotFoundError, NotADirectoryError):
+                (place / name).stat()
 
 
 def require_free(path: Path, *, replace: bool = False, hint: str = "") -> None:

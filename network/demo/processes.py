@@ -15,6 +15,7 @@ from msgspec import Struct
 from consensus.bounded_text import read_json_text
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.visible_text import split_lines
+from network.cluster import machine_words
 
 COMMAND_TIMEOUT_S = 600.0
 
@@ -37,6 +38,11 @@ def _environment(extra: dict[str, str]) -> dict[str, str]:
     return {**os.environ, **extra}
 
 
+def _too_slow(arguments: list[str], timeout_s: float) -> BlockRobotError:
+    detail = f"`blockrobot {arguments[0]}` did not end in {timeout_s:.0f} s; {machine_words()}."
+    return BlockRobotError("COMMAND_TOO_SLOW", detail)
+
+
 def parse_answer(output: bytes, errors: bytes, arguments: list[str], kind: type[A]) -> A:
     """Raises the child's refusal, or INTERNAL if unreadable."""
     try:
@@ -55,7 +61,7 @@ def parse_answer(output: bytes, errors: bytes, arguments: list[str], kind: type[
 
 
 async def run_command(arguments: list[str], kind: type[A], *, environment: dict[str, str] | None = None) -> A:
-    """`blockrobot ARGUMENTS --json`. Raises the command's refusal."""
+    """`blockrobot ARGUMENTS --json`. Raises the command's refusal, COMMAND_TOO_SLOW."""
     process = await asyncio.create_subprocess_exec(
         *_command([*arguments, "--json"]),
         stdin=asyncio.subprocess.DEVNULL,
@@ -66,7 +72,7 @@ async def run_command(arguments: list[str], kind: type[A], *, environment: dict[
     try:
         output, errors = await asyncio.wait_for(process.communicate(), COMMAND_TIMEOUT_S)
     except TimeoutError:
-        raise BlockRobotError("INTERNAL", f"`blockrobot {' '.join(arguments[:3])}` did not end in time.") from None
+        raise _too_slow(arguments, COMMAND_TIMEOUT_S) from None
     finally:
         if process.returncode is None:
             process.kill()
@@ -93,7 +99,7 @@ class LongCommand(Generic[A]):
         self._on_start = on_start
 
     async def run(self, timeout_s: float) -> A:
-        """Raises the command's refusal."""
+        """Raises the command's refusal, COMMAND_TOO_SLOW."""
         process = await asyncio.create_subprocess_exec(
             *_command([*self._arguments, "--json"], self._module),
             stdin=asyncio.subprocess.DEVNULL,
@@ -112,7 +118,7 @@ class LongCommand(Generic[A]):
                 await process.wait()
                 await follow
         except TimeoutError:
-            raise BlockRobotError("INTERNAL", f"`blockrobot {self._arguments[0]}` did not end in time.") from None
+            raise _too_slow(self._arguments, timeout_s) from None
         finally:
             if process.returncode is None:
                 process.kill()

@@ -86,6 +86,7 @@ class Demo:
         self.drive: Scene = load_shipped_scene("demo-drive")
         self._on_progress = on_progress
         self._notice_version = 0
+        self._is_over = False
         self.stage = Stage(options.out, store=options.store, base_port=options.base_port, purpose=PURPOSE)
 
     async def run(self) -> None:
@@ -95,6 +96,7 @@ class Demo:
         try:
             await self._run_steps(rendering)
         finally:
+            self._is_over = True
             rendering.cancel()
             await asyncio.gather(rendering, return_exceptions=True)
 
@@ -114,7 +116,7 @@ class Demo:
             try:
                 await step()
             except BlockRobotError as error:
-                self.checks.add(name, ok=False, detail=f"{error.code}: {error.detail}")
+                self.checks.add(name, ok=False, detail=f"{error.code}: {error.detail} {error.next_step}")
                 return
 
     async def _render(self) -> Path:
@@ -123,6 +125,8 @@ class Demo:
 
         def progress(done: int, total: int) -> None:
             nonlocal shown
+            if self._is_over:  # the thread would render on for a minute
+                raise BlockRobotError("INTERNAL", "Rendering was ended.")
             if done * 10 // total > shown:
                 shown = done * 10 // total
                 self._on_progress(f"rendering the recording: {done} of {total} frames")

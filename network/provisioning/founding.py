@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from clients.sdk.new_files import read_given_text, replace_file
+from clients.sdk.new_files import read_given_text, replace_file, require_seen
 from clients.sdk.node_places import check_place, place_of
 from clients.sdk.trust_pin import PIN_FILE
 from consensus.bounded_text import JSON_MAX_BYTES, read_json_text
@@ -244,8 +244,10 @@ def find_own_entries(network: Path, data_dirs: Iterable[Path] = (), offered: Gen
     """Return the entry files of a network's folder, and of data directories elsewhere.
 
     Not of what came later to a network that was founded by now, by the genesis file `offered`. Raises NODE_NOT_CERTIFIED,
-    GENESIS_INVALID.
+    GENESIS_INVALID, PermissionError.
     """
+    require_seen(network / "organisations", ORGANISATION_ENTRY_FILE)
+    require_seen(network / "nodes", NODE_ENTRY_FILE)
     for draft in [*network.glob(f"nodes/*/{DRAFT_FILE}"), *(place / DRAFT_FILE for place in data_dirs)]:
         require_certified(draft.parent)
     found = sorted(network.glob(f"organisations/*/{ORGANISATION_ENTRY_FILE}"))

@@ -36,6 +36,8 @@ from consensus.chain.schedule import Schedule
 from consensus.errors import BlockRobotError
 from contracts.execution.epochs import read_epoch
 from network.provisioning.network_files import HALF_DONE, remove_marked
+from network.provisioning.node_certificates import read_report
+from network.provisioning.node_joining import newest_directory
 from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, load_config, load_genesis, load_key
 from node.custody.blobs.place_file import PLACE_FILE_NAME
@@ -183,7 +185,7 @@ def _workplace(parent: Path, *name: str) -> Iterator[Path]:
 
 def _read_own(place: Path) -> BackupManifest | None:
     """None unless the folder has what a backup's manifest says, and nothing else."""
-    if place.is_symlink() or place.name.startswith(".") or not (place / MANIFEST_FILE).is_file():
+    if place.is_symlink() or place.name.startswith("."):
         return None
     try:
         manifest = read_json_as(read_given_file(place / MANIFEST_FILE, JSON_MAX_BYTES), BackupManifest)
@@ -284,10 +286,13 @@ def restore(
             if not path.is_file():
                 detail = f"There is no {path.name} of the node: name the folder of its keys with --keys."
                 raise BlockRobotError("FILE_UNUSABLE", detail)
+        if trouble := read_report(config).trouble:
+            raise BlockRobotError("FILE_UNUSABLE", f"The keys are not those of {config.name}. {trouble}")
         own_genesis = load_genesis(config)
         _require_network(own_genesis, manifest, genesis)
         tell("ledger")
         head = restore_ledger(SnapshotFolder(place / LEDGER), own_genesis, config.ledger_dir)
+        key_warning = _require_agreed_keys(config, own_genesis)
         has_custody = erase_keys is not None and manifest.has(CUSTODY_DATABASE)
         if erase_keys is not None and config.custodian_key_path is not None:
             tell("custody")
@@ -299,7 +304,8 @@ def restore(
             _copy(place / CUSTODY_PLACE, making / CUSTODY_PLACE)
         making.rename(data_dir)
     config = load_config(data_dir)
-    return Restored(config, own_genesis, head.header.height, has_custody, warn_of_restored(config))
+    warning = " ".join(filter(None, (key_warning, warn_of_restored(config))))
+    return Restored(config, own_genesis, head.header.height, has_custody, warning)
 
 
 def warn_of_restored(config: NodeConfig) -> str:
@@ -320,6 +326,28 @@ def warn_of_restored(config: NodeConfig) -> str:
         "use that instead, without --restored; else the organisations have to begin a new network: "
         "docs/how-to/restore-a-backup.md."
     )
+
+
+def _require_agreed_keys(config: NodeConfig, genesis: Genesis) -> str:
+    """A producer's key may have been replaced since the backup: a warning, if it is no other node's.
+
+    Raises FILE_UNUSABLE, CONFIGURATION_INVALID.
+    """
+    nodes, warning = newest_directory(genesis, [config]).nodes, ""
+    for role in ("producer", "custodian"):
+        path = getattr(config, f"{role}_key_path")
+        if path is None:
+            continue
+        key = load_key(path, None, role).public_key
+        holders = [node.name for node in nodes.values() if key in (node.producer_key, node.custodian_key)]
+        agreed = getattr(nodes.get(config.name), f"{role}_key", b"") or key
+        if key != agreed and role == "producer" and not holders:
+            warning = "Its producer key is not the one in the backup's ledger: right only if it was replaced since."
+        elif key != agreed or holders not in ([], [config.name]):
+            whose = f": it is that of {holders[0]}" if holders else ""
+            detail = f"The {role} key is not that of {config.name} by the backup's ledger{whose}."
+            raise BlockRobotError("FILE_UNUSABLE", detail)
+    return warning
 
 
 def _require_own_paths(config: NodeConfig, outside: Sequence[Path]) -> None:
@@ -417,7 +445,8 @@ def unusual_settings(config: NodeConfig) -> dict[str, str | int | bool | list[st
 
 
 def _files_of(place: Path) -> Iterator[Path]:
-    """Raises FILE_UNUSABLE for links, or too many."""
+    """Raises FILE_UNUSABLE for links, or too many; PermissionError."""
+    next(place.iterdir(), None)  # where that is not permitted, rglob finds nothing
     for number, path in enumerate(sorted(place.rglob("*"))):
         if path.is_symlink() or number >= FILES_MAX_COUNT:
             raise BlockRobotError("FILE_UNUSABLE", f"{path} is a link, or one file too many.")

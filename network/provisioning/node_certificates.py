@@ -17,6 +17,7 @@ from typing import Literal
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
+from clients.sdk.new_files import require_seen
 from consensus.errors import BlockRobotError
 from network.provisioning.certificate_authority import (
     AUTHORITY_CERTIFICATE_FILE,
@@ -175,6 +176,7 @@ def get_authority(network: Path, organisation: str, folder: Path | None = None) 
     """
     place = folder or network / "organisations" / organisation
     if not (place / AUTHORITY_KEY_FILE).is_file() or not (place / AUTHORITY_CERTIFICATE_FILE).is_file():
+        require_seen(place.parent, AUTHORITY_KEY_FILE, place.name)
         raise BlockRobotError(
             "AUTHORITY_NOT_HERE", f"There is no {AUTHORITY_KEY_FILE} of the organisation {organisation!r} in {place}."
         )

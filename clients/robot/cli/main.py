@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import shlex
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -175,10 +174,10 @@ def register(place: RobotPlace, code: str, as_json: bool) -> None:
         txid = done.txid.hex() if done.txid else None
         print_answer(RobotRegisterAnswer(txid=txid, member=done.member.hex()))
     else:
-        roster = shlex.quote(str(folder / _ROSTER_FILE))
         before = "" if done.txid else " with this card already"
         console.print(f"The robot is registered{before}. Next: its roster of today, at the registrar's desk:")
-        console.print(f"  blockrobot roster make --robot {done.member.hex()} --out {escape(roster)}")
+        console.print(f"  blockrobot roster make --robot {done.member.hex()} --out {_ROSTER_FILE}")
+        console.print(f"Then put it here as {escape(str(folder / _ROSTER_FILE))}.", soft_wrap=True)
 
 
 class _Progress:

@@ -49,8 +49,12 @@ class RobotPlace:
         file = self.genesis.parent / "organisations" / organisation / "admin.key"
         try:
             return PrivateKey(read_given_file(file, SMALL_FILE_MAX_BYTES))
-        except OSError:
-            raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key file {file}.") from None
+        except FileNotFoundError:
+            detail = (
+                f"There is no key file {file}. Where it is, an admin approves without the robot: "
+                f"blockrobot frames approve FOLDER --as {organisation}."
+            )
+            raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", detail) from None
 
     def load(self) -> RobotIdentity:
         """Raises as `load_identity`."""

@@ -8,13 +8,20 @@ from pathlib import Path
 
 import click
 
+from clients.sdk.new_files import require_seen
 from clients.sdk.terminal.terminal import FILE, home_folder
 from clients.wallet.cli.wallet_context import read_passphrase
 from clients.wallet.store.keystore import Keystore
 from clients.wallet.store.member_keys import derive_keys
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import as_one, folder_option
-from network.cli.governance.governance_signer import Signer, admin_keys, open_network, read_private_key
+from network.cli.governance.governance_signer import (
+    Signer,
+    admin_keys,
+    open_network,
+    read_private_key,
+)
+from network.provisioning.new_organisation import ADMIN_KEY_FILE
 
 FindSigners = Callable[[], list[Signer]]
 OFFICES = ("", "admin", "registrar")
@@ -43,6 +50,7 @@ def get_signers(
         path = place / "organisations" / organisation / f"{role or 'admin'}.key"
         known = sorted(folder.name for folder in (place / "organisations").glob("*") if folder.is_dir())
         if organisation not in known or role not in OFFICES:
+            require_seen(place / "organisations", path.name, organisation)
             there = ", ".join(known) or "none"
             raise BlockRobotError(
                 "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {officer!r} in {place}; organisations: {there}."
@@ -50,6 +58,7 @@ def get_signers(
         return [Signer(place, genesis, officer, read_private_key(path))]
     found = [Signer(place, genesis, name, read_private_key(path)) for name, path in admin_keys(place).items()]
     if not found:
+        require_seen(place / "organisations", ADMIN_KEY_FILE)
         raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key in {place / 'organisations'}.")
     return found
 

@@ -39,6 +39,7 @@ from network.provisioning.founding import (
 )
 from network.provisioning.founding_entries import NodeOffer, read_offers
 from network.provisioning.node_certificates import now_ms
+from pages.listening import is_loopback
 from pages.time_format import format_time
 
 DIFFERENCES_SHOWN_COUNT = 8
@@ -69,7 +70,8 @@ def make(entries: tuple[Path, ...], out: Path, network: str, nodeless: tuple[str
     """Make the genesis file of all parties' entries, which `org new` and `node init --founding` wrote.
 
     The same entries make the same file, whoever makes it and in whatever order, so everybody may make their own. An
-    organisation without a node is warned of (FOUNDER_WITHOUT_NODE): a node's entry may be missing.
+    organisation without a node is warned of (FOUNDER_WITHOUT_NODE): a node's entry may be missing. So is a loopback
+    address among others (FOUNDER_ADDRESS_LOCAL).
 
     Example: blockrobot genesis make hospital/*.json university/*.json --out genesis.json
     """
@@ -191,6 +193,16 @@ def _show(
         )
         for entry in organisations
         if not entry.nodes and entry.name not in nodeless
+    ]
+    local = [node for node in shown.nodes if is_loopback(node.host)]
+    warnings += [
+        GenesisWarning(
+            code="FOUNDER_ADDRESS_LOCAL",
+            detail=f"{node.name} is reached at {node.host} by its entry: from its own machine alone, and others are "
+            f"elsewhere. Its organisation removes its folder, makes it anew with --bind or --advertise, and hands out its "
+            "new entry; once the file is adopted, that is too late.",
+        )
+        for node in (local if len(local) < len(shown.nodes) else [])
     ]
     nodes = [
         GenesisNode(

@@ -22,7 +22,7 @@ from clients.sdk.chain.governance import (
     resolve_proposal,
 )
 from clients.sdk.network_client import NetworkClient, open_pinned_client
-from clients.sdk.new_files import SMALL_FILE_MAX_BYTES, read_given_file
+from clients.sdk.new_files import SMALL_FILE_MAX_BYTES, read_given_file, require_seen
 from clients.sdk.terminal.safe_output import escape
 from clients.sdk.terminal.terminal import FILE, command_output, console, load_genesis, print_answer
 from clients.sdk.trust_pin import PIN_FILE
@@ -142,6 +142,7 @@ class AdminOptions:
         first = [entry.name for entry in genesis.organisations if entry.name in known]
         names = list(dict.fromkeys([*first, *known])) if self.organisation is None else [self.organisation]
         if not names or not set(names) <= set(known):
+            require_seen(place / "organisations", ADMIN_KEY_FILE, self.organisation)
             wanted = "any organisation" if self.organisation is None else repr(self.organisation)
             raise BlockRobotError(
                 "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {wanted} in {place / 'organisations'}."

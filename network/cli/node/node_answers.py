@@ -171,7 +171,11 @@ class NodeRestoreAnswer(Answer, frozen=True, kw_only=True):
     changed_settings: Annotated[list[str], doc("Those that are not the default, or have none")]
     next_step: Annotated[str, doc("The command that starts it")]
     warning: Annotated[
-        str, doc("What to know before: of two or three producers one would stop the network; else empty")
+        str,
+        doc(
+            "What to know before: of two or three producers one would stop the network, and a key that the backup does not "
+            "know may be wrong; else empty"
+        ),
     ]
 
 

@@ -10,7 +10,7 @@ from clients.sdk.terminal.lazy_group import LazyCommand, LazyGroup
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import network_folder
 from network.cluster import Cluster
-from node.config import CONFIG_FILE, NodeConfig, load_config
+from node.config import NodeConfig, load_config
 
 _PLACES = {
     "add": LazyCommand(
@@ -66,14 +66,12 @@ def node() -> None:
 def get_node_config(text: str, folder: Path | None) -> NodeConfig:
     """By data directory or network name. Raises NOT_FOUND, DATA_DIRECTORY_INVALID, CONFIGURATION_INVALID."""
     place = Path(text)
-    if (place / CONFIG_FILE).is_file():
-        return load_config(place.resolve())
     if place.is_dir():
-        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {CONFIG_FILE} in {place}.")
+        return load_config(place.resolve())
     network = network_folder(folder)
     if not (network / "genesis.json").is_file():
         founding = network / "nodes" / text
-        if (founding / CONFIG_FILE).is_file():
+        if founding.is_dir():
             return load_config(founding.resolve())
         raise BlockRobotError("NOT_FOUND", f"{text} is no data directory, and {network} has no genesis.json.")
     return Cluster(network).config(text)

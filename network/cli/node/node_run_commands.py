@@ -15,7 +15,7 @@ from network.cli.cluster.cluster_options import network_folder
 from network.cli.node.node_answers import NodeRunAnswer
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
-from network.provisioning.new_node import require_certified
+from network.provisioning.new_node import read_founding_entry, require_certified
 from network.provisioning.node_backup import warn_of_restored
 from node.config import NodeConfig
 from node.main import run_process
@@ -48,6 +48,8 @@ def run(
         raise click.UsageError("Name the node, or its --data-dir.")
     config = get_node_config(node or str(data_dir), folder)
     require_certified(config.data_dir)
+    if not config.genesis_path.is_file() and read_founding_entry(config.data_dir) is not None:
+        raise BlockRobotError("NETWORK_NOT_FOUNDED", f"The node in {config.data_dir} belongs to no network yet.")
     if restored and (warning := warn_of_restored(config)):
         click.echo(warning, err=True)
         if can_ask():

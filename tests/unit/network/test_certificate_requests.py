@@ -125,6 +125,7 @@ def test_a_certificate_is_not_renewed_without_the_address_at_which_its_node_is_r
     old = config.tls_certificate_path.read_bytes()
     said = run("renew", "node-1", "--host", "10.0.0.7", "--dir", str(folder))
     assert "CERTIFICATE_UNFIT" in said.stderr
+    assert "--host OLD --host NEW" in said.stderr
     assert config.tls_certificate_path.read_bytes() == old
     assert run("renew", "node-1", "--host", "10.0.0.7", "--host", "127.0.0.1", "--dir", str(folder)).exit_code == 0
     assert certified_hosts(x509.load_pem_x509_certificate(config.tls_certificate_path.read_bytes())) == (

@@ -29,6 +29,7 @@ from contracts.execution.genesis import complete_genesis
 from network.cli.governance.genesis_commands import genesis as genesis_group
 from network.cli.governance.governance_signer import read_private_key
 from network.cli.governance.org_commands import org
+from network.cli.node.node_run_commands import run as node_run
 from network.cli.node.node_setup_commands import init
 from network.provisioning import founding, new_organisation
 from network.provisioning.authority_check import fingerprints
@@ -482,6 +483,46 @@ def test_an_organisation_whose_nodes_entry_was_left_out_is_warned_of(handed: dic
     assert "warning" not in make("3.json", "--without-node", "clinic").output
     assert make("4.json", "--without-node", "nobody").exit_code == 2
     assert not (tmp_path / "4.json").exists()
+
+
+def test_a_node_that_others_could_not_reach_is_warned_of(world: Path, handed: dict[str, Path], tmp_path: Path) -> None:
+    def warned(*paths: Path) -> list[str]:
+        out = tmp_path / "genesis.json"
+        out.unlink(missing_ok=True)
+        made = run(genesis_group, "make", *map(str, paths), "--out", str(out), "--json")
+        checked = run(genesis_group, "check", str(out), "--dir", str(tmp_path / "empty"), "--json")
+        found = json.loads(made.stdout)["warnings"]
+        assert json.loads(checked.stdout)["warnings"] == found
+        return [f"{warning['code']}: {warning['detail']}" for warning in found]
+
+    home = tmp_path / "home"
+    shutil.copytree(world / "clinic", home)
+    assert run(init, "near", "--founding", "--organisation", "clinic", "--dir", str(home)).exit_code == 0
+    near = home / "nodes" / "near" / "node-entry.json"
+    assert warned(handed["clinic"], near) == [], "all on one machine"
+    assert warned(handed["clinic"], handed["ward-2"]) == []
+    (warning,) = warned(handed["clinic"], handed["ward-2"], near)
+    assert warning.startswith("FOUNDER_ADDRESS_LOCAL: near is reached at 127.0.0.1")
+
+
+def test_a_founding_node_made_by_mistake_may_be_made_anew(world: Path) -> None:
+    said = run(init, "ward-2", "--founding", "--organisation", "clinic", "--dir", str(world / "clinic"))
+    assert "NODE_EXISTS" in said.output
+    assert "has no genesis.json yet" in said.output
+
+
+def test_a_founder_is_told_what_comes_before_a_command(world: Path, tmp_path: Path) -> None:
+    said = run(init, "ward-1", "--founding", "--organisation", "nobody", "--dir", str(tmp_path))
+    assert "ORGANISATION_KEY_NOT_FOUND" in said.output
+    assert "blockrobot org new NAME" in said.output
+    home = tmp_path / "home"
+    shutil.copytree(world / "clinic", home)
+    for path in home.rglob("genesis.json"):
+        path.unlink()
+    for options in ([], ["--detach"]):
+        said = run(node_run, "ward-2", "--dir", str(home), *options)
+        assert "NETWORK_NOT_FOUNDED" in said.output
+        assert "blockrobot genesis check FILE --adopt" in said.output
 
 
 def test_a_file_that_was_adopted_too_early_is_replaced_until_a_node_has_started(

@@ -183,6 +183,34 @@ async def test_a_node_is_made_anew_with_its_keys_from_elsewhere_and_starts(confi
         assert node.describe()["finalized_height"] == 0
 
 
+async def test_keys_of_another_node_make_no_node(tmp_path: Path) -> None:
+    """The certificate and the proven ledger tell; a key of nobody may have replaced the one that the backup knows."""
+    create_network(tmp_path / "network", nodes=2, organisations=2, base_port=find_base_port(2))
+    own, other = (Cluster(tmp_path / "network").config(name) for name in ("node-1", "node-2"))
+    async with Node(own):
+        pass
+    out = tmp_path / "backup"
+    back_up(own, out, with_keys=False)
+
+    def keys_with(name: str, content: bytes) -> Path:
+        mixed = tmp_path / "mixed"
+        shutil.rmtree(mixed, ignore_errors=True)
+        shutil.copytree(own.data_dir / "keys", mixed)
+        (mixed / name).write_bytes(content)
+        return mixed
+
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE: .* names 'node-2', not this node"):
+        restored_from(out, tmp_path, keys=other.data_dir / "keys")
+    for name, said in (("tls.key.pem", "not that of the certificate"), ("producer.key", "is that of node-2")):
+        with pytest.raises(BlockRobotError, match=rf"^FILE_UNUSABLE: .*{said}"):
+            restored_from(out, tmp_path, keys=keys_with(name, (other.data_dir / "keys" / name).read_bytes()))
+    with pytest.raises(BlockRobotError, match=r"^FILE_UNUSABLE: .*custodian key is not that of node-1"):
+        restored_from(out, tmp_path, keys=keys_with("custodian.key", os.urandom(32)))
+    assert not (tmp_path / "anew").exists()
+    made = restored_from(out, tmp_path, keys=keys_with("producer.key", os.urandom(32)))
+    assert "right only if it was replaced since" in made.warning
+
+
 def test_what_a_custodian_kept_comes_back_only_with_the_newest_erase_keys(config: NodeConfig, tmp_path: Path) -> None:
     out = tmp_path / "backup"
     assert back_up(config, out, with_keys=True).has("keys")

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from nacl.public import PrivateKey as SealingPrivateKey
 from rich.console import Console
 
-from clients.registrar.cli import card
+from clients.registrar.cli import LAST_LATIN, card
 from clients.registrar.registrar import CARD_LIFETIME_DEFAULT_MS, Registrar
 from clients.sdk.proof_checks import ProvedState
 from clients.sdk.trust_pin import PIN_FILE
@@ -49,6 +49,14 @@ def folder(tmp_path: Path) -> Path:
 @pytest.fixture
 def desk(folder: Path) -> Registrar:
     return Registrar(folder, make_genesis(), FixedClock())
+
+
+def test_a_sign_that_no_robots_name_holds_is_named() -> None:
+    said = CliRunner().invoke(card, ["name", "Jörg Müller", "--place", "Süd – 4", "--robot", "02" + 32 * "ab"])
+    assert said.exit_code == 2
+    assert "'–' (U+2013) cannot stand there" in " ".join(said.output.split())
+    contract = Path(__file__).parents[4] / "contracts" / "privacy" / "identity.py"
+    assert f'LAST_LATIN = "\\u{ord(LAST_LATIN):04x}"' in contract.read_text()
 
 
 def code_of(error: pytest.ExceptionInfo[BlockRobotError]) -> str:

@@ -88,7 +88,7 @@ async def test_what_is_approved_becomes_public(tmp_path: Path, approver: Private
 def test_the_admins_key_is_looked_for_beside_the_genesis_file(tmp_path: Path) -> None:
     place = RobotPlace(tmp_path / "robot", tmp_path / "genesis.json")
     assert place.get_approver(None) is None
-    with pytest.raises(BlockRobotError, match="ORGANISATION_KEY_NOT_FOUND"):
+    with pytest.raises(BlockRobotError, match=r"ORGANISATION_KEY_NOT_FOUND: .* frames approve FOLDER --as hospital"):
         place.get_approver("hospital")
     folder = tmp_path / "organisations" / "hospital"
     folder.mkdir(parents=True)

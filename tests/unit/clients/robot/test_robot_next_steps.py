@@ -5,9 +5,12 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner, Result
 
+from clients.robot.cli import main
 from clients.robot.cli.main import robot
+from clients.sdk.chain.enrolment import Registration
 
 
 def run(*arguments: str) -> Result:
@@ -37,3 +40,17 @@ def test_the_next_commands_are_of_this_very_robot(tmp_path: Path) -> None:
 def test_a_robot_of_the_usual_place_is_called_by_its_short_name(tmp_path: Path) -> None:
     home = {"BLOCKROBOT_HOME": str(tmp_path)}
     assert "Next: blockrobot robot register CODE" in CliRunner(env=home).invoke(robot, ["new"]).output
+
+
+def test_the_registrar_is_told_no_path_of_the_robots_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = options_of(tmp_path)
+    run(*options, "new")
+
+    async def registered(*_: object) -> Registration:
+        return Registration(member=b"\x02" * 33, txid=b"\x01" * 32)
+
+    monkeypatch.setattr(main, "register_robot", registered)
+    monkeypatch.setattr(main, "load_genesis", lambda _: None)
+    told = run(*options, "register", "BR1-AAAA").output
+    assert "roster make --robot " + 33 * "02" + " --out roster.sealed\n" in told
+    assert "put it here as" in told
