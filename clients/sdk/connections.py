@@ -14,6 +14,7 @@ import aiohttp
 from clients.sdk.node_answers import read_problem
 from consensus.errors import BlockRobotError
 from pages.listening import is_loopback
+from pages.name_lookups import NameLookups
 
 CONNECT_TIMEOUT_MS = 3_000
 REQUEST_TIMEOUT_MS = 15_000
@@ -72,12 +73,13 @@ class Connections:
     def __init__(self) -> None:
         self._tls: dict[NodeAddress, ssl.SSLContext | bool] = {}
         self._lanes: dict[bytes, aiohttp.ClientSession] = {}
+        self._lookups = NameLookups()
 
     def _lane(self, lane: bytes) -> tuple[aiohttp.ClientSession, list[aiohttp.ClientSession]]:
         client = self._lanes.pop(lane, None)
         if client is None:
             client = aiohttp.ClientSession(
-                connector=aiohttp.TCPConnector(limit=64),
+                connector=aiohttp.TCPConnector(limit=64, resolver=self._lookups),
                 cookie_jar=aiohttp.DummyCookieJar(),
                 headers={"User-Agent": "blockrobot"},
                 trust_env=False,

@@ -139,6 +139,10 @@ def is_host(host: str) -> bool:
     return True
 
 
+def is_port(port: int) -> bool:
+    return 0 < port and port < 65536
+
+
 def is_url(url: str) -> bool:
     """Tell whether it is a scheme and a host, at most with a port."""
     if not url.startswith("https://") and not url.startswith("http://"):
@@ -152,7 +156,8 @@ def is_url(url: str) -> bool:
         host = place.split(":")[0]
         known, rest = [is_host(host), place[len(host) :]]
     if known and len(rest) > 0:
-        known = rest.startswith(":") and rest[1:].isdigit() and len(rest) <= PORT_MAX_CHARS + 1
+        port = rest[1:]
+        known = rest.startswith(":") and port.isdigit() and len(port) <= PORT_MAX_CHARS and is_port(int(port))
     return known
 
 
@@ -160,7 +165,7 @@ def check_place(node: dict):
     """Refuse an address at which nobody could reach a node."""
     host = node["host"]
     require(len(host) <= HOST_MAX_CHARS and is_host(host), "HOST_WRONG", "That is no host.")
-    require(0 < node["p2p_port"] and node["p2p_port"] < 65536, "PORT_WRONG", "A port is 1 to 65535.")
+    require(is_port(node["p2p_port"]), "PORT_WRONG", "A port is 1 to 65535.")
     url = node["api_url"]
     known = len(url) <= URL_MAX_CHARS and is_url(url)
     require(known, "URL_WRONG", "An API address is https://HOST[:PORT], with nothing behind it.")

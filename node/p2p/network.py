@@ -30,6 +30,7 @@ from node.p2p.tls import Credentials
 from node.p2p.traffic import Traffic
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, Refusal, RequestKind, encode_frame
 from pages.listening import share_of_descriptors
+from pages.name_lookups import NameLookups
 
 HELLO_TIMEOUT_MS = 5_000
 
@@ -161,6 +162,7 @@ class PeerNetwork:
         self._links: TokenBuckets[str] = TokenBuckets(lambda _peer: LINK_ALLOWANCE, time.monotonic)
         self._consensus: TokenBuckets[str] = TokenBuckets(lambda _peer: CONSENSUS_ALLOWANCE, time.monotonic)
         self._peer_bans = PeerBans()
+        self._lookups = NameLookups()
         self._dialling: dict[str, tuple[tuple[str, int], asyncio.Task[None]]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._refused = RefusalLog("peer_refused")
@@ -268,23 +270,10 @@ class PeerNetwork:
         return not self._credentials.own.facts.is_expired(self._clock())
 
     async def _dial(self, name: str, host: str, port: int) -> bool:
-        """Dial once; return after the connection ended, True if greeted.
-
-        As the server's name (SNI) it says whose node this is, so that its certificate is checked by that alone.
-        """
-        loop = asyncio.get_running_loop()
-        nodes = self._directory.content.nodes
-        organisation = nodes[self._name].organisation if self._name in nodes else self._config.organisation
+        """Dial once; return after the connection ended, True if greeted."""
         try:
             async with asyncio.timeout(DIAL_TIMEOUT_MS / 1000):
-                _, connection = await loop.create_connection(
-                    lambda: self._connection(name),
-                    host,
-                    port,
-                    ssl=self._credentials.dialling(nodes[name].organisation),
-                    server_hostname=organisation or None,
-                    ssl_shutdown_timeout=SHUTDOWN_TIMEOUT_MS / 1000,
-                )
+                connection = await self._connect(name, host, port)
         except ssl.SSLCertVerificationError:
             detail = f"The node at {name}'s address shows a certificate that is not from its organisation's authority."
             self._refused.note(name, BlockRobotError("PEER_CERTIFICATE_FOREIGN", detail), self._clock())
@@ -293,6 +282,32 @@ class PeerNetwork:
             return False  # nobody is there, the address that was agreed upon is none, or own files are half-written
         await connection.closed
         return connection.greeted
+
+    async def _connect(self, name: str, host: str, port: int) -> PeerConnection:
+        """Raises OSError, BlockRobotError.
+
+        As the server's name (SNI) it says whose node this is, so that its certificate is checked by that alone.
+        """
+        nodes = self._directory.content.nodes
+        organisation = nodes[self._name].organisation if self._name in nodes else self._config.organisation
+        failure = OSError("no address")
+        for address in await self._lookups.find(host, name):
+            try:
+                _, connection = await asyncio.get_running_loop().create_connection(
+                    lambda: self._connection(name),
+                    address,
+                    port,
+                    ssl=self._credentials.dialling(nodes[name].organisation),
+                    server_hostname=organisation or host,
+                    ssl_shutdown_timeout=SHUTDOWN_TIMEOUT_MS / 1000,
+                )
+            except ssl.SSLError:
+                raise
+            except OSError as error:
+                failure = error
+            else:
+                return connection
+        raise failure
 
     # Following the directory and the certificates
 

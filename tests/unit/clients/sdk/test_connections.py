@@ -1,15 +1,20 @@
-"""HTTPS is believed only by the CA that the genesis file names for the node's organisation."""
+"""HTTPS is believed only by the CA that the genesis file names for the node's organisation; mute names hold up nobody."""
 
 from __future__ import annotations
 
+import asyncio
 import datetime
 import ipaddress
+import socket
 import ssl
+import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
+from aiohttp import web
 from aiohttp.test_utils import TestServer
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
@@ -17,6 +22,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
+from clients.sdk.connections import Connections, NodeAddress
 from clients.sdk.network_client import NetworkClient
 from consensus.chain.genesis import Genesis
 from consensus.errors import BlockRobotError
@@ -96,3 +102,32 @@ async def test_a_node_with_a_certificate_of_anyone_else_is_not_spoken_to(tmp_pat
         with pytest.raises(BlockRobotError) as refusal:
             await client.query("echo", "back", [1], SUBJECT)
     assert refusal.value.code == "NODE_UNREACHABLE"
+
+
+async def test_names_that_nobody_answers_for_cut_no_client_off_from_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    given_up, look_up = threading.Event(), socket.getaddrinfo
+
+    def look(host: str, *arguments: Any, **options: Any) -> Any:
+        if host.startswith("mute"):
+            given_up.wait(60)
+            raise socket.gaierror(socket.EAI_AGAIN, "no server answered")
+        return look_up("127.0.0.1" if host == "honest.example" else host, *arguments, **options)
+
+    async def greet(_request: web.Request) -> web.Response:
+        return web.Response(text="here")
+
+    application = web.Application()
+    application.router.add_get("/", greet)
+    server, connections = TestServer(application), Connections()
+    await server.start_server()
+    monkeypatch.setattr(socket, "getaddrinfo", look)
+    mute = [NodeAddress(f"a{count}", f"http://mute{count}.example:1") for count in range(24)]
+    asking = [asyncio.create_task(connections.request(node, "GET", "/", lane=b"")) for node in mute]
+    honest = NodeAddress("honest", f"http://honest.example:{server.port}")
+    assert await connections.request(honest, "GET", "/", lane=b"") == b"here"
+    assert not any(task.done() for task in asking)
+    given_up.set()
+    refusals = await asyncio.gather(*asking, return_exceptions=True)
+    assert {each.code for each in refusals if isinstance(each, BlockRobotError)} == {"NODE_UNREACHABLE"}
+    await connections.close()
+    await server.close()

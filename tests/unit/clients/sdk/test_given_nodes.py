@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
+import socket
 import ssl
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack
@@ -128,14 +128,13 @@ async def test_a_name_that_dns_leads_elsewhere_is_believed_only_with_the_certifi
     town: CertifiedNodes, monkeypatch: pytest.MonkeyPatch, host: str, shows: str, authority: Authority
 ) -> None:
     url = await town.serve("n0", shows=shows, host=host, authority=authority)
-    loop = asyncio.get_running_loop()
-    look_up = loop.getaddrinfo
+    look_up = socket.getaddrinfo
 
-    async def mislead(name: str, *arguments: Any, **options: Any) -> Any:
+    def mislead(name: str, *arguments: Any, **options: Any) -> Any:
         assert name == "n0.example"
-        return await look_up("127.0.0.1", *arguments, **options)
+        return look_up("127.0.0.1", *arguments, **options)
 
-    monkeypatch.setattr(loop, "getaddrinfo", mislead)
+    monkeypatch.setattr(socket, "getaddrinfo", mislead)
     listed = NodeAddress("n0", url.replace("127.0.0.1", "n0.example"), WARD.certificate_pem)
     client = await town.client()
     if (shows, authority) == ("n0", WARD):

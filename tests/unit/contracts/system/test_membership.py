@@ -261,6 +261,9 @@ def test_a_node_must_prove_its_producer_key_and_share_none(consortium: Consortiu
         ("URL_WRONG", {"api_url": "https://node.example:"}),
         ("URL_WRONG", {"api_url": "https://node.example:4x"}),
         ("URL_WRONG", {"api_url": "https://node.example:123456"}),
+        ("URL_WRONG", {"api_url": "https://node.example:65536"}),
+        ("URL_WRONG", {"api_url": "https://[fd00::1]:99999"}),
+        ("URL_WRONG", {"api_url": "https://node.example:0"}),
         ("URL_WRONG", {"api_url": "https://[fd00::1"}),
         ("URL_WRONG", {"api_url": "https://[node]:1"}),
         ("URL_WRONG", {"api_url": "https://[fd00::1]x"}),
@@ -329,7 +332,7 @@ def test_an_organisation_moves_its_own_node_alone_but_no_others(consortium: Cons
 @pytest.mark.parametrize(
     ("host", "url"),
     [
-        ("fd00::1", "https://[fd00::1]:7273"),
+        ("fd00::1", "https://[fd00::1]:1"),
         ("10.0.0.7", "https://10.0.0.7"),
         ("ward_1.example", "http://127.0.0.1:7273"),
         ("h." * 126 + "h", "https://" + "u" * 63 + ".example:65535"),

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import socket
+import threading
+from collections import Counter
 from collections.abc import AsyncIterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,7 @@ from network.provisioning.certificate_authority import create_authority
 from node.p2p import network as links_module
 from node.p2p.connection import PeerConnection
 from node.p2p.wire import FrameKind
+from pages.name_lookups import NameLookups
 from tests.cluster.network_under_test import find_base_port
 from tests.twin_authority import twin_of
 from tests.unit.node.p2p.linked_nodes import LinkedNodes, days, eventually
@@ -137,6 +141,38 @@ async def test_a_node_that_moved_is_found_at_its_new_address(network: LinkedNode
     await network.start({"n2": "university"})
     network.finalize()
     await all_linked(network, "n1", "n2")
+
+
+async def test_names_that_nobody_answers_for_hold_up_neither_an_honest_one_nor_the_stop(
+    network: LinkedNodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: Counter[str] = Counter()
+    given_up = threading.Event()
+
+    def look(host: str) -> list[str]:
+        asked[host] += 1
+        if host != "n2.example":
+            given_up.wait(60)
+            raise socket.gaierror(socket.EAI_AGAIN, "no server answered")
+        return ["127.0.0.99", "127.0.0.1"]  # nobody listens at the first
+
+    monkeypatch.setattr(links_module, "NameLookups", partial(NameLookups, look))
+    monkeypatch.setattr(links_module, "DIAL_TIMEOUT_MS", 200)
+    network.prepare({"n1": "hospital", "n2": "hospital"})
+    await network.start({"n1": "hospital"})
+    mute = [f"m{count}" for count in range(24)]
+    for name in mute:
+        network.state.put_node(name, "university", find_base_port(1), host=f"{name}.example")
+    network.state.put_node("n2", "hospital", network.ports["n2"], host="n2.example")
+    network.finalize()
+    monkeypatch.setattr(links_module, "MISSED_AFTER_MS", 50)
+    await eventually(lambda: len(asked) == 25)
+    await network.start({"n2": "hospital"})
+    await eventually(lambda: network.nodes["n1"].links.connected == ["n2"])
+    await eventually(lambda: asked["n2.example"] > 1)
+    await network.close()
+    assert {asked[f"{name}.example"] for name in mute} == {1}
+    given_up.set()
 
 
 async def test_a_renewed_certificate_is_taken_up_by_a_running_node(network: LinkedNodes) -> None:
