@@ -106,14 +106,13 @@ class NameLookups(AbstractResolver):
         except (OSError, ValueError):  # the latter: a name that IDNA refuses
             pass
         finally:
+            took_s = self._clock() - name.begun_s  # here, since the loop may be busy
             with contextlib.suppress(RuntimeError):  # the loop is closed
-                loop.call_soon_threadsafe(self._end, name, found)
+                loop.call_soon_threadsafe(self._end, name, found, took_s)
 
-    def _end(self, name: _Name, found: list[str]) -> None:
-        now_s = self._clock()
-        took_s = now_s - name.begun_s
+    def _end(self, name: _Name, found: list[str], took_s: float) -> None:
         name.is_slow = took_s * 1000 >= SLOW_AFTER_MS
-        name.rest_until_s = now_s + min(took_s * REST_FACTOR, REST_MAX_MS / 1000)
+        name.rest_until_s = self._clock() + min(took_s * REST_FACTOR, REST_MAX_MS / 1000)
         name.addresses = found or name.addresses
         self.under_way_count -= 1
         if name.ended is not None:
