@@ -8,28 +8,26 @@ import json
 import random
 import shutil
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 
-from clients.sdk.terminal.terminal import console
 from clients.sdk.trust_pin import PIN_FILE
-from consensus.chain.genesis import ChainSettings, Genesis, genesis_from_json, genesis_to_json
+from consensus.chain.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from contracts.execution.genesis import complete_genesis
 from network.cli.governance.genesis_commands import genesis as genesis_group
 from network.cli.governance.governance_signer import read_private_key
 from network.cli.governance.org_commands import org
-from network.cli.node.node_run_commands import run as node_run
 from network.cli.node.node_setup_commands import init
 from network.provisioning import founding, new_organisation
 from network.provisioning.authority_check import fingerprints
@@ -40,54 +38,7 @@ from node.directory.directory_file import encode_directory
 from node.directory.node_directory import DirectoryOrganisation, content_of_genesis
 from node.storage.directory_lock import DirectoryLock
 from node.storage.lmdb_store import LmdbStore
-
-PARTIES = {"hospital": ("ward-1", "ward-10"), "university": ("lab-1",), "clinic": ("ward-2",)}
-"""Who founds, and with which nodes."""
-Change = Callable[[dict[str, Any]], None]
-
-
-def run(command: Any, *arguments: str) -> Result:
-    return CliRunner(env={"COLUMNS": "160"}).invoke(command, list(arguments))
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Each party's folder, and what they handed over in `handed`."""
-    place = tmp_path_factory.mktemp("founding")
-    (place / "handed").mkdir()
-    for number, (owner, nodes) in enumerate(PARTIES.items(), 1):
-        home = place / owner
-        assert run(org, "new", owner, "--dir", str(home)).exit_code == 0
-        hand_over(home / "organisations" / owner / "organisation-entry.json", place / "handed" / f"{owner}.json")
-        for node in nodes:
-            address = ("--bind", f"10.0.{number}.1") if node != "ward-10" else ("--bind", "fd00::1", "--follower")
-            said = run(init, node, "--founding", "--organisation", owner, "--dir", str(home), "--custodian", *address)
-            assert said.exit_code == 0, said.output
-            hand_over(home / "nodes" / node / "node-entry.json", place / "handed" / f"{node}.json")
-    return place
-
-
-def hand_over(path: Path, to: Path) -> None:
-    to.write_bytes(path.read_bytes())
-
-
-@pytest.fixture
-def handed(world: Path, tmp_path: Path) -> dict[str, Path]:
-    """The files of a party that has all of them, which a test may change."""
-    for path in (world / "handed").iterdir():
-        hand_over(path, tmp_path / path.name)
-    return {path.stem: path for path in tmp_path.iterdir()}
-
-
-def made_of(*paths: Path) -> Genesis:
-    return make_genesis(*read_offers(paths))
-
-
-def change(path: Path, how: Change) -> Path:
-    document = json.loads(path.read_text())
-    how(document)
-    path.write_text(json.dumps(document))
-    return path
+from tests.unit.network.founding.conftest import PARTIES, Change, change, made_of, run
 
 
 def test_the_same_entries_make_the_same_file_in_any_order_and_however_often(handed: dict[str, Path]) -> None:
@@ -410,119 +361,6 @@ def test_a_network_that_would_begin_in_the_future_is_not_founded(
     said = run(genesis_group, "check", str(path), "--adopt", "--dir", str(world / "university"))
     assert said.exit_code == 1
     assert "the clock of whoever made the last node's entry is wrong" in " ".join(said.stderr.split())
-
-
-def checked(genesis: Genesis, place: Path, *options: str) -> Result:
-    path = place / "shown.json"
-    path.write_text(genesis_to_json(complete_genesis(genesis)))
-    return run(genesis_group, "check", str(path), "--dir", str(place / "nobody"), *options)
-
-
-def test_a_founder_sees_all_that_is_agreed_to(
-    handed: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(console, "_width", 200)
-    true = made_of(*handed.values())
-    said = checked(true, tmp_path)
-    assert "Settings: all are the default." in said.output
-    assert "Purposes: care, companionship" in said.output
-    assert "Begins: 20" in said.output
-    (hospital,) = [owner for owner in true.organisations if owner.name == "hospital"]
-    assert all(key.hex()[:16] in said.output for key in (*hospital.admins, *hospital.registrars))
-    answer = json.loads(checked(true, tmp_path, "--json").stdout)
-    assert answer["settings"] == msgspec.structs.asdict(ChainSettings())
-    assert answer["changed_settings"] == answer["warnings"] == []
-    assert answer["begins_ms"] == true.created_at_ms
-    assert answer["purposes"] == list(true.purposes)
-    (seen,) = [owner for owner in answer["organisations"] if owner["name"] == "hospital"]
-    assert seen["admins"] == [key.hex() for key in hospital.admins]
-    assert seen["registrars"] == [key.hex() for key in hospital.registrars]
-    assert seen["nodes"] == seen["custodians"] == ["ward-1", "ward-10"]
-
-
-def test_a_setting_that_somebody_slipped_in_is_seen(handed: dict[str, Path], tmp_path: Path) -> None:
-    true = made_of(*handed.values())
-    slow = ChainSettings(production="manual", max_clock_drift_ms=60_000)
-    false = msgspec.structs.replace(true, settings=slow, purposes=("care",))
-    said = checked(false, tmp_path).output
-    assert "Settings that are not the default" in said
-    for name, here, default in (("production", "manual", "on-demand"), ("max_clock_drift_ms", "60000", "5000")):
-        (line,) = [line for line in said.splitlines() if name in line]
-        assert here in line
-        assert default in line
-    assert "heartbeat_ms" not in said
-    assert "Purposes: care\n" in said
-    answer = json.loads(checked(false, tmp_path, "--json").stdout)
-    assert answer["changed_settings"] == ["max_clock_drift_ms", "production"]
-    assert answer["settings"]["production"] == "manual"
-
-
-def test_at_80_columns_no_address_that_founders_compare_is_broken(handed: dict[str, Path], tmp_path: Path) -> None:
-    arguments = ["make", *map(str, handed.values()), "--out", str(tmp_path / "1.json")]
-    said = CliRunner(env={"COLUMNS": "80"}).invoke(genesis_group, arguments).output
-    lines = [line.split() for line in said.splitlines()]
-    for node in genesis_from_json((tmp_path / "1.json").read_bytes()).nodes:
-        host = f"[{node.host}]" if ":" in node.host else node.host
-        assert ["peers", f"{host}:{node.p2p_port}"] in lines
-        assert ["clients", node.api_url] in lines
-
-
-def test_an_organisation_whose_nodes_entry_was_left_out_is_warned_of(handed: dict[str, Path], tmp_path: Path) -> None:
-    del handed["ward-2"]
-
-    def make(name: str, *options: str) -> Result:
-        return run(genesis_group, "make", *map(str, handed.values()), "--out", str(tmp_path / name), *options)
-
-    said = make("1.json")
-    assert said.exit_code == 0
-    assert "warning FOUNDER_WITHOUT_NODE: clinic founds without a node" in said.output
-    (warning,) = json.loads(make("2.json", "--json").stdout)["warnings"]
-    assert warning["code"] == "FOUNDER_WITHOUT_NODE"
-    said = run(genesis_group, "check", str(tmp_path / "1.json"), "--dir", str(tmp_path / "empty"))
-    assert "warning FOUNDER_WITHOUT_NODE: clinic" in said.output, "and whoever compares the file is warned too"
-    assert "warning" not in make("3.json", "--without-node", "clinic").output
-    assert make("4.json", "--without-node", "nobody").exit_code == 2
-    assert not (tmp_path / "4.json").exists()
-
-
-def test_a_node_that_others_could_not_reach_is_warned_of(world: Path, handed: dict[str, Path], tmp_path: Path) -> None:
-    def warned(*paths: Path) -> list[str]:
-        out = tmp_path / "genesis.json"
-        out.unlink(missing_ok=True)
-        made = run(genesis_group, "make", *map(str, paths), "--out", str(out), "--json")
-        checked = run(genesis_group, "check", str(out), "--dir", str(tmp_path / "empty"), "--json")
-        found = json.loads(made.stdout)["warnings"]
-        assert json.loads(checked.stdout)["warnings"] == found
-        return [f"{warning['code']}: {warning['detail']}" for warning in found]
-
-    home = tmp_path / "home"
-    shutil.copytree(world / "clinic", home)
-    assert run(init, "near", "--founding", "--organisation", "clinic", "--dir", str(home)).exit_code == 0
-    near = home / "nodes" / "near" / "node-entry.json"
-    assert warned(handed["clinic"], near) == [], "all on one machine"
-    assert warned(handed["clinic"], handed["ward-2"]) == []
-    (warning,) = warned(handed["clinic"], handed["ward-2"], near)
-    assert warning.startswith("FOUNDER_ADDRESS_LOCAL: near is reached at 127.0.0.1")
-
-
-def test_a_founding_node_made_by_mistake_may_be_made_anew(world: Path) -> None:
-    said = run(init, "ward-2", "--founding", "--organisation", "clinic", "--dir", str(world / "clinic"))
-    assert "NODE_EXISTS" in said.output
-    assert "has no genesis.json yet" in said.output
-
-
-def test_a_founder_is_told_what_comes_before_a_command(world: Path, tmp_path: Path) -> None:
-    said = run(init, "ward-1", "--founding", "--organisation", "nobody", "--dir", str(tmp_path))
-    assert "ORGANISATION_KEY_NOT_FOUND" in said.output
-    assert "blockrobot org new NAME" in said.output
-    home = tmp_path / "home"
-    shutil.copytree(world / "clinic", home)
-    for path in home.rglob("genesis.json"):
-        path.unlink()
-    for options in ([], ["--detach"]):
-        said = run(node_run, "ward-2", "--dir", str(home), *options)
-        assert "NETWORK_NOT_FOUNDED" in said.output
-        assert "blockrobot genesis check FILE --adopt" in said.output
 
 
 def test_a_file_that_was_adopted_too_early_is_replaced_until_a_node_has_started(
