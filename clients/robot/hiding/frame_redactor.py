@@ -115,7 +115,7 @@ class FrameRedactor:
         buffer_ms: int = BUFFER_DEFAULT_MS,
     ) -> None:
         self.pairing = Pairing(window_ms, lateness_ms)
-        self.matcher = Matcher()
+        self.matcher = Matcher(drives=driving is not None)
         self._background = background
         self._driving = driving
         self._time_of_flight = time_of_flight
@@ -293,7 +293,8 @@ class FrameRedactor:
     def _end_timeline(self, decided: list[Decision]) -> list[Output]:
         """Settle everything before a camera clock reset; no track continues across."""
         outputs = [*self._queue_decided(decided), *self._decide_pending(final=True)]
-        self.matcher, self._newest_ms, self._forgot_ms = Matcher(), None, 0
+        self.matcher = Matcher(drives=self._driving is not None)
+        self._newest_ms, self._forgot_ms = None, 0
         self._bearings.restart()
         self._lose_everybody()
         if self._motion is not None:

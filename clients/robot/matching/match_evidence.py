@@ -16,6 +16,8 @@ READINGS_MIN_COUNT = 4
 # The distances by themselves must fit a person three times as well as a bearer who is not in the picture. Without that
 # antennas alone would bind, and that a tag is before the robot is also true of a person just outside the picture.
 DISTANCE_LOG_ODDS_MIN = 1.1
+# Of distances and bearings together, for a robot that drives: wherever it stops, somebody may be beside its picture.
+DRIVING_CUES_LOG_ODDS_MIN = 3.0
 _RIVAL_WITHIN = 5.0  # log-odds: a rival this close to the best is what stands in the way
 _CONTRADICTS_BELOW = -2.3  # log-odds of the distances: an absent bearer explains them ten times as well
 _SPREAD_SIGMAS = 3.0
@@ -113,6 +115,12 @@ class MatchEvidence:
     delay_ms: int | None = None
     bearings: int = 0
     bearing_log_odds: float = 0.0
+    cues_log_odds_min: float = -math.inf  # of distances and bearings together
+
+    @property
+    def is_vague(self) -> bool:
+        cues = self.distance_log_odds + self.bearing_log_odds
+        return self.distance_log_odds < DISTANCE_LOG_ODDS_MIN or cues < self.cues_log_odds_min
 
     @property
     def nearness(self) -> tuple[int, float, int]:
@@ -141,7 +149,7 @@ class MatchEvidence:
             (self.is_wrong_unit, Obstacle.UNIT),
             (self.delay_ms is not None, Obstacle.DELAYED),
             (self.is_off or self.distance_log_odds < _CONTRADICTS_BELOW, Obstacle.OFF),
-            (self.log_odds >= BIND_LOG_ODDS and self.distance_log_odds < DISTANCE_LOG_ODDS_MIN, Obstacle.VAGUE),
+            (self.log_odds >= BIND_LOG_ODDS and self.is_vague, Obstacle.VAGUE),
             (rival is not None and self.log_odds - rival < _RIVAL_WITHIN, Obstacle.RIVAL),
             (self.front > 0, Obstacle.UNDECIDED),
         )

@@ -1,7 +1,7 @@
 """Binds tags to tracks by likelihood over whole tracks, against rivals and an absent bearer.
 
-Bind at log-odds 9.2, unbind below 0. No binding without informative distances, nor while an unfollowed person at similar
-range may be the bearer. Bearings, where there are any, tell people apart who are as far away.
+Bind at log-odds 9.2, unbind below 0. No binding without informative distances, of a robot that drives more so, nor while an
+unfollowed person at similar range may be the bearer. Bearings, where there are any, tell people apart who are as far away.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from clients.robot.matching.likelihood import BEARINGS, DISTANCES, Belief, Filte
 from clients.robot.matching.match_evidence import (
     BIND_LOG_ODDS,
     DISTANCE_LOG_ODDS_MIN,
+    DRIVING_CUES_LOG_ODDS_MIN,
     READINGS_MIN_COUNT,
     MatchEvidence,
 )
@@ -66,9 +67,9 @@ class _Evidence(NamedTuple):
     def ratio(self) -> float:
         return self.distance_ratio + self.bearing_ratio + log_antenna(self.front, self.back)
 
-    @property
-    def speaks(self) -> bool:
-        return self.compared >= READINGS_MIN_COUNT and self.distance_ratio >= DISTANCE_LOG_ODDS_MIN
+    def speaks(self, cues_min: float) -> bool:
+        cues = self.distance_ratio + self.bearing_ratio
+        return self.compared >= READINGS_MIN_COUNT and self.distance_ratio >= DISTANCE_LOG_ODDS_MIN and cues >= cues_min
 
 
 _NOTHING = _Evidence()
@@ -168,9 +169,10 @@ class _Tag:
 
 
 class Matcher:
-    """Each tag's readings by alias, and its bearer's track."""
+    """Each tag's readings by alias, and its bearer's track; of a robot that `drives`, on better evidence."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, drives: bool = False) -> None:
+        self._cues_min = DRIVING_CUES_LOG_ODDS_MIN if drives else -math.inf
         self._tags: dict[str, _Tag] = {}
         self._tracks: dict[int, Track] = {}
         self._waiting: set[str] = set()
@@ -273,6 +275,7 @@ class Matcher:
             distance_log_odds=every.distance_ratio,
             bearings=every.bearings,
             bearing_log_odds=every.bearing_ratio,
+            cues_log_odds_min=self._cues_min,
             spread_m=math.sqrt(max(0.0, every.gap_m2_sum / compared - (every.gap_m_sum / compared) ** 2)),
             range_m=every.range_m_sum / compared,
             delay_ms=_find_delay_ms(tag.readings, self._tracks[best]) if odds < 0 and best in self._tracks else None,
@@ -359,7 +362,8 @@ class Matcher:
             bound = score.bound
             if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
                 bound = bound and odds >= UNBIND_LOG_ODDS
-                if odds >= BIND_LOG_ODDS and score.every.speaks and score.sure.speaks:
+                speak = score.every.speaks(self._cues_min) and score.sure.speaks(self._cues_min)
+                if odds >= BIND_LOG_ODDS and speak:
                     surely = _log_odds(sure[track.number], [sure[number] for number in rivals])
                     bound = bound or surely >= BIND_LOG_ODDS
             tag.scores[track.number] = score._replace(odds=odds, bound=bound)

@@ -181,9 +181,9 @@ def see(ranges: Array, bearings: Array) -> tuple[Flags, Flags]:
             within = np.clip(half[one] + half[other] - apart, 0.0, 2 * half[one])
             covered[one] += np.where(ranges[other] < ranges[one], within / (2 * half[one]), 0.0)
             touching[one, other] = np.hypot(right[one] - right[other], ahead[one] - ahead[other]) < TOUCHING_M
-    in_view = (np.abs(bearings) <= VIEW_MAX_DEG) & (ranges >= NEAREST_M) & (ranges <= FARTHEST_M)
-    in_view &= covered <= HIDDEN_SHARE
-    return in_view, touching & in_view[:, None] & in_view
+    in_picture = (np.abs(bearings) <= VIEW_MAX_DEG) & (ranges >= NEAREST_M) & (ranges <= FARTHEST_M)
+    in_view = in_picture & (covered <= HIDDEN_SHARE)
+    return in_view, touching & in_picture[:, None] & in_picture
 
 
 def front_weight(bearing_deg: Array) -> Array:

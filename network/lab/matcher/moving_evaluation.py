@@ -81,7 +81,7 @@ class _Follower:
     """Counts what is bound, and what a redactor would keep once a frame has waited its time."""
 
     def __init__(self, bearer: int) -> None:
-        self.matcher, self.ruled = Matcher(), Ruled()
+        self.matcher, self.ruled = Matcher(drives=True), Ruled()
         self._bearer = bearer
         self._frames: deque[_Frame] = deque()
         self._numbers: set[int] = set()
@@ -151,11 +151,11 @@ def play_moving(drawn: MovingDraw) -> tuple[Ruled, Ruled]:
 
 
 def silhouettes(drawn: MovingDraw, index: int) -> list[Silhouette]:
-    """Return who is seen before the camera; two who touch are one silhouette."""
+    """Return who is seen before the camera; two who touch are one silhouette, also if one is hidden by the other."""
     found = []
     for person in np.flatnonzero(drawn.in_view[:, index]).tolist():
         with_them = [person, *np.flatnonzero(drawn.touching[person, :, index]).tolist()]
-        if person > min(with_them):
+        if any(one < person and drawn.in_view[one, index] for one in with_them):
             continue
         where = [(float(drawn.measured[one, index]), math.radians(drawn.bearings[one, index])) for one in with_them]
         right = sum(range_m * math.sin(angle) for range_m, angle in where) / len(where)

@@ -34,8 +34,8 @@ def worn_by(track: Track, rng: np.random.Generator, *, every_ms: int = 500) -> l
     return [reading(at, place[0] + float(rng.normal(0, SIGMA_M))) for at, place in places.items() if place is not None]
 
 
-def bind(tracks: list[Track], sightings: list[Sighting]) -> Matcher:
-    matcher = Matcher()
+def bind(tracks: list[Track], sightings: list[Sighting], *, drives: bool = False) -> Matcher:
+    matcher = Matcher(drives=drives)
     for track in tracks:
         matcher.add_track(track)
     for sighting in sightings:
@@ -383,6 +383,23 @@ def test_a_bearer_who_stands_beside_the_picture_binds_nobody_in_it(seed: int) ->
     readings = worn_by(shown, rng)
     assert bind([shown], readings).bound_track("tag", [1]) == 1, "by the distances alone"
     assert bind([shown], heard_at(readings, 45.0, rng)).bound_track("tag", [1]) is None
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_robot_that_drives_wants_more_than_three_seconds_of_one_equal_distance(seed: int) -> None:
+    """Who stands in the picture may be as far away as a bearer beside it; a bearing, or a walk, tells."""
+    rng = np.random.default_rng(seed)
+    shown = at_bearing(walker(1, 2.5, swing_m=0.0, seconds=3.0), -10.0)
+    readings = worn_by(shown, rng)
+    assert bind([shown], readings).bound_track("tag", [1]) == 1
+    matcher = bind([shown], readings, drives=True)
+    assert matcher.bound_track("tag", [1]) is None
+    told = matcher.explain("tag", [1])
+    assert told is not None
+    assert told.is_vague
+    assert bind([shown], heard_at(readings, -10.0, rng), drives=True).bound_track("tag", [1]) == 1
+    walking = walker(2, 2.5, seconds=30.0)
+    assert bind([walking], worn_by(walking, rng), drives=True).bound_track("tag", [2]) == 2
 
 
 def test_bearings_alone_bind_nobody() -> None:
