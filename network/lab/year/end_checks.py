@@ -25,7 +25,9 @@ from network.lab.year.life import Hospital
 from network.lab.year.people import Person
 from network.provisioning.node_backup import back_up, restore
 from node.config import NodeConfig
+from node.custody.chain_facts import ChainFacts
 from node.custody.finalized_events import collect_events
+from node.custody.stores.custody_store import Checkpoint
 from node.snapshot.making import make_snapshot_folder
 from node.snapshot.restoring import restore_ledger
 from node.snapshot.snapshot_format import SnapshotFolder
@@ -151,8 +153,13 @@ async def restore_backup(
     )
     store = LmdbStore.open(restored.config.ledger_dir)
     try:
-        blocks = await follow_blocks(chain.chain, chain.store, store)
         async with open_place(restored.config, key, lambda: chain.now_ms) as place:
+            with store.snapshot() as snapshot:
+                at = snapshot.position
+                assert at is not None, "a restored ledger has a state"
+                point = Checkpoint(at.height, at.block_id, at.timestamp_ms)
+                await place.custodian.reconcile(ChainFacts(snapshot, point))
+            blocks = await follow_blocks(chain.chain, chain.store, store)
             fetched = await _catch_up(place, chain, others)
             seconds = time.perf_counter() - started_s
             report = await place.scrub(store)
@@ -170,7 +177,7 @@ async def restore_backup(
 
 async def _catch_up(place: CustodianPlace, chain: HospitalChain, others: list[CustodianPlace]) -> int:
     point = await place.custodian.checkpoint()
-    assert point is not None, "the backup's custodian has followed blocks"
+    assert point is not None, "it follows from the restored state on"
     with chain.store.snapshot() as snapshot:
         for height in range(point.height + 1, chain.height + 1):
             block, receipts = read_block(snapshot, height)

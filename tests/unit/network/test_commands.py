@@ -146,7 +146,7 @@ def test_a_host_whose_network_is_not_founded_yet_is_told_what_to_adopt(network: 
     assert f"cp {own} {network}" in problem_of(run("status", "--json"))["detail"]
     for path in network.glob("nodes/*/genesis.json"):
         path.unlink()
-    assert "genesis check FILE --adopt" in problem_of(run("status", "--json"))["detail"]
+    assert "genesis check FILE --adopt" in problem_of(run("status", "--json"))["next_step"]
 
 
 @pytest.mark.parametrize("command", [("status",), ("down",), ("logs",)])

@@ -20,8 +20,9 @@ COUNTED = frozenset(
 NEVER_ONE = (
     *("because.several.", "because.short.", "guardians.", "usage.guardians_needed", "usage.former_words", "sheet."),
     *("linked.acting", "linked.moving", "page.erase.joined", "passphrase.wanted", "rotate.progress"),
+    "ask.scanned",
 )
-"""Texts of what is always more than one: guardians, the letters of a name; and of seconds, and of 24 words together."""
+"""Of what is always more than one: guardians, a name's letters; of seconds, of 24 words together, of 10,000 entries."""
 SINGULARS = {"en": {"was", "is", "has", "holds", "gets", "obeys"}, "pt": {"delas", "destas", "dos"}}
 """Words that stand behind a singular though they end as a plural does: `1 delas`, `1 dos seus encontros`."""
 

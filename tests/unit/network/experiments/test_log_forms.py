@@ -97,7 +97,7 @@ def test_a_bad_line_of_a_published_log_is_named(line: str, reason: str) -> None:
         ('{"time_ms": 1, "activity": "", "case": "x"}', 1, "activity"),
         ('{"time_ms": 1, "activity": "A"}', 1, "case"),
         ('{"time_ms": 1, "activity": "A\\u001b[2J", "case": "x"}', 1, "control character"),
-        ('{"time_ms": 1, "activity": "A", "case": "\\ud800"}', 1, "control character"),
+        ('{"time_ms": 1, "activity": "A", "case": "\\ud800"}', 1, "it is not JSON"),
         ('{"time_ms": 1, "activity": "A", "case": "x", "alias": 3}', 1, "alias"),
         ("case,activity,time_ms\nframe-1,A,1", 1, "alias is missing"),
         ("case,activity,time_ms,alias\nframe-1,A,soon,", 2, "whole number"),
