@@ -171,10 +171,8 @@ class NodeDirectory:
     def rank_custodians(self, record_id: bytes) -> tuple[tuple[NodeAddress, ...], tuple[NodeAddress, ...]]:
         """Those that keep a record's clip, of those with an address, and the others in the order in which they would."""
         proved = self.known.custodians
-        rooms, organisations = (
-            {each.key: each.room_gib for each in proved},
-            {each.key: each.organisation for each in proved},
-        )
+        rooms = {each.key: each.room_gib for each in proved}
+        organisations = {each.key: each.organisation for each in proved}
         placement = Placement.of(rooms, self.known.custody_copies, organisations)
         places = {key: place for place, key in enumerate(placement.rank(record_id))}
         ranked = tuple(
