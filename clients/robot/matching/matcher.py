@@ -148,16 +148,6 @@ class _Tag:
         self.decided_until_ms = self.readings[self.weighed - 1].middle_ms
         del self.readings[:gone]
         self.slots = {slot: reading for slot, reading in self.slots.items() if reading.middle_ms >= first_ms}
-        self._begin_with_bindings()
-
-    def forget_evidence(self) -> None:
-        """Drop all readings; bindings stay until contradicted."""
-        if self.readings:
-            self.decided_until_ms = self.readings[-1].middle_ms
-        self.readings, self.slots = [], {}
-        self._begin_with_bindings()
-
-    def _begin_with_bindings(self) -> None:
         self.weighed = 0
         self.scores = {number: _TrackScore(bound=True) for number, old in self.scores.items() if old.bound}
         self.checkpoints = [(0, dict(self.scores))]
@@ -291,12 +281,6 @@ class Matcher:
             tag.forget_tracks(gone)
             if tag.heard_ms < horizon:
                 self._drop(alias)
-
-    def forget_evidence(self) -> None:
-        """Weigh what comes from now on by itself; bindings stay until contradicted."""
-        for tag in self._tags.values():
-            tag.forget_evidence()
-        self._waiting.clear()
 
     def _is_bound(self, alias: str, number: int) -> bool:
         tag = self._tags.get(alias)
