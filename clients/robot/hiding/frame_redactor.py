@@ -18,7 +18,7 @@ from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.moving.plan_bodies import camera_points
-from clients.robot.hiding.own_motion import OwnMotion, RobotPlace, Spot
+from clients.robot.hiding.own_motion import MotionDetector, OwnMotion, RobotPlace, Spot
 from clients.robot.hiding.standing_hider import StandingHider
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.matching.match_evidence import MatchEvidence
@@ -121,6 +121,7 @@ class FrameRedactor:
         self._buffer_ms = max(buffer_ms, window_ms + lateness_ms + 1)
         self._tracker = Tracker()
         self._motion = OwnMotion() if driving is not None else None
+        self._moves = MotionDetector()
         self._mount: Ground | None = None
         self._blank_frames_count = 0
         self._blank_kept_count = 0
@@ -234,6 +235,8 @@ class FrameRedactor:
         if self._motion is None:
             return None
         place = self._motion.place_at(at_ms)
+        if self._moves.has_moved(place):
+            self.matcher.note_moved(at_ms)
         if place is not None:
             if self._placed_by_ms is not None and not self._motion.is_continuous(self._placed_by_ms, at_ms):
                 self._lose_everybody()
@@ -287,6 +290,7 @@ class FrameRedactor:
         self._lose_everybody()
         if self._motion is not None:
             self._motion.restart()
+            self._moves = MotionDetector()
         return outputs
 
     def _queue_decided(self, decided: list[Decision]) -> list[Output]:

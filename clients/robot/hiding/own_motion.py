@@ -64,6 +64,20 @@ class Spot:
         return is_there
 
 
+class MotionDetector:
+    """Tells when the robot has left the spot where it was."""
+
+    def __init__(self) -> None:
+        self._spot: Spot | None = None
+
+    def has_moved(self, place: RobotPlace | None) -> bool:
+        """In time order; also where nobody knows where it is."""
+        if place is not None and self._spot is not None and self._spot.holds(place):
+            return False
+        was_known, self._spot = self._spot is not None, None if place is None else Spot(place)
+        return was_known or place is None
+
+
 class OwnMotion:
     """The robot's places over the last minute. A jump is a step that is faster than it can drive or turn."""
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS
 from clients.robot.hiding.hider import in_odometry
-from clients.robot.hiding.own_motion import OwnMotion
+from clients.robot.hiding.own_motion import MotionDetector, OwnMotion
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.matching.matcher import Matcher
 from clients.robot.matching.tracking import Tracker
@@ -110,7 +110,7 @@ class _Follower:
 
 
 def play_moving(drawn: MovingDraw) -> Bound:
-    motion, tracker, follower = OwnMotion(), Tracker(), _Follower(drawn.bearer)
+    motion, moves, tracker, follower = OwnMotion(), MotionDetector(), Tracker(), _Follower(drawn.bearer)
     places, readings = deque(drawn.places), deque(drawn.readings)
     for index in range(0, TRACK_MS // FRAME_EVERY_MS + 1, SEEN_EVERY):
         at_ms = index * FRAME_EVERY_MS
@@ -120,6 +120,8 @@ def play_moving(drawn: MovingDraw) -> Bound:
             follower.matcher.add_sighting(TAG, readings.popleft())
         shows: dict[int, int] = {}
         place = motion.place_at(at_ms)
+        if moves.has_moved(place):
+            follower.matcher.note_moved(at_ms)
         if place is not None:
             seen = [in_odometry(silhouette, place) for silhouette in silhouettes(drawn, index)]
             tracks = tracker.step(seen, at_ms)
