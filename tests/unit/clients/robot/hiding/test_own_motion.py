@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.robot.hiding.own_motion import KEPT_MS, SAMPLES_MAX_COUNT, OwnMotion, RobotPlace
+from clients.robot.hiding.own_motion import KEPT_MS, SAMPLES_MAX_COUNT, MotionDetector, OwnMotion, RobotPlace
 
 
 def driven(*places: RobotPlace) -> OwnMotion:
@@ -83,6 +83,16 @@ def test_numbers_that_are_none_are_not_taken() -> None:
     place = motion.place_at(0)
     assert place is not None
     assert place.x_m == 0.0
+
+
+def test_a_robot_has_moved_once_its_camera_looks_at_another_scene_or_nobody_knows() -> None:
+    moves = MotionDetector()
+    creeping = [RobotPlace(100 * step, 0.0, 0.02 * step) for step in range(7)]
+    assert [moves.has_moved(place) for place in creeping] == [False, False, False, True, False, False, True]
+    assert moves.has_moved(None)
+    assert not moves.has_moved(RobotPlace(1_000)), "that it was unknown has been told"
+    drifting = [RobotPlace(1_000 + 1_000 * step, 0.01 * step) for step in range(20)]
+    assert not any(moves.has_moved(place) for place in drifting)
 
 
 def test_a_place_before_the_robot_is_known_in_the_odometrys_frame() -> None:
