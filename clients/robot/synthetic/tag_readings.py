@@ -100,7 +100,7 @@ class _Fading:
     def __init__(self, antennas: tuple[Antenna, ...], rng: np.random.Generator) -> None:
         self._rng = rng
         self._stays = rng.normal(size=len(antennas))
-        self._before: tuple[float, float] | None = None  # walked (m), at (s)
+        self._before: tuple[float, float, tuple[float, float, float]] | None = None  # walked (m), at (s), place
         self._measured_s = -math.inf
 
     def hear(
@@ -111,10 +111,12 @@ class _Fading:
         bearing_deg = math.degrees(math.atan2(right, ahead))
         walked_m = person.walked_m(at_s)
         if self._before is not None:
-            moved_m = abs(walked_m - self._before[0]) + SWAY_M_PER_S * (at_s - self._before[1])
+            walked_before_m, before_s, place_before = self._before
+            moved_m = max(abs(walked_m - walked_before_m), math.dist(place, place_before))  # the robot may move, too
+            moved_m += SWAY_M_PER_S * (at_s - before_s)
             kept = math.exp(-moved_m / FADING_M)
             self._stays = kept * self._stays + math.sqrt(1 - kept**2) * self._rng.normal(size=self._stays.size)
-        self._before = walked_m, at_s
+        self._before = walked_m, at_s, place
         fresh = self._rng.normal(size=self._stays.size)
         fading = FADING_SIGMA_DB * (
             math.sqrt(FADING_STAYS_SHARE) * self._stays + math.sqrt(1 - FADING_STAYS_SHARE) * fresh

@@ -343,7 +343,9 @@ def proxy_command(members: int, count: int, seconds: float, nodes: int, apart: A
     help="A reader with so many, which look to different sides (0: it tells front and back).",
 )
 @click.option(
-    "--moving", is_flag=True, help="Judge a robot that drives: --scenes, --seed and --processes or --on count."
+    "--moving",
+    is_flag=True,
+    help="Judge a robot that drives: --scenes, --seed, --antennas and --processes or --on count.",
 )
 @command_output
 def hiding(as_json: bool, moving: bool, antennas: str, on: str, **options: int) -> None:
@@ -357,7 +359,7 @@ def hiding(as_json: bool, moving: bool, antennas: str, on: str, **options: int) 
         from network.lab.hiding.moving.evaluate_drives import run_drive_benchmark  # noqa: PLC0415 - only when needed
 
         chosen = {name: options[name] for name in ("scenes", "seed", "processes")}
-        _finish(run_drive_benchmark(**chosen, on=on, progress=_Teller()), as_json=as_json)
+        _finish(run_drive_benchmark(**chosen, antennas=int(antennas), on=on, progress=_Teller()), as_json=as_json)
         return
     from network.lab.hiding.evaluate import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
 

@@ -60,9 +60,13 @@ def draw_scenes(
         entropy = int(np.random.SeedSequence([seed, purpose, number]).generate_state(1)[0])
         scenario = draw_scene(entropy, stratum, duration_s=duration_s)
         if antennas:
-            scenario = replace(scenario, reader=replace(scenario.reader, antennas=ANTENNAS[antennas]))
+            scenario = with_antennas(scenario, antennas)
         scenes.append(Scene(seed, number, stratum, scenario, pairs))
     return scenes
+
+
+def with_antennas(scenario: Scenario, antennas: int) -> Scenario:
+    return replace(scenario, reader=replace(scenario.reader, antennas=ANTENNAS[antennas]))
 
 
 def walk_calibration(antennas: int, seed: int) -> tuple[AntennaPair, ...]:
@@ -72,7 +76,7 @@ def walk_calibration(antennas: int, seed: int) -> tuple[AntennaPair, ...]:
     times_s = np.arange(0.0, CALIBRATION_S + CROSSING_S, CROSSING_S).tolist()
     path = tuple((at_s, *way[turn % len(way)]) for turn, at_s in enumerate(times_s))
     people = (replace(drawn.people[0], path=path, facing=()),)
-    scenario = replace(drawn, people=people, reader=replace(drawn.reader, antennas=ANTENNAS[antennas]))
+    scenario = with_antennas(replace(drawn, people=people), antennas)
     rng = np.random.default_rng([seed, antennas])
     seen = []
     for at_ms in range(0, round(1000 * CALIBRATION_S), 100):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +13,7 @@ from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
+from clients.robot.sensing.antenna_pairs import AntennaPair
 from clients.robot.sensing.sensor_events import Depth, Frame, Odometry, Sighting
 from clients.robot.synthetic.camera import Labels
 from clients.robot.synthetic.driving.drive import Drive
@@ -99,10 +100,10 @@ class _Candidate:
     may_show: Callable[[], bool]
 
 
-def run_drive(drive: Drive, seed: int) -> DrivePlayed:
+def run_drive(drive: Drive, seed: int, antenna_pairs: Sequence[AntennaPair] = ()) -> DrivePlayed:
     """Everybody's pictures are judged over the whole drive, owners' in all frames; times are the moving hider's."""
     renderer, played = DriveRenderer(drive), DrivePlayed(drive.stratum, seed)
-    redactor, motion = _redactor_of(drive), OwnMotion()
+    redactor, motion = _redactor_of(drive, antenna_pairs), OwnMotion()
     hider = hider_of(drive, motion)
     heard = [(at_ms, (alias, sighting)) for at_ms, alias, sighting in sightings(drive.readings())]
     waiting: list[tuple[int, Odometry | tuple[str, Sighting]]] = [*heard, *drive_odometry(drive, 0)]
@@ -180,7 +181,7 @@ def _look(
     return made
 
 
-def _redactor_of(drive: Drive) -> FrameRedactor:
+def _redactor_of(drive: Drive, antenna_pairs: Sequence[AntennaPair]) -> FrameRedactor:
     """The robot knows the scene from where it starts."""
     renderer = DriveRenderer(drive)
     return FrameRedactor(
@@ -188,6 +189,7 @@ def _redactor_of(drive: Drive) -> FrameRedactor:
         driving=DrivingCamera(mount_of(drive)),
         time_of_flight=drive.time_of_flight,
         focal_px=drive.scenario.focal_px,
+        antenna_pairs=antenna_pairs,
     )
 
 
