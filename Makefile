@@ -35,6 +35,9 @@ WORKERS ?= 2
 
 EXTRAS := attack cluster keyring kit llrp s3 zenoh
 INSTALLED_EXTRAS := $(EXTRAS:%=install-%)
+# The tests start hundreds of programs: each would compile all of ours anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 HASHED := install --require-hashes --requirement
 
 .PHONY: all help demo system-packages ros2 test test-fast test-long lint types docs mongo-server lock wheelhouse collected-wheels image sbom clean install-fuzz $(INSTALLED_EXTRAS)
