@@ -35,9 +35,6 @@ WORKERS ?= 2
 
 EXTRAS := attack cluster keyring kit llrp s3 zenoh
 INSTALLED_EXTRAS := $(EXTRAS:%=install-%)
-# The tests start hundreds of programs: each would compile all of ours anew.
-unexport PYTHONDONTWRITEBYTECODE
-
 HASHED := install --require-hashes --requirement
 
 .PHONY: all help demo system-packages ros2 test test-fast test-long lint types docs mongo-server lock wheelhouse collected-wheels image sbom clean install-fuzz $(INSTALLED_EXTRAS)
@@ -93,6 +90,8 @@ ifneq ($(ROS2),none)
 	@$(BIN)/python -m tests.robot_live.ros2_wheels
 endif
 
+# The tests start hundreds of programs: each would compile all of ours anew.
+unexport PYTHONDONTWRITEBYTECODE
 PYTEST = TMPDIR=$$($(PYTHON) tests/temporary_folder.py) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test: system-packages ros2 lint types
