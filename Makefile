@@ -90,6 +90,8 @@ ifneq ($(ROS2),none)
 	@$(BIN)/python -m tests.robot_live.ros2_wheels
 endif
 
+# The tests start hundreds of programs: each would compile all of ours anew.
+unexport PYTHONDONTWRITEBYTECODE
 PYTEST = TMPDIR=$$($(PYTHON) tests/temporary_folder.py) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test: system-packages ros2 lint types

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.architecture.trees import nodes_of, tree_of
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
 DIALECT_FOLDERS = (ROOT / "contracts" / "privacy", ROOT / "contracts" / "system")
@@ -23,10 +25,9 @@ BESIDE_THE_SIMULATOR = ("node/p2p/", "node/snapshot/")
 """Sockets and files, which the simulator replaces."""
 
 
-@cache
 def modules(*packages: str) -> tuple[tuple[Path, ast.Module], ...]:
     paths = (path for package in packages for path in sorted((ROOT / package).rglob("*.py")))
-    return tuple((path, ast.parse(path.read_text("utf-8"))) for path in paths if path.parent not in DIALECT_FOLDERS)
+    return tuple((path, tree_of(path)) for path in paths if path.parent not in DIALECT_FOLDERS)
 
 
 # Identity
@@ -91,8 +92,8 @@ def test_no_struct_leaves_its_defaults_out() -> None:
     """With `omit_defaults` msgspec tells a default by identity: a value that was unpickled is written otherwise."""
     assert [
         f"{path.relative_to(ROOT)}:{node.lineno}"
-        for path, tree in modules(*PACKAGES)
-        for node in ast.walk(tree)
+        for path, _ in modules(*PACKAGES)
+        for node in nodes_of(path)
         if isinstance(node, ast.keyword) and node.arg == "omit_defaults"
     ] == []
 
@@ -108,8 +109,8 @@ ADDRESSES_THAT_DECIDE_NOTHING = {
 def test_addresses_and_salted_hashes_decide_nothing_that_is_replayed() -> None:
     found = {
         f"{path.relative_to(ROOT)} {function.name}"
-        for path, tree in modules(*REPLAYED)
-        for function in ast.walk(tree)
+        for path, _ in modules(*REPLAYED)
+        for function in nodes_of(path)
         if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
         for node in ast.walk(function)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in {"id", "hash"}

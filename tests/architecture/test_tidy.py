@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from consensus.errors import CATALOGUE
+from tests.architecture.trees import nodes_of, tree_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
@@ -71,11 +72,6 @@ def texts() -> tuple[Path, ...]:
     return tuple(path for path in paths if path.suffix in suffixes and path.is_file())
 
 
-@cache
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
-
-
 def place(path: Path, line: int | None = None) -> str:
     return str(path.relative_to(ROOT)) + ("" if line is None else f":{line}")
 
@@ -110,7 +106,7 @@ def test_no_module_folder_or_name_is_too_large_or_says_nothing() -> None:
 def test_no_function_is_longer_than_80_lines() -> None:
     long = {}
     for path in modules():
-        for item in ast.walk(tree_of(path)):
+        for item in nodes_of(path):
             if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef) and item.end_lineno is not None:
                 length = item.end_lineno - item.lineno + 1
                 if length > FUNCTION_MAX_LINES:
@@ -126,7 +122,7 @@ def test_every_module_says_what_it_is() -> None:
 def test_every_function_is_typed() -> None:
     untyped = []
     for path in modules():
-        for item in ast.walk(tree_of(path)):
+        for item in nodes_of(path):
             if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef):
                 names = [*item.args.posonlyargs, *item.args.args, *item.args.kwonlyargs]
                 bare = [arg.arg for arg in names if arg.annotation is None and arg.arg not in {"self", "cls"}]
@@ -149,7 +145,7 @@ def functions_of_tests() -> list[tuple[Path, ast.FunctionDef | ast.AsyncFunction
     return [
         (path, item)
         for path in files_of_tests()
-        for item in ast.walk(tree_of(path))
+        for item in nodes_of(path)
         if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef)
     ]
 
@@ -166,11 +162,12 @@ def asserts(item: ast.AST) -> bool:
     return False
 
 
+NAMED_BY: dict[type[ast.AST], str] = {ast.Name: "id", ast.Attribute: "attr", ast.arg: "arg"}
+
+
 def names_used(item: ast.AST) -> set[str]:
     """Return every name that a function calls, takes as a fixture or passes on."""
-    found = {node.id for node in ast.walk(item) if isinstance(node, ast.Name)}
-    found |= {node.attr for node in ast.walk(item) if isinstance(node, ast.Attribute)}
-    return found | {node.arg for node in ast.walk(item) if isinstance(node, ast.arg)}
+    return {getattr(node, NAMED_BY[type(node)]) for node in ast.walk(item) if type(node) in NAMED_BY}
 
 
 def test_no_test_is_without_an_assertion() -> None:
@@ -218,7 +215,7 @@ def strings_in_code() -> dict[str, list[str]]:
     for path in modules():
         if path == ROOT / "consensus" / "errors.py":
             continue
-        for item in ast.walk(tree_of(path)):
+        for item in nodes_of(path):
             if isinstance(item, ast.Constant) and isinstance(item.value, str):
                 found.setdefault(item.value, []).append(place(path, item.lineno))
     return found
@@ -228,7 +225,7 @@ def test_every_error_that_is_raised_is_in_the_catalogue() -> None:
     unknown = [
         f"{place(path, item.lineno)} {item.args[0].value}"
         for path in modules()
-        for item in ast.walk(tree_of(path))
+        for item in nodes_of(path)
         if isinstance(item, ast.Call)
         and isinstance(item.func, ast.Name)
         and item.func.id == "BlockRobotError"
@@ -265,8 +262,10 @@ def test_a_unit_test_that_sleeps_stands_in_virtual_time() -> None:
     sleeping = set()
     for path in (ROOT / "tests" / "unit").rglob("test_*.py"):
         source = path.read_text(encoding="utf-8")
-        calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call) and node.args]
+        if "sleep(" not in source or VIRTUAL.search(source):
+            continue
+        calls = [node for node in nodes_of(path) if isinstance(node, ast.Call) and node.args]
         named = {ast.unparse(call) for call in calls if ast.unparse(call.func) in ("asyncio.sleep", "time.sleep")}
-        if any("sleep(0" not in call for call in named) and not VIRTUAL.search(source):
+        if any("sleep(0" not in call for call in named):
             sleeping.add(path.relative_to(ROOT).as_posix())
     assert sleeping == set()

@@ -15,8 +15,6 @@ from PIL import Image
 from clients.sdk.pictures.picture_guard import JPEG_SIGNATURE, has_few_scans
 from clients.sdk.terminal.qr_codes import TOO_MUCH
 
-CPU_MAX_S = 10
-"""A photograph takes a second or two of a slow machine."""
 MEMORY_MAX_BYTES = 3 * 1024**3
 """Of addresses. The largest picture that is decoded takes 1.1 GiB."""
 PICTURE_SIDE_MAX_PX = 8_192
@@ -50,10 +48,10 @@ def find_text(data: bytes) -> str:
     return ""
 
 
-def _limit_process() -> None:
+def _limit_process(cpu_max_s: int) -> None:
     """In time, memory, files and core dumps."""
     for what, most in (
-        (resource.RLIMIT_CPU, CPU_MAX_S),
+        (resource.RLIMIT_CPU, cpu_max_s),
         (resource.RLIMIT_AS, MEMORY_MAX_BYTES),
         (resource.RLIMIT_FSIZE, 0),
         (resource.RLIMIT_CORE, 0),
@@ -67,8 +65,8 @@ def _limit_process() -> None:
 
 
 def main() -> int:
-    """Print JSON with the `text`, or the error's `detail`."""
-    _limit_process()
+    """Print JSON with the `text`, or the error's `detail`. The argument is how many seconds of a processor it may take."""
+    _limit_process(int(sys.argv[1]))
     cv2.setNumThreads(1)
     try:
         answer = {"text": find_text(sys.stdin.buffer.read())}

@@ -29,10 +29,17 @@ from tests.cluster.network_under_test import find_base_port
 GIB = 2**30
 
 
+@pytest.fixture(scope="module")
+def founded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    network = tmp_path_factory.mktemp("founded") / "network"
+    create_network(network, nodes=2, organisations=2, base_port=find_base_port(2))
+    return network
+
+
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    create_network(tmp_path / "network", nodes=2, organisations=2, base_port=find_base_port(2))
-    return tmp_path / "network"
+def folder(founded: Path, tmp_path: Path) -> Path:
+    """A copy for each test: its files name no place."""
+    return Path(shutil.copytree(founded, tmp_path / "network"))
 
 
 @pytest.fixture
