@@ -40,7 +40,9 @@ async def test_every_query_goes_by_an_index(query: str, tmp_path: Path) -> None:
         await (QUERIES | CHANGES_AND_WALKS)[query](store)
         store._opened().set_trace_callback(None)
         statements = [text for text in asked if text.startswith(("SELECT", "UPDATE", "DELETE", "INSERT"))]
-        slow = await store._in_worker(lambda: [step for each in statements for step in _slow_steps(store._opened(), each)])
+        slow = await store._in_worker(
+            lambda: [step for each in statements for step in _slow_steps(store._opened(), each)]
+        )
     assert statements
     assert slow == []
 

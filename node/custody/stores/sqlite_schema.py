@@ -54,7 +54,7 @@ CREATE TABLE checkpoint (one INTEGER PRIMARY KEY CHECK (one = 1), height INTEGER
     block_id BLOB NOT NULL, timestamp_ms INTEGER NOT NULL);
 {SHARES_SCHEMA}
 {UPLOADS_SCHEMA}
-"""
+"""  # noqa: S608
 
 CLIP_COLUMNS = (
     "record_id, txid, valid_until_ms, status, commitment_leaves, ciphertext_leaves, owner, expires_at_ms, height, "
