@@ -73,7 +73,7 @@ class SimClient:
         nodes: list[SimNode],
         dice: random.Random,
         batches: Iterator[tuple[Call, ...]],
-        gap_ms: tuple[float, float] = (0.0, 5.0),
+        gap_ms: tuple[float, float],
         may_begin: Callable[[tuple[Call, ...]], bool] = lambda _batch: True,
     ) -> None:
         self.cluster, self.nodes, self.dice = cluster, nodes, dice

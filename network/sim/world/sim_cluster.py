@@ -24,6 +24,9 @@ from network.sim.world.sim_world import SimWorld
 from network.sim.world.virtual_time import Owner
 
 CLIENTS_COUNT = 3
+GAP_MS = (0.0, 5.0)
+CUSTODY_GAP_MS = (20.0, 200.0)
+"""Of robots, where repairs take seconds and clips are few enough to look at all of them."""
 DECISION_GAP_MS = (20.0, 300.0)
 START_SPREAD_MS = 40.0
 ARMED_MAX_MS = 1_500
@@ -43,8 +46,9 @@ class SimCluster(SimWorld):
         for index, behaviour in plan.byzantine_nodes.items():
             self.nodes[index].behaviour = behaviour
         history.byzantine = frozenset(plan.byzantine_nodes)
+        gap_ms = CUSTODY_GAP_MS if plan.size.all_keep else GAP_MS
         self.clients = [
-            SimClient(self, self.nodes, self.own_dice(f"client {number}"), batches_of(plan.size, number))
+            SimClient(self, self.nodes, self.own_dice(f"client {number}"), batches_of(plan.size, number), gap_ms)
             for number in range(CLIENTS_COUNT)
         ]
         if plan.governance:
