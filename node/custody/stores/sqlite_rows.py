@@ -122,8 +122,10 @@ def write_clip(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[Fra
         clip.robot,
         clip.size_bytes,
     )
-    query = f"INSERT INTO clips ({CLIP_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING number"  # noqa: S608
-    write_frames(database, database.execute(query, values).fetchone()[0], frames)
+    query = f"INSERT INTO clips ({CLIP_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"  # noqa: S608
+    number = database.execute(query, values).lastrowid
+    assert number is not None, "a row was inserted"
+    write_frames(database, number, frames)
 
 
 def delete_clip(database: sqlite3.Connection, record_id: bytes) -> None:

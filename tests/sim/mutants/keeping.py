@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from node.custody.block_effects import BlockApplier
-from node.custody.clip_fetching import ClipFetching
+from node.custody.clip_fetching import ClipFetcher
 from node.custody.custodian import Custodian
 from node.custody.stores.custody_store import OutboxRow
 from tests.sim.mutants.mutant import Mutant
@@ -17,10 +17,10 @@ from tests.sim.mutants.schedules import CUSTODY
 def repair_nothing(patch: pytest.MonkeyPatch) -> None:
     """Whoever joins or leaves, what others were to keep is not fetched."""
 
-    async def follow_placement(self: ClipFetching) -> int:
+    async def follow_placement(self: ClipFetcher) -> int:
         return 0
 
-    patch.setattr(ClipFetching, "follow_placement", follow_placement)
+    patch.setattr(ClipFetcher, "follow_placement", follow_placement)
 
 
 def erase_as_keeper_only(patch: pytest.MonkeyPatch) -> None:
