@@ -153,7 +153,7 @@ class SimCluster(SimWorld):
         kept = {key: {*each.confirmed, *each.staged} for key, each in held.items()}
         return all(
             record_id in kept.get(keeper, (record_id,))
-            for record_id in {record_id for each in held.values() for record_id in each.confirmed} - gone
+            for record_id in sorted({record_id for each in held.values() for record_id in each.confirmed} - gone)
             for keeper in placement.keepers(record_id)
         )
 
