@@ -36,7 +36,8 @@ def _flip_in_sqlite(folder: Path, record_id: bytes, index: int) -> None:
     with sqlite3.connect(path, timeout=10) as database:
         select = "SELECT ciphertext FROM frames WHERE record_id = ? AND place = ?"
         (ciphertext,) = database.execute(select, place).fetchone()
-        update = "UPDATE frames SET ciphertext = ? WHERE record_id = ? AND place = ?"
+        own = "(SELECT id FROM frames WHERE record_id = ? AND place = ?)"
+        update = f"UPDATE stored_frames SET ciphertext = ? WHERE id = {own}"  # noqa: S608
         database.execute(update, (_flipped(ciphertext), *place))
     database.close()
 

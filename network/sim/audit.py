@@ -6,9 +6,14 @@ from typing import TYPE_CHECKING
 
 from consensus.chain.block import Block, Receipts
 from consensus.primitives.encoding import decode, decode_value
-from network.sim.history import CustodyAudit
+from consensus.records.placement import Placement
+from consensus.state.erasure import REQUEST
+from consensus.state.records import RECORD
+from network.sim.history import ChainAudit, CustodyAudit
+from node.custody.chain_facts import read_placement
 
 if TYPE_CHECKING:
+    from network.sim.world.sim_cluster import SimCluster
     from network.sim.world.sim_node import SimNode
 
 
@@ -44,6 +49,7 @@ def audit_custody(node: SimNode) -> None:
             b"" if held.checkpoint is None else held.checkpoint.block_id,
             tuple(sorted(held.confirmed)),
             tuple(sorted(held.missing)),
+            tuple(sorted(held.elsewhere)),
             tuple(sorted(held.erased)),
             tuple(sorted(held.granted)),
             block_id,
@@ -51,6 +57,34 @@ def audit_custody(node: SimNode) -> None:
             tuple(sorted(erased)),
             tuple(sorted(granted)),
             sum(node.erase_keys.read(slot) is not None for slot in held.slots_of(erased)),
+        )
+    )
+
+
+def placement_of(cluster: SimCluster) -> Placement:
+    """By the newest block that an honest node has."""
+    with max(cluster.honest, key=lambda node: node.ledger_height).ledger.snapshot() as snapshot:
+        return read_placement(snapshot)
+
+
+def audit_chain(cluster: SimCluster) -> None:
+    """Who is to keep what in the end, and who has confirmed which erasure."""
+    node, placement = max(cluster.honest, key=lambda node: node.ledger_height), placement_of(cluster)
+    with node.ledger.snapshot() as snapshot:
+        records = [record_id for (record_id,), row in RECORD.rows(snapshot) if row.status == "active"]
+        erasures = [(erasure_id, row) for (erasure_id,), row in REQUEST.rows(snapshot)]
+    nodes = cluster.custodian_nodes
+    cluster.history.add(
+        ChainAudit(
+            cluster.now,
+            node.index,
+            tuple(sorted(nodes[key] for key in placement.rooms)),
+            placement.count,
+            tuple((each, tuple(nodes[key] for key in placement.keepers(each))) for each in sorted(records)),
+            tuple(
+                (each, tuple(row.records), tuple(sorted(nodes[key] for key in row.receipts)))
+                for each, row in sorted(erasures)
+            ),
         )
     )
 

@@ -12,6 +12,8 @@ from typing import TypeVar
 
 import msgspec
 
+LOST = "lost"
+"""Why a node stopped that is gone with its disk."""
 _FRAME = struct.Struct(">dBBB")
 
 
@@ -139,13 +141,15 @@ class ValueRead(Observation, frozen=True):
 class CustodyAudit(Observation, frozen=True):
     """A custodian's store at its checkpoint and its chain's content there, sorted.
 
-    `confirmed`, `missing`, `erased`: record ids; `keys_left`: keys that still open erased frames.
+    `confirmed`, `missing`, `elsewhere` (others are to keep it), `erased`: record ids; `keys_left`: keys that still open
+    erased frames.
     """
 
     checkpoint: int
     checkpoint_id: bytes
     confirmed: tuple[bytes, ...]
     missing: tuple[bytes, ...]
+    elsewhere: tuple[bytes, ...]
     erased: tuple[bytes, ...]
     granted: tuple[bytes, ...]
     chain_id_at: bytes
@@ -153,6 +157,23 @@ class CustodyAudit(Observation, frozen=True):
     chain_erased: tuple[bytes, ...]
     chain_granted: tuple[bytes, ...]
     keys_left: int
+
+
+class ClipKept(Observation, frozen=True):
+    """A custodian's store took a clip, from a robot or from another custodian."""
+
+    record_id: bytes
+
+
+class ChainAudit(Observation, frozen=True):
+    """The chain at the end: custodians (node indexes), how many keep a clip, active records with their keepers, erasures
+    with their records and who has confirmed.
+    """
+
+    members: tuple[int, ...]
+    copies: int
+    keepers: tuple[tuple[bytes, tuple[int, ...]], ...]
+    erasures: tuple[tuple[bytes, tuple[bytes, ...], tuple[int, ...]], ...]
 
 
 class FaultBegan(Observation, frozen=True):
@@ -233,6 +254,11 @@ class History:
 
     def of(self, kind: type[Kind]) -> list[Kind]:
         return [item for item in self.observations if type(item) is kind]
+
+    @property
+    def lost(self) -> frozenset[int]:
+        """Nodes that never came back."""
+        return frozenset(item.node for item in self.of(NodeStopped) if item.why == LOST)
 
     @property
     def trace_hash(self) -> str:

@@ -13,6 +13,8 @@ import msgspec
 PLAN_MS_PER_ROUND = 22
 OLD_DISK_SHARE = 0.15
 GROWTH_SEATS_COUNT = (4, 7, 10)
+CUSTODY_NODES_COUNT, CUSTODY_FOUNDING_COUNT = 7, 5
+"""Custodians of the profile `custody`, and how many of them there are from the beginning."""
 APART_EVERY_SEEDS = 8
 SPARING_NODES_COUNT = 4
 FLOODS: dict[str, tuple[int, int]] = {
@@ -50,7 +52,7 @@ FaultKind = Literal[
 ]
 
 
-Governance = Literal["", "settings", "producers", "grow", "contracts"]
+Governance = Literal["", "settings", "producers", "grow", "contracts", "custody"]
 
 
 class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -84,10 +86,11 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class NetworkSize(NamedTuple):
-    """Number of nodes, and of initial producers (the first ones)."""
+    """Number of nodes, and of initial producers (the first ones). `all_keep`: each is a custodian, else the first two."""
 
     nodes: int
     producers: int
+    all_keep: bool = False
 
 
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -95,8 +98,8 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     `rounds`: minimum; `profile`: default links; `producers`: initially seated (0: all), others follow without
     membership. `governance`: `settings`, `producers` (unseat, reseat), `grow` (followers join stepwise, leave),
-    `contracts` (deploy, upgrade, disable, roll back), or nothing. `executes_apart`: every node executes each block;
-    else leader and first verifier only. `cpu`: work takes core time.
+    `contracts` (deploy, upgrade, disable, roll back), `custody` (custodians come, leave and die), or nothing.
+    `executes_apart`: every node executes each block; else leader and first verifier only. `cpu`: work takes core time.
     """
 
     seed: int
@@ -112,7 +115,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def size(self) -> NetworkSize:
-        return NetworkSize(self.nodes, self.producers or self.nodes)
+        return NetworkSize(self.nodes, self.producers or self.nodes, self.governance == "custody")
 
     @property
     def horizon_ms(self) -> int:
@@ -170,6 +173,15 @@ def make_growth_plan(seed: int, *, rounds: int = 200) -> Plan:
     drawn = make_plan(seed, nodes=largest, rounds=rounds)
     faults = tuple(fault for fault in drawn.faults if fault.kind != "old-disk")
     return msgspec.structs.replace(drawn, producers=smallest, governance="grow", faults=faults)
+
+
+def make_custody_plan(seed: int, *, rounds: int = 200) -> Plan:
+    """Draw plan `custody`: four producers and three others, all of them custodians, of which some come, leave and die."""
+    drawn = make_plan(seed, nodes=CUSTODY_NODES_COUNT, rounds=rounds)
+    faults = tuple(fault for fault in drawn.faults if fault.kind != "old-disk")
+    return msgspec.structs.replace(
+        drawn, rounds=rounds, producers=SPARING_NODES_COUNT, governance="custody", faults=faults
+    )
 
 
 def make_flood_plan(seed: int, *, nodes: int = 4, rounds: int = 200, kinds: tuple[str, ...] = tuple(FLOODS)) -> Plan:

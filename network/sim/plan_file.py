@@ -11,7 +11,15 @@ from clients.sdk.new_files import read_given_file
 from consensus.bounded_text import TOML_MAX_BYTES, read_toml_text
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
-from network.sim.plan import CRASH_POINTS, FLOODS, PROFILES, Fault, Plan
+from network.sim.plan import (
+    CRASH_POINTS,
+    CUSTODY_NODES_COUNT,
+    FLOODS,
+    PROFILES,
+    SPARING_NODES_COUNT,
+    Fault,
+    Plan,
+)
 
 FAULTS_MAX_COUNT = 200
 NODES_MAX_COUNT = 10
@@ -78,6 +86,8 @@ def _problems_of_plan(plan: Plan) -> Iterator[str]:
         yield f"there are 1 to {NODES_MAX_COUNT} nodes, and no more producers than nodes"
     if not ROUNDS_MIN_COUNT <= plan.rounds <= ROUNDS_MAX_COUNT:
         yield f"a run has {ROUNDS_MIN_COUNT} to {ROUNDS_MAX_COUNT} rounds"
+    if plan.governance == "custody" and (plan.nodes, plan.producers) != (CUSTODY_NODES_COUNT, SPARING_NODES_COUNT):
+        yield f"custodians come and go among {CUSTODY_NODES_COUNT} nodes, {SPARING_NODES_COUNT} of them producers"
     if plan.profile not in PROFILES:
         yield f"there is no profile {plan.profile!r}; there are {', '.join(PROFILES)}"
     for index, behaviour in plan.byzantine.items():

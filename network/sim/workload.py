@@ -6,6 +6,7 @@ Calls of a batch run together; the next batch follows once all are final.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -21,12 +22,16 @@ from consensus.records.clips import ClipUpload
 from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root
 from consensus.records.envelopes import SEALED_KEY_BYTES
 from network.sim.plan import GROWTH_SEATS_COUNT, NetworkSize
-from network.sim.world.sim_chain import EPOCH_MS, Chain, make_chain, make_key, make_node_entry
+from network.sim.world.sim_chain import EPOCH_MS, Chain, make_chain, make_key, make_node_entry, node_name
 
 VALID_UNTIL_MS = EPOCH_MS + 9 * 60_000
 KEPT_LONG_MS = EPOCH_MS + 24 * 3600 * 1000
 RECORDS_A_VISIT = 3
 FRAMES_COUNT = 2
+COPIES_COUNT = 2
+"""Of a clip, in the profile `custody`."""
+CUSTODY_TURNOVERS_COUNT = 4
+"""Kinds of turnover; a seed plays one of them."""
 PURPOSE = "demo"
 EXPIRED = "EXPIRY_WRONG"
 TOO_LATE = ("RECORD_UNKNOWN", "RECORD_ERASED")
@@ -36,13 +41,16 @@ TOO_LATE = ("RECORD_UNKNOWN", "RECORD_ERASED")
 class Call:
     """A transaction and the clip that goes to the custodians with it.
 
-    It waits until `seats` producers are seated; `excused` error codes are no failure.
+    It waits until `seats` producers are seated, `after_repair` until every keeper has its clips; when it begins, node
+    `dying` is lost for good. `excused` error codes are no failure.
     """
 
     transaction: Transaction
     upload: ClipUpload | None = None
     seats: int = 0
     excused: tuple[str, ...] = ()
+    after_repair: bool = False
+    dying: int = -1
 
 
 def make_material(size: int, *parts: Any) -> bytes:
@@ -106,10 +114,7 @@ def visit(size: NetworkSize, client: int, number: int) -> tuple[tuple[Call, ...]
 
 @cache
 def setting_change(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
-    chain = make_chain(size)
-    proposal = sign_call(chain, chain.admins[0], "settings", "propose", ["heartbeat_ms", 20_000 + number], number)
-    approval = sign_call(chain, chain.admins[-1], "settings", "approve", [proposal.txid], number)
-    return ((Call(proposal),), (Call(approval),))
+    return tuple(_decide(make_chain(size), "settings", [["heartbeat_ms", 20_000 + number]], number))
 
 
 @cache
@@ -147,12 +152,47 @@ def growth(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
     return tuple(batches)
 
 
-def _join(chain: Chain, newcomers: range) -> list[tuple[Call, ...]]:
-    proposer, approver = chain.admins[0], chain.admins[-1]
-    entries = [msgspec.structs.asdict(make_node_entry(index, chain.producers[index])) for index in newcomers]
-    proposals = [sign_call(chain, proposer, "membership", "propose", ["add_node", entry]) for entry in entries]
-    approvals = [sign_call(chain, approver, "membership", "approve", [proposal.txid]) for proposal in proposals]
-    return [tuple(map(Call, proposals)), tuple(map(Call, approvals))]
+@cache
+def custody_turnover(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
+    """Five custodians become six; of those that only keep one leaves and one dies, in either order; one more comes.
+
+    Each time the others have to fetch what they are to keep now, and whoever goes next waits for that. Afterwards the
+    number of copies changes to and fro.
+    """
+    chain, (first, second, last) = make_chain(size), range(size.producers, size.nodes)
+    if number >= CUSTODY_TURNOVERS_COUNT:
+        copies = ["custody_copies", COPIES_COUNT + (number - CUSTODY_TURNOVERS_COUNT + 1) % 2]
+        return tuple(_decide(chain, "settings", [copies], number, after_repair=True))
+    leaving, dying = (first, second) if number % 2 else (second, first)
+    gone = [{"name": node_name(index)} for index in (leaving, dying)]
+    left = _decide(chain, "membership", [["remove_node", gone[0]]], number, after_repair=True)
+    died = _decide(chain, "membership", [["remove_node", gone[1]]], number, after_repair=True, dying=dying)
+    return (
+        *_decide(chain, "settings", [["custody_copies", COPIES_COUNT]], number),
+        *_join(chain, range(second, second + 1), after_repair=True),
+        *(left + died if number // 2 % 2 else died + left),
+        *_join(chain, range(last, last + 1), after_repair=True),
+    )
+
+
+def _join(chain: Chain, newcomers: range, *, after_repair: bool = False) -> list[tuple[Call, ...]]:
+    keeps = after_repair
+    keys = [(None, chain.custodians[index]) if keeps else (chain.producers[index], None) for index in newcomers]
+    entries = [
+        msgspec.structs.asdict(make_node_entry(index, *pair)) for index, pair in zip(newcomers, keys, strict=True)
+    ]
+    return _decide(chain, "membership", [["add_node", entry] for entry in entries], after_repair=after_repair)
+
+
+def _decide(
+    chain: Chain, contract: str, proposed: Sequence[list[Any]], *salt: Any, after_repair: bool = False, dying: int = -1
+) -> list[tuple[Call, ...]]:
+    proposals = [sign_call(chain, chain.admins[0], contract, "propose", what, *salt) for what in proposed]
+    approvals = [sign_call(chain, chain.admins[-1], contract, "approve", [each.txid], *salt) for each in proposals]
+    return [
+        tuple(Call(each, after_repair=after_repair, dying=dying) for each in proposals),
+        tuple(map(Call, approvals)),
+    ]
 
 
 def _record(chain: Chain, robot: PrivateKey, owner: PrivateKey, client: int, number: int, index: int) -> Call:

@@ -235,5 +235,4 @@ async def test_two_custodians_that_disagree_are_found_out_and_mended_from_each_o
 def _lose(path: Path, record_id: bytes) -> None:
     with closing(sqlite3.connect(path, timeout=10)) as database, database:
         database.execute("PRAGMA secure_delete = ON")
-        database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
         database.execute("DELETE FROM clips WHERE record_id = ?", (record_id,))

@@ -149,7 +149,10 @@ async def test_sweeping_gives_up_no_lock_and_loses_no_commit_of_anybody(tmp_path
         await store.stage(*first)
         await store.leftovers()
         with closing(sqlite3.connect(tmp_path / DATABASE_FILE_NAME, isolation_level=None)) as other:
-            other.execute("UPDATE frames SET ciphertext = x'00' WHERE record_id = ?", (first[0].record_id,))
+            other.execute(
+                "UPDATE stored_frames SET ciphertext = x'00' WHERE id IN (SELECT id FROM frames WHERE record_id = ?)",
+                (first[0].record_id,),
+            )
         await store.stage(*second)
         await store.sweep()
         assert {frame.ciphertext for frame in await store.frames(first[0].record_id)} == {b"\x00"}

@@ -210,7 +210,10 @@ async def test_what_another_program_leaves_behind_is_found_by_a_walk(tmp_path: P
     def delete(ids: list[bytes], path: Path = tmp_path / DATABASE_FILE_NAME) -> None:
         with closing(sqlite3.connect(path, isolation_level=None)) as other:
             other.execute("PRAGMA secure_delete = OFF")
-            other.executemany("DELETE FROM frames WHERE record_id = ? AND place > 0", [(each,) for each in ids])
+            other.executemany(
+                "DELETE FROM stored_frames WHERE id IN (SELECT id FROM frames WHERE record_id = ? AND place > 0)",
+                [(each,) for each in ids],
+            )
             other.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
 
     ids = [clip.record_id for clip, _ in with_rows]

@@ -79,7 +79,7 @@ def calibrate_command(as_json: bool) -> None:
     "--profile",
     default="faults",
     show_default=True,
-    type=click.Choice(["faults", "grow", "flood"]),
+    type=click.Choice(["faults", "grow", "custody", "flood"]),
     help="What the seeds play: see above.",
 )
 @click.option(
@@ -123,6 +123,10 @@ def run_command(
               links, wrong clocks, slow, full and old disks; some seeds also change settings, or one producer's seat.
       grow    Four producers and six followers, which governance seats in two steps (7, then 10) and unseats again
               (4), over and over, under load and under the same faults but for old disks.
+      custody Seven nodes, of which five, then six are custodians; two copies of each clip. One custodian joins, one
+              leaves, one is lost with its disk, one more joins, in an order by the seed, under load with erasures in
+              flight, under the same faults as grow: every clip has its copies again, what was erased is nowhere, and
+              each custodian that had it has confirmed.
       flood   As many producers as the network bears send the others more than anybody should: transactions that are
               refused, requests, heights, questions. Work takes time of each node's core, by a table of measured costs
               (blockrobot sim calibrate); calls have to become final in 5x the time that they took before, at most.
@@ -136,6 +140,7 @@ def run_command(
       blockrobot sim run --seeds 1..100
       blockrobot sim run --seeds 1..1000 --byzantine 1 --json
       blockrobot sim run --profile grow --seeds 1..20
+      blockrobot sim run --profile custody --rounds 60 --seeds 1..20
       blockrobot sim run --seeds 42 --trace
       blockrobot sim run --plan seed-42.toml --trace
       blockrobot sim run --seeds 1..100000 --on tls://scheduler.example:8786
@@ -178,17 +183,18 @@ def _read_plan(path: Path) -> Plan:
 
 def _make_plans(seeds: range, profile: str, nodes: int, rounds: int, byzantine: int) -> list[Plan]:
     """Raises UsageError beyond the profile's capacity."""
-    from network.sim.plan import make_flood_plan, make_growth_plan, max_faulty  # noqa: PLC0415 - a node's code, only when it is needed
+    from network.sim.plan import make_custody_plan, make_flood_plan, make_growth_plan, max_faulty  # noqa: PLC0415 - a node's code, only when it is needed
     from network.sim.sweep import plan_of  # noqa: PLC0415
 
     if profile == "flood":
         if byzantine or max_faulty(nodes) == 0:
             raise click.UsageError("The profile flood has its own dishonest nodes, one or more of four or more.")
         return [make_flood_plan(seed, nodes=nodes, rounds=rounds) for seed in seeds]
-    if profile == "grow":
+    if profile in {"grow", "custody"}:
         if byzantine or nodes != NODES_DEFAULT_COUNT:
-            raise click.UsageError("The profile grow has its own ten nodes, all of them honest.")
-        return [make_growth_plan(seed, rounds=rounds) for seed in seeds]
+            raise click.UsageError(f"The profile {profile} has its own nodes, all of them honest.")
+        make = make_growth_plan if profile == "grow" else make_custody_plan
+        return [make(seed, rounds=rounds) for seed in seeds]
     if byzantine > max_faulty(nodes):
         text = f"Of {nodes} nodes at most {max_faulty(nodes)} may be dishonest: of more, nothing is promised."
         raise click.UsageError(text)
@@ -297,8 +303,8 @@ def _print_failure(failure: Failure, plan_file: Path | None) -> None:
     options = f"--nodes {plan.nodes} --rounds {plan.rounds} --byzantine {len(plan.byzantine)}"
     if plan.cpu:
         options = f"--profile flood --nodes {plan.nodes} --rounds {plan.rounds}"
-    if plan.governance == "grow":
-        options = f"--profile grow --rounds {plan.rounds}"
+    if plan.governance in {"grow", "custody"}:
+        options = f"--profile {plan.governance} --rounds {plan.rounds}"
     replayed = f"--seeds {failure.seed} {options}" if plan_file is None else f"--plan {shlex.quote(str(plan_file))}"
     click.echo(f"replay:  blockrobot sim run {replayed} --trace", err=True)
     click.echo(f"shrunk:  blockrobot sim run --plan {shlex.quote(str(path))} --trace", err=True)

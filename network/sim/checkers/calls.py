@@ -26,7 +26,8 @@ def check_exactly_once(history: History) -> list[Violation]:
                 found.append(Violation("exactly_once", item.at_ms, item.node, text))
     ended = history.of(Ended)
     if ended and ended[-1].settled:
-        found += _lost(places, acknowledged, ended[-1])
+        left = {node: chain for node, chain in places.items() if node not in history.lost}
+        found += _lost(left, acknowledged, ended[-1])
     return found
 
 
@@ -80,7 +81,7 @@ def check_durability(history: History) -> list[Violation]:
                 found.append(Violation("durability", item.at_ms, item.node, text))
     for ended in history.of(Ended):
         for node, height in enumerate(ended.heights):
-            if node not in history.byzantine and ended.settled and height < highest_told:
+            if node not in history.byzantine | history.lost and ended.settled and height < highest_told:
                 text = f"a client was told of block {highest_told}, and in the end the ledger ends at {height}"
                 found.append(Violation("durability", ended.at_ms, node, text))
     return found

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from network.sim.history import ClipTaken, CustodyAudit, History, NodeRestored, NodeStarted, Violation
+from network.sim.history import (
+    Asked,
+    ChainAudit,
+    ClipKept,
+    ClipTaken,
+    CustodyAudit,
+    History,
+    NodeRestored,
+    NodeStarted,
+    Violation,
+)
 
 NOTHING_KEPT_RECORDS_COUNT = 9
 """So many records without a single clip are no accident: then the run has tried nothing of custody."""
@@ -22,7 +32,7 @@ def check_chain_equals_store(history: History) -> list[Violation]:
             found.append(Violation("chain_equals_store", item.at_ms, item.node, text))
         elif isinstance(item, CustodyAudit):
             found += [Violation("chain_equals_store", item.at_ms, item.node, text) for text in _differences(item)]
-    audits = [audit for audit in history.of(CustodyAudit) if audit.node not in history.byzantine]
+    audits = _honest_audits(history)
     return found + _not_fetched(audits) + _not_kept(history, audits)
 
 
@@ -71,10 +81,10 @@ def _differences(audit: CustodyAudit) -> list[str]:
     found: list[str] = []
     if audit.checkpoint >= 0 and audit.checkpoint_id != audit.chain_id_at:
         found.append(f"the checkpoint {audit.checkpoint} names another block than the chain")
-    known, recorded = {*audit.confirmed, *audit.missing, *audit.erased}, set(audit.chain_recorded)
+    known, recorded = {*audit.confirmed, *audit.missing, *audit.elsewhere, *audit.erased}, set(audit.chain_recorded)
     found += [
         f"record {record_id.hex()[:8]} is kept, and the chain does not know it"
-        for record_id in sorted({*audit.confirmed, *audit.missing} - recorded)
+        for record_id in sorted({*audit.confirmed, *audit.missing, *audit.elsewhere} - recorded)
     ]
     found += [
         f"record {record_id.hex()[:8]} is on the chain, and the store does not know it"
@@ -93,10 +103,64 @@ def check_erased_means_erased(history: History) -> list[Violation]:
     for audit in history.of(CustodyAudit):
         if audit.node in history.byzantine:
             continue
-        for record_id in sorted({*audit.confirmed, *audit.missing} & set(audit.chain_erased)):
+        for record_id in sorted({*audit.confirmed, *audit.missing, *audit.elsewhere} & set(audit.chain_erased)):
             text = f"record {record_id.hex()[:8]} is erased on the chain, and still kept"
             found.append(Violation("erased_means_erased", audit.at_ms, audit.node, text))
         if audit.keys_left:
             text = f"{audit.keys_left} keys of erased frames still open them"
             found.append(Violation("erased_means_erased", audit.at_ms, audit.node, text))
+    return found
+
+
+def check_copies(history: History) -> list[Violation]:
+    """In the end each keeper has every live clip that a custodian has, and none is lost that as many took as keep it."""
+    found: list[Violation] = []
+    honest = {audit.node: set(audit.confirmed) for audit in _honest_audits(history)}
+    takers = _takers(history)
+    for chain in history.of(ChainAudit):
+        for record_id, keepers in chain.keepers:
+            having = [node for node in chain.members if record_id in honest.get(node, ())]
+            if not having and len(takers.get(record_id, ())) >= chain.copies:
+                text = (
+                    f"the clip of record {record_id.hex()[:8]} was taken by {len(takers[record_id])}, and nobody has it"
+                )
+                found.append(Violation("copies", chain.at_ms, -1, text))
+            for node in keepers:
+                if having and node in honest and node not in having:
+                    text = f"it is to keep the clip of record {record_id.hex()[:8]}, and only {having} have it"
+                    found.append(Violation("copies", chain.at_ms, node, text))
+    return found
+
+
+def check_erasures_confirmed(history: History) -> list[Violation]:
+    """Whoever had a clip when its erasure was asked for, and still is a custodian, has confirmed it on the chain."""
+    found: list[Violation] = []
+    asked: dict[bytes, float] = {}
+    for ask in history.of(Asked):
+        asked.setdefault(ask.txid, ask.at_ms)
+    honest = {audit.node for audit in _honest_audits(history)}
+    kept = [item for item in history.of(ClipKept) if item.node in honest]
+    for chain in history.of(ChainAudit):
+        for erasure_id, records, confirmed in chain.erasures:
+            had = {item.node for item in kept if item.record_id in records and item.at_ms < asked.get(erasure_id, 0)}
+            found += [
+                Violation("erasures_confirmed", chain.at_ms, node, f"it had clips of erasure {erasure_id.hex()[:8]}")
+                for node in sorted(had & set(chain.members) - set(confirmed))
+            ]
+    return found
+
+
+def _honest_audits(history: History) -> list[CustodyAudit]:
+    return [audit for audit in history.of(CustodyAudit) if audit.node not in history.byzantine]
+
+
+def _takers(history: History) -> dict[bytes, set[int]]:
+    """Who took which clip from its robot, and has been given no older disk since."""
+    found: dict[bytes, set[int]] = {}
+    for item in history.observations:
+        if isinstance(item, ClipTaken):
+            found.setdefault(item.record_id, set()).add(item.node)
+        elif isinstance(item, NodeRestored):
+            for nodes in found.values():
+                nodes.discard(item.node)
     return found

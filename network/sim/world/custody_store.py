@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from node.custody.erase_keys import ERASE_KEY_BYTES
-from node.custody.stores.custody_store import Checkpoint, Leftovers
+from node.custody.stores.custody_store import Checkpoint, ClipRow, FrameRow, Leftovers
 from node.custody.stores.sqlite_schema import SCHEMA
 from node.custody.stores.sqlite_store import SqliteStore
 
@@ -20,11 +20,16 @@ IN_MEMORY = ":memory:"
 
 
 class SimCustodyStore(SqliteStore):
-    """A `CustodyStore` that outlives its node's lives; `pause` is awaited before each write, which is atomic."""
+    """A `CustodyStore` that outlives its node's lives; `pause` is awaited before each write, which is atomic.
 
-    def __init__(self, pause: Callable[[], Awaitable[None]]) -> None:
+    `note_kept` is told of each clip that comes, staged or fetched.
+    """
+
+    def __init__(
+        self, pause: Callable[[], Awaitable[None]], note_kept: Callable[[bytes], None] = lambda _record_id: None
+    ) -> None:
         super().__init__(Path(IN_MEMORY))
-        self._pause = pause
+        self._pause, self._note_kept = pause, note_kept
         self._memory = sqlite3.connect(IN_MEMORY)
         self._memory.executescript(SCHEMA)
 
@@ -38,6 +43,11 @@ class SimCustodyStore(SqliteStore):
         await self._pause()
         with self._memory as database:
             work(database)
+
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
+        await super().stage_all(clips)
+        for clip, _ in clips:
+            self._note_kept(clip.record_id)
 
     async def sweep(self) -> None:
         """There is no file that could hold deleted rows."""
@@ -65,24 +75,30 @@ class SimCustodyStore(SqliteStore):
             slots[record_id].append(slot)
         return Holdings(
             None if point is None else Checkpoint(*point),
+            by_status["staged"],
             by_status["confirmed"],
-            [row[0] for row in read("SELECT record_id FROM missing")],
+            [row[0] for row in read("SELECT record_id FROM missing WHERE elsewhere = 0")],
+            [row[0] for row in read("SELECT record_id FROM missing WHERE elsewhere = 1")],
             by_status["erased"],
             [row[0] for row in read("SELECT access_id FROM grants")],
             slots,
+            read("SELECT count(*) FROM outbox").fetchone()[0],
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Holdings:
-    """What a store holds at one moment: record ids, access ids, frame slots."""
+    """What a store holds at one moment: record ids, access ids, frame slots, and how much it owes to the chain."""
 
     checkpoint: Checkpoint | None
+    staged: list[bytes]
     confirmed: list[bytes]
     missing: list[bytes]
+    elsewhere: list[bytes]
     erased: list[bytes]
     granted: list[bytes]
     slots: dict[bytes, list[int]]
+    owed: int
 
     def slots_of(self, record_ids: Iterable[bytes]) -> list[int]:
         return [slot for record_id in sorted(record_ids) for slot in self.slots.get(record_id, [])]

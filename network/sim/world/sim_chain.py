@@ -14,7 +14,7 @@ from contracts.execution.contract_machine import ContractMachine
 from contracts.execution.genesis import complete_genesis
 from contracts.lifecycle.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
-from network.sim.plan import NetworkSize
+from network.sim.plan import CUSTODY_FOUNDING_COUNT, NetworkSize
 from network.sim.world.cpu import COSTS, charge
 from node.execution.block_executor import genesis_block
 from node.mempool.transaction_cache import TransactionCache
@@ -34,8 +34,8 @@ def node_name(index: int) -> str:
     return f"node-{index + 1}"
 
 
-def is_custodian(index: int, nodes: int) -> bool:
-    return index < min(ORGANISATIONS_COUNT, nodes)
+def is_custodian(index: int, size: NetworkSize) -> bool:
+    return size.all_keep or index < ORGANISATIONS_COUNT
 
 
 class SharedCheck:
@@ -92,7 +92,7 @@ class Chain:
     transactions: TransactionCache
 
 
-def make_node_entry(index: int, key: PrivateKey, custodian: PrivateKey | None = None) -> NodeEntry:
+def make_node_entry(index: int, key: PrivateKey | None, custodian: PrivateKey | None = None) -> NodeEntry:
     """Organisations alternate."""
     return NodeEntry(
         name=node_name(index),
@@ -100,8 +100,8 @@ def make_node_entry(index: int, key: PrivateKey, custodian: PrivateKey | None = 
         host="127.0.0.1",
         p2p_port=1000 + 10 * index,
         api_url=f"http://127.0.0.1:{1001 + 10 * index}",
-        producer_key=key.public_key,
-        producer_possession=prove_possession(key, node_name(index)),
+        producer_key=b"" if key is None else key.public_key,
+        producer_possession=b"" if key is None else prove_possession(key, node_name(index)),
         custodian_key=b"" if custodian is None else custodian.public_key,
     )
 
@@ -111,7 +111,7 @@ def make_chain(size: NetworkSize) -> Chain:
     nodes = size.nodes
     check = SharedCheck()
     producers = tuple(TrustedKey(make_key(f"producer {index}").secret, check) for index in range(nodes))
-    custodians = tuple(make_key(f"custodian {index}") if is_custodian(index, nodes) else None for index in range(nodes))
+    custodians = tuple(make_key(f"custodian {index}") if is_custodian(index, size) else None for index in range(nodes))
     organisations = _ORGANISATIONS[: min(ORGANISATIONS_COUNT, nodes)]
     admins = tuple(make_key(f"admin {name}") for name in organisations)
     registrar = make_key(f"registrar {organisations[0]}")
@@ -130,7 +130,10 @@ def make_chain(size: NetworkSize) -> Chain:
                 )
                 for name, admin in zip(organisations, admins, strict=True)
             ),
-            nodes=tuple(make_node_entry(index, producers[index], custodians[index]) for index in range(size.producers)),
+            nodes=tuple(
+                make_node_entry(index, producers[index] if index < size.producers else None, custodians[index])
+                for index in range(max(size.producers, CUSTODY_FOUNDING_COUNT if size.all_keep else 0))
+            ),
             contracts=contract_entries(),
             purposes=tuple(PURPOSES),
             state_root=b"",

@@ -14,10 +14,20 @@ from consensus.state import records
 from network.sim.contract_workload import contract_turnover
 from network.sim.history import Acknowledged, Asked, ClipTaken, CodeFault, Submitted, ValueRead
 from network.sim.plan import NetworkSize
-from network.sim.workload import Call, enrolment, growth, producer_turnover, setting_change, visit
+from network.sim.workload import (
+    CUSTODY_TURNOVERS_COUNT,
+    Call,
+    custody_turnover,
+    enrolment,
+    growth,
+    producer_turnover,
+    setting_change,
+    visit,
+)
 from network.sim.world.cpu import COSTS, charge
 from network.sim.world.sim_node import SimNode
 from network.sim.world.sim_world import SimWorld
+from node.custody.chain_facts import read_placement
 
 REQUEST_DELAY_MS = (0.2, 4.0)
 WAIT_MS = 1_500
@@ -25,11 +35,17 @@ PATIENCE_MS = 2_500.0
 RETRY_MS = (20.0, 250.0)
 READ_SHARE = 0.2
 UPLOAD_SHARE = 0.75
+GONE = -1
+"""Among who has taken a clip: nobody else has to."""
 READ_KEY = records.ANNOUNCEMENT_COUNT.flat
 
 
-def decisions_of(size: NetworkSize, governance: str) -> Iterator[tuple[Call, ...]]:
+def decisions_of(size: NetworkSize, governance: str, seed: int = 0) -> Iterator[tuple[Call, ...]]:
     """Endlessly; some end an epoch, or two."""
+    if governance == "custody":
+        yield from custody_turnover(size, seed % CUSTODY_TURNOVERS_COUNT)
+        for number in itertools.count(CUSTODY_TURNOVERS_COUNT):
+            yield from custody_turnover(size, number)
     decide = {
         "settings": setting_change,
         "producers": producer_turnover,
@@ -57,11 +73,14 @@ class SimClient:
         nodes: list[SimNode],
         dice: random.Random,
         batches: Iterator[tuple[Call, ...]],
-        gap_ms: tuple[float, float] = (0.0, 5.0),
+        gap_ms: tuple[float, float],
+        may_begin: Callable[[tuple[Call, ...]], bool] = lambda _batch: True,
     ) -> None:
         self.cluster, self.nodes, self.dice = cluster, nodes, dice
         self.is_stopping = False
-        self._batches, self._gap_ms = batches, gap_ms
+        self._batches, self._gap_ms, self._may_begin = batches, gap_ms, may_begin
+        self._takers: dict[bytes, set[int]] = {}
+        self.begun_ms, self.begun_count = 0.0, 0
         self._open: dict[bytes, Call] = {}
         self.acknowledged_count = 0
 
@@ -86,9 +105,10 @@ class SimClient:
     def _begin(self, batch: tuple[Call, ...]) -> None:
         if self.is_stopping:
             return
-        if self._seats() < max(call.seats for call in batch):
+        if self._seats() < max(call.seats for call in batch) or not self._may_begin(batch):
             self._later(self.dice.uniform(*RETRY_MS), lambda: self._begin(batch))
             return
+        self.begun_ms, self.begun_count = self.cluster.loop.now_ms, self.begun_count + 1
         self._open = {call.transaction.txid: call for call in batch}
         for call in batch:
             if call.upload is not None:
@@ -104,9 +124,30 @@ class SimClient:
         return self.dice.choice(serving) if serving else None
 
     def _upload(self, call: Call) -> None:
+        if self.cluster.plan.size.all_keep:
+            self._deliver(call)
+            return
         for node in self.nodes:
             if node.custody_key is not None and self.dice.random() < UPLOAD_SHARE:
                 self._travel(lambda node=node: self._stage(node, call))  # type: ignore[misc]
+
+    def _deliver(self, call: Call) -> None:
+        """Until as many as keep a clip have taken it, as a robot does: its keepers, and for one that is away the next."""
+        node, upload = self._choose(), call.upload
+        if upload is None or (self.is_stopping and call.transaction.txid not in self._open):
+            return
+        taken = self._takers.setdefault(upload.record_id, set())
+        self._later(self.dice.uniform(*RETRY_MS), lambda: self._deliver(call) if GONE not in taken else None)
+        if node is None:
+            return
+        with node.ledger.snapshot() as snapshot:
+            placement = read_placement(snapshot)
+        ranked = [self.cluster.custodian_nodes[key] for key in placement.rank(upload.record_id)]
+        free = [self.nodes[index] for index in ranked if index not in taken and self.nodes[index].is_serving]
+        for each in free[: max(0, placement.count - len(taken))]:
+            self._travel(lambda each=each: self._stage(each, call))  # type: ignore[misc]
+        if len(taken) >= placement.count:
+            taken.add(GONE)
 
     def _stage(self, node: SimNode, call: Call) -> None:
         parts = node.parts
@@ -119,8 +160,11 @@ class SimClient:
             try:
                 async with custody.admission.clip(upload.record_id, upload.owner, upload.size_bytes, sender):
                     await custody.stage(upload, sender)
-            except BlockRobotError:
+            except BlockRobotError as error:
+                if error.code == "CLIP_ERASED":
+                    self._takers.setdefault(upload.record_id, set()).add(GONE)
                 return
+            self._takers.setdefault(upload.record_id, set()).add(node.index)
             self.cluster.history.add(ClipTaken(self.cluster.now, node.index, upload.record_id))
 
         self.cluster.run_on(node.owner, stage)

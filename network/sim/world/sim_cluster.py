@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -9,10 +10,11 @@ from typing import Any
 
 import structlog
 
-from network.sim.audit import audit_custody
+from network.sim.audit import audit_chain, audit_custody, placement_of
 from network.sim.floods import Flood
 from network.sim.history import CodeFault, Ended, FaultBegan, Healed, History
 from network.sim.plan import PROFILES, Fault, Plan
+from network.sim.workload import Call, custody_turnover
 from network.sim.world.cpu import charging
 from network.sim.world.links import LinkQuality
 from network.sim.world.sim_chain import node_name
@@ -22,11 +24,14 @@ from network.sim.world.sim_world import SimWorld
 from network.sim.world.virtual_time import Owner
 
 CLIENTS_COUNT = 3
+GAP_MS = (0.0, 5.0)
+CUSTODY_GAP_MS = (20.0, 200.0)
+"""Of robots, where repairs take seconds and clips are few enough to look at all of them."""
 DECISION_GAP_MS = (20.0, 300.0)
 START_SPREAD_MS = 40.0
 ARMED_MAX_MS = 1_500
 HEALED_MAX_S = 60.0
-SETTLE_MAX_S = 60.0
+SETTLE_MAX_S = 90.0
 MORE_ROUNDS_MAX_S = 120.0
 DISK_SYNC_MS = 0.05
 STORE_SYNC_MS = 4.0
@@ -41,19 +46,22 @@ class SimCluster(SimWorld):
         for index, behaviour in plan.byzantine_nodes.items():
             self.nodes[index].behaviour = behaviour
         history.byzantine = frozenset(plan.byzantine_nodes)
+        gap_ms = CUSTODY_GAP_MS if plan.size.all_keep else GAP_MS
         self.clients = [
-            SimClient(self, self.nodes, self.own_dice(f"client {number}"), batches_of(plan.size, number))
+            SimClient(self, self.nodes, self.own_dice(f"client {number}"), batches_of(plan.size, number), gap_ms)
             for number in range(CLIENTS_COUNT)
         ]
         if plan.governance:
-            decisions = decisions_of(plan.size, plan.governance)
-            self.clients.append(SimClient(self, self.nodes, self.own_dice("organisations"), decisions, DECISION_GAP_MS))
+            decisions = decisions_of(plan.size, plan.governance, plan.seed)
+            dice = self.own_dice("organisations")
+            self.clients.append(SimClient(self, self.nodes, dice, decisions, DECISION_GAP_MS, self._may_decide))
+        self._waiting_since_ms = math.inf
         self._partitions: list[tuple[tuple[int, ...], ...]] = []
         self._one_way: list[tuple[int, int]] = []
 
     @property
     def honest(self) -> list[SimNode]:
-        return [node for node in self.nodes if not node.behaviour]
+        return [node for node in self.nodes if not node.behaviour and not node.is_lost]
 
     def run(self) -> None:
         with charging(self.loop) if self.plan.cpu else nullcontext():
@@ -71,13 +79,14 @@ class SimCluster(SimWorld):
         self.heal()
         goal = max(node.ledger_height for node in self.honest) + 2
         loop.run_until(lambda: self._lowest() >= goal, loop.time() + HEALED_MAX_S)
-        reached = loop.run_until(lambda: self.rounds >= plan.rounds, loop.time() + MORE_ROUNDS_MAX_S)
+        reached = loop.run_until(self._has_played_all, loop.time() + MORE_ROUNDS_MAX_S)
         for client in self.clients:
             client.is_stopping = True
         settled = loop.run_until(self._is_settled, loop.time() + SETTLE_MAX_S)
         for node in self.honest:
             node.note_faults()
             audit_custody(node)
+        audit_chain(self)
         heights = tuple(node.ledger_height for node in self.nodes)
         rounds = tuple(-1 if node.parts is None else node.parts.core.round for node in self.nodes)
         loop.end(self.owners)
@@ -99,6 +108,10 @@ class SimCluster(SimWorld):
     def _lowest(self) -> int:
         return min(node.ledger_height for node in self.honest)
 
+    def _has_played_all(self) -> bool:
+        is_over = not self.plan.size.all_keep or self.clients[-1].begun_count > len(custody_turnover(self.plan.size, 0))
+        return is_over and self.rounds >= self.plan.rounds
+
     def _is_settled(self) -> bool:
         if not all(client.is_idle for client in self.clients):
             return False
@@ -111,13 +124,42 @@ class SimCluster(SimWorld):
                 and (node.parts.custody is None or node.parts.custody.checkpoint_height == node.ledger_height)
                 for node in self.honest
             )
-            and not self._clips_to_fetch()
+            and self._is_repaired()
+            and (not self.plan.size.all_keep or self._owes_nothing())
         )
 
-    def _clips_to_fetch(self) -> set[bytes]:
-        held = [node.store.holdings() for node in self.honest if node.custody_key is not None]
-        lacking = {record_id for each in held for record_id in each.missing}
-        return lacking & {record_id for each in held for record_id in each.confirmed}
+    # Custodians that come and go
+
+    def _may_decide(self, batch: tuple[Call, ...]) -> bool:
+        """One custodian goes at a time, once all robots have begun something new and every keeper has its clips."""
+        if not batch[0].after_repair:
+            return True
+        self._waiting_since_ms = min(self._waiting_since_ms, self.loop.now_ms)
+        if (
+            any(robot.begun_ms <= self._waiting_since_ms for robot in self.clients[:CLIENTS_COUNT])
+            or not self._is_repaired()
+        ):
+            return False
+        self._waiting_since_ms = math.inf
+        if batch[0].dying >= 0:
+            self.nodes[batch[0].dying].lose()
+        return True
+
+    def _is_repaired(self) -> bool:
+        """Of each final record's clip that a custodian has, its keepers by the newest block have theirs."""
+        placement = placement_of(self)
+        held = {node.member: node.store.holdings() for node in self.honest if node.member in placement.rooms}
+        gone = {record_id for each in held.values() for record_id in each.erased}
+        kept = {key: {*each.confirmed, *each.staged} for key, each in held.items()}
+        return all(
+            record_id in kept.get(keeper, (record_id,))
+            for record_id in sorted({record_id for each in held.values() for record_id in each.confirmed} - gone)
+            for keeper in placement.keepers(record_id)
+        )
+
+    def _owes_nothing(self) -> bool:
+        members = placement_of(self).rooms
+        return not any(node.store.holdings().owed for node in self.honest if node.member in members)
 
     # Faults
 

@@ -14,7 +14,9 @@ from consensus.protocol.effects import FetchBlocks, Message
 from network.byzantine import TICK_MS, byzantine_clock, make_behaviour
 from network.byzantine.behaviour import EngineView
 from network.sim.history import (
+    LOST,
     BlockFinalized,
+    ClipKept,
     CodeFault,
     EpochBegan,
     NodeRefusedStart,
@@ -89,7 +91,7 @@ class SimNode:
         self.ledger = SimLedger(cluster.loop, dice, self._note_handed, self._note_durable)
         self.ledger.found(cluster.chain.first_block)
         self.custody_key = cluster.chain.custodians[index]
-        self.store = SimCustodyStore(self._pause)
+        self.store = SimCustodyStore(self._pause, self._note_kept)
         self.erase_keys = MemoryEraseKeys(dice)
         self.clock_offset_ms = 0
         self.behaviour = ""
@@ -99,10 +101,16 @@ class SimNode:
         self.network: SimNetwork | None = None
         self.starting: NodeComponents
         self.lives_count = 0
+        self.is_lost = False
         self.is_refusing = False
         self.handed_height = 0
         self.key = cluster.chain.producers[index]
         Journal.create(JOURNAL_PATH, disk=self.disk, identity=dice.randbytes(IDENTITY_SIZE_BYTES)).close()
+
+    @property
+    def member(self) -> bytes:
+        """Its key as a custodian; b"" if it is none."""
+        return b"" if self.custody_key is None else self.custody_key.public_key
 
     @property
     def ledger_height(self) -> int:
@@ -129,7 +137,7 @@ class SimNode:
         return self.parts is not None and self.owner.alive and not self.owner.paused
 
     def start(self) -> None:
-        if self.owner.alive:
+        if self.owner.alive or self.is_lost:
             return
         self.lives_count += 1
         self.is_refusing = False
@@ -223,6 +231,11 @@ class SimNode:
         self.disk.cut_power()
         self.ledger.cut_power()
         cluster.history.add(NodeStopped(cluster.now, self.index, why))
+
+    def lose(self) -> None:
+        """The machine, with its disk: it never comes back."""
+        self.is_lost = True
+        self.crash(LOST)
 
     # Backups
 
@@ -330,6 +343,9 @@ class SimNode:
                     txids,
                 )
             )
+
+    def _note_kept(self, record_id: bytes) -> None:
+        self.cluster.history.add(ClipKept(self.cluster.now, self.index, record_id))
 
     def note_faults(self) -> None:
         if self.parts is not None and self.parts.core.halted and not self.behaviour:

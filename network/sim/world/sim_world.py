@@ -36,6 +36,9 @@ class SimWorld:
         self.dice = random.Random(f"run {plan.seed}")  # noqa: S311 - a simulation's dice
         self.accomplices = ColludingNodes()
         self.owners: list[Owner] = [self.loop.stage]
+        self.custodian_nodes = {
+            key.public_key: index for index, key in enumerate(self.chain.custodians) if key is not None
+        }
         self._indexes = {node_name(index): index for index in range(plan.nodes)}
         self.wires = Wires(self.loop, self.own_dice("wires"), self._note_frame, self._note_cut_off)
         self.wires.quality = LinkQuality(**PROFILES[plan.profile])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
@@ -50,7 +50,8 @@ OUTBOX_INTERVAL_MS = 1_000
 OUTBOX_LIFETIME_MS = 60_000
 FETCH_INTERVAL_MS = 2_000
 REFUSALS_MAX_COUNT = 3
-KNOWN_ALREADY_CODES = frozenset({"RECEIPT_EXISTS", "RELEASE_EXISTS", "REFUSAL_EXISTS"})
+VAIN_CODES = frozenset({"RECEIPT_EXISTS", "RELEASE_EXISTS", "REFUSAL_EXISTS", "NOT_A_CUSTODIAN"})
+"""After which nothing is said again: the chain knows it already, or asked others, before this custodian came."""
 CLIP_ABSENT_CODES = frozenset({"NOT_FOUND", "CLIP_NOT_CONFIRMED", "CLIP_ERASED"})
 CLIP_PART_BYTES = 1024 * 1024
 CLIP_WIRE_MAX_BYTES = CLIP_SIZE_MAX_BYTES + 1024 * 1024
@@ -342,7 +343,7 @@ class CustodyCoordinator:
             submission.refusals += 1
             submission.valid_until_ms = 0
             log.warning("outbox_call_failed", kind=submission.row.kind, code=code, count=submission.refusals)
-            if code in KNOWN_ALREADY_CODES or submission.refusals >= REFUSALS_MAX_COUNT:
+            if code in VAIN_CODES or submission.refusals >= REFUSALS_MAX_COUNT:
                 await self._custodian.dismiss(submission.row)
                 self._submitted.pop(key, None)  # the next submissions may have let go of it meanwhile
 
@@ -368,7 +369,7 @@ class CustodyCoordinator:
         now_ms = self._clock()
         await self._declare_room(now_ms)
         rows = {row.key: row for row in await self._custodian.ready_outbox(OUTBOX_BATCH_COUNT)}
-        self._forget_submissions(rows.keys(), now_ms)
+        self._forget_submissions(rows, now_ms)
         due = [row for row in rows.values() if self._is_due(row, now_ms)]
         if not due:
             return
@@ -383,11 +384,13 @@ class CustodyCoordinator:
             refusals = 0 if previous is None else previous.refusals
             self._submitted[row.key] = _Submission(row, transaction.txid, transaction.body.valid_until_ms, refusals)
 
-    def _forget_submissions(self, owed: Collection[tuple[str, bytes, int]], now_ms: int) -> None:
+    def _forget_submissions(self, owed: Mapping[tuple[str, bytes, int], OutboxRow], now_ms: int) -> None:
+        """Also those of an earlier row with the key of one that is owed: of a request's releases keys come again."""
         self._submitted = {
             key: submission
             for key, submission in self._submitted.items()
-            if key in owed or submission.refusals or submission.valid_until_ms > now_ms
+            if (key in owed or submission.refusals or submission.valid_until_ms > now_ms)
+            and owed.get(key, submission.row).arguments == submission.row.arguments
         }
         others = [key for key in self._submitted if key not in owed]
         for key in others[: max(0, len(self._submitted) - SUBMISSIONS_KEPT_MAX_COUNT)]:

@@ -10,6 +10,7 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.records.envelopes import RECORD_ID_BYTES
 from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow, Grant, OutboxRow, RecordFacts
+from node.custody.stores.sqlite_schema import CLIP_COLUMNS, PLACES_COUNT
 
 
 def split(joined: bytes, size: int) -> tuple[bytes, ...]:
@@ -91,45 +92,43 @@ def write_effects(database: sqlite3.Connection, effects: BlockEffects) -> None:
         )
 
 
-def write_frames(database: sqlite3.Connection, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-    database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
+def write_frames(database: sqlite3.Connection, number: int, frames: Sequence[FrameRow]) -> None:
+    """Of the clip with this number, which has none."""
     database.executemany(
-        "INSERT INTO frames (record_id, place, slot, wrapped_key, ciphertext) VALUES (?, ?, ?, ?, ?)",
-        [(row.record_id, row.index, row.slot, row.wrapped_key, row.ciphertext) for row in frames],
+        "INSERT INTO stored_frames VALUES (?, ?, ?, ?)",
+        [(number * PLACES_COUNT + row.index, row.slot, row.wrapped_key, row.ciphertext) for row in frames],
     )
+
+
+def replace_frames(database: sqlite3.Connection, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+    for (number,) in database.execute("SELECT number FROM clips WHERE record_id = ?", (record_id,)).fetchall():
+        first = number * PLACES_COUNT
+        database.execute("DELETE FROM stored_frames WHERE id BETWEEN ? AND ?", (first, first + PLACES_COUNT - 1))
+        write_frames(database, number, frames)
 
 
 def write_clip(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-    write_frames(database, clip.record_id, frames)
-    database.execute(
-        "INSERT OR REPLACE INTO clips VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        (
-            clip.record_id,
-            clip.txid,
-            clip.valid_until_ms,
-            clip.status,
-            b"".join(clip.commitment_leaves),
-            b"".join(clip.ciphertext_leaves),
-            clip.owner,
-            clip.expires_at_ms,
-            clip.height,
-            clip.robot,
-            clip.size_bytes,
-        ),
+    database.execute("DELETE FROM clips WHERE record_id = ?", (clip.record_id,))
+    values = (
+        clip.record_id,
+        clip.txid,
+        clip.valid_until_ms,
+        clip.status,
+        b"".join(clip.commitment_leaves),
+        b"".join(clip.ciphertext_leaves),
+        clip.owner,
+        clip.expires_at_ms,
+        clip.height,
+        clip.robot,
+        clip.size_bytes,
     )
+    query = f"INSERT INTO clips ({CLIP_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"  # noqa: S608
+    number = database.execute(query, values).lastrowid
+    assert number is not None, "a row was inserted"
+    write_frames(database, number, frames)
 
 
 def delete_clip(database: sqlite3.Connection, record_id: bytes) -> None:
     """Its frames and missing entry too; keep the erased mark."""
-    database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
     database.execute("DELETE FROM missing WHERE record_id = ?", (record_id,))
-    database.execute(
-        "INSERT OR REPLACE INTO clips VALUES (?, x'', 0, 'erased', x'', x'', x'', 0, 0, x'', 0)", (record_id,)
-    )
-
-
-def delete_staged(database: sqlite3.Connection, record_id: bytes) -> None:
-    found = database.execute("SELECT status FROM clips WHERE record_id = ?", (record_id,)).fetchone()
-    if found is not None and found[0] == "staged":
-        database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
-        database.execute("DELETE FROM clips WHERE record_id = ?", (record_id,))
+    write_clip(database, ClipRow(record_id, b"", 0, "erased", (), ()), [])

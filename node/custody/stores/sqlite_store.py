@@ -34,14 +34,13 @@ from node.custody.stores.custody_store import (
 )
 from node.custody.stores.sqlite_rows import (
     delete_clip,
-    delete_staged,
     insert_outbox,
     read_clip,
     read_grant,
     read_missing,
+    replace_frames,
     write_clip,
     write_effects,
-    write_frames,
 )
 from node.custody.stores.sqlite_schema import (
     CLIP_COLUMNS,
@@ -49,6 +48,7 @@ from node.custody.stores.sqlite_schema import (
     GRANT_COLUMNS,
     MISSING_COLUMNS,
     OUTBOX_COLUMNS,
+    PLACES_COUNT,
     SCHEMA,
 )
 from node.custody.stores.sqlite_shares import SqliteShares
@@ -228,7 +228,7 @@ class SqliteStore(SqliteShares, SqliteUploads):
         await self._write_one(query, (facts.txid, facts.owner, facts.expires_at_ms, facts.height, facts.record_id))
 
     async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-        await self._write(lambda database: write_frames(database, record_id, frames))
+        await self._write(lambda database: replace_frames(database, record_id, frames))
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
         query = "UPDATE clips SET txid = ?, valid_until_ms = ? WHERE record_id = ? AND status = 'staged'"
@@ -250,23 +250,23 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return [read_clip(row) for row in await self._read(query, owner)]
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
-        query = "SELECT record_id, place, ciphertext, wrapped_key, slot FROM frames WHERE record_id = ? ORDER BY place"
+        query = "SELECT record_id, place, ciphertext, wrapped_key, slot FROM frames WHERE record_id = ? ORDER BY id"
         return [FrameRow(*row) for row in await self._read(query, record_id)]
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
-        query = "SELECT record_id, place, slot FROM frames WHERE record_id = ? ORDER BY place"
+        query = "SELECT record_id, place, slot FROM frames WHERE record_id = ? ORDER BY id"
         return [FramePlace(*row) for row in await self._read_each(query, sorted(record_ids))]
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
-        places = [(record_id, index) for index in indexes]
-        query = "DELETE FROM frames WHERE record_id = ? AND place = ?"
-        await self._write_one(query, *places)
+        which = f"(SELECT number FROM clips WHERE record_id = ?) * {PLACES_COUNT} + ?"  # noqa: S608
+        query = f"DELETE FROM stored_frames WHERE id = {which}"  # noqa: S608
+        await self._write_one(query, *((record_id, index) for index in indexes))
 
     async def erase_clip(self, record_id: bytes) -> None:
         await self._write(lambda database: delete_clip(database, record_id))
 
     async def drop_staged(self, record_id: bytes) -> None:
-        await self._write(lambda database: delete_staged(database, record_id))
+        await self._write_one("DELETE FROM clips WHERE record_id = ? AND status = 'staged'", (record_id,))
 
     async def sweep(self) -> None:
         await self._in_worker(self._clean)
@@ -281,12 +281,12 @@ class SqliteStore(SqliteShares, SqliteUploads):
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
         due = "status = 'staged' AND valid_until_ms <= ? ORDER BY valid_until_ms, record_id LIMIT ?"
-        query = f"SELECT record_id FROM clips WHERE {due}"  # noqa: S608
+        query = f"SELECT record_id FROM clips INDEXED BY clips_by_valid_until WHERE {due}"  # noqa: S608
         return [row[0] for row in await self._read(query, at_ms, limit)]
 
     async def expired(self, at_ms: int, limit: int) -> list[bytes]:
-        due = "status = 'confirmed' AND expires_at_ms <= ? ORDER BY expires_at_ms, record_id LIMIT ?"
-        query = f"SELECT record_id FROM clips WHERE {due}"  # noqa: S608
+        due = "status = 'confirmed' AND expires_at_ms <= ? ORDER BY expires_at_ms, number LIMIT ?"
+        query = f"SELECT record_id FROM clips INDEXED BY clips_by_expiry WHERE {due}"  # noqa: S608
         return [row[0] for row in await self._read(query, at_ms, limit)]
 
     async def missing(self, limit: int) -> list[RecordFacts]:
@@ -375,7 +375,7 @@ class SqliteStore(SqliteShares, SqliteUploads):
             last = rows[-1][0]
 
     async def slots_in_use(self) -> AsyncIterator[int]:
-        both = "SELECT slot FROM frames WHERE slot > ? UNION SELECT slot FROM parts WHERE slot > ?"
+        both = "SELECT slot FROM stored_frames WHERE slot > ? UNION SELECT slot FROM parts WHERE slot > ?"
         last = -1
         while rows := await self._read(f"{both} ORDER BY slot LIMIT ?", last, last, _PAGE_ROWS_COUNT):
             for row in rows:
@@ -383,7 +383,8 @@ class SqliteStore(SqliteShares, SqliteUploads):
             last = rows[-1][0]
 
     async def records_with_frames(self) -> AsyncIterator[bytes]:
-        query = "SELECT DISTINCT record_id FROM frames WHERE record_id > ? ORDER BY record_id LIMIT ?"
+        has_frames = "EXISTS (SELECT 1 FROM frames WHERE frames.record_id = clips.record_id)"
+        query = f"SELECT record_id FROM clips WHERE record_id > ? AND {has_frames} ORDER BY record_id LIMIT ?"  # noqa: S608
         last = b""
         while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
             for row in rows:
@@ -395,8 +396,9 @@ class SqliteStore(SqliteShares, SqliteUploads):
             database = self._opened()
             clips = dict(database.execute("SELECT status, count(*) FROM clips GROUP BY status"))
             outbox = dict(database.execute("SELECT status, count(*) FROM outbox GROUP BY status"))
-            frames = database.execute("SELECT count(*) FROM frames").fetchone()[0]
-            absent = dict(database.execute("SELECT elsewhere, count(*) FROM missing GROUP BY elsewhere"))
+            frames = database.execute("SELECT count(*) FROM stored_frames").fetchone()[0]
+            missing = "(SELECT count(*) FROM missing WHERE elsewhere = 0)"
+            lacking, absent = database.execute(f"SELECT {missing}, count(*) FROM missing").fetchone()  # noqa: S608
             shared = database.execute("SELECT (SELECT count(*) FROM shares), (SELECT count(*) FROM parts)").fetchone()
             size_bytes = sum(path.stat().st_size for path in self._directory.glob(f"{DATABASE_FILE_NAME}*"))
             return StoreCounts(
@@ -404,13 +406,13 @@ class SqliteStore(SqliteShares, SqliteUploads):
                 confirmed=clips.get("confirmed", 0),
                 erased=clips.get("erased", 0),
                 frames=frames,
-                missing=absent.get(0, 0),
+                missing=lacking,
                 outbox_ready=outbox.get("ready", 0),
                 outbox_erasing=outbox.get("erasing", 0),
                 size_bytes=size_bytes,
                 shares=shared[0],
                 parts=shared[1],
-                elsewhere=absent.get(1, 0),
+                elsewhere=absent - lacking,
             )
 
         return await self._in_worker(read)

@@ -20,7 +20,7 @@ from consensus.protocol.effects import Message
 from contracts.execution.epochs import read_epoch
 from network.byzantine import Behaviour
 from network.sim.checkers import Violation
-from network.sim.plan import FLOODS, Fault, Plan, make_flood_plan, make_plan
+from network.sim.plan import FLOODS, Fault, Plan, make_custody_plan, make_flood_plan, make_plan
 from network.sim.run import run_seed
 from network.sim.workload import producer_turnover
 from network.sim.world import sim_cluster as cluster_module
@@ -96,6 +96,19 @@ EXPIRED_FLOOD = Schedule("flood of expired transactions", play_expired_flood, ra
 CHAOS = Schedule("chaos", play_chaos, range(16))
 HALVES = Schedule("halves", play_halves, range(3))
 POWER_CUTS = Schedule("power cuts", play_power_cuts, range(8))
+
+
+# Custodians that come and go
+
+
+def play_custody(seed: int) -> list[Violation]:
+    """Custodians join, leave and die, with erasures in flight, and nothing else goes wrong."""
+    plan = msgspec.structs.replace(make_custody_plan(seed, rounds=ROUNDS), faults=())
+    with with_constants(cluster_module, MORE_ROUNDS_MAX_S=30.0, SETTLE_MAX_S=10.0):
+        return played(plan)
+
+
+CUSTODY = Schedule("custody", play_custody, range(2))
 
 
 # Journals that are all there is

@@ -9,7 +9,7 @@ import pytest
 from tests.sim.mutants.mutant import Mutant, Schedule, hunt
 from tests.sim.mutants.registry import MUTANTS, SCHEDULES
 
-SLOW_CONTROLS = {"changes", "chaos", "flood of expired transactions", "old journal"}
+SLOW_CONTROLS = {"changes", "chaos", "custody", "flood of expired transactions", "old journal"}
 """Schedules that take longest without a mutant, since all of their seeds are played."""
 
 

@@ -13,6 +13,8 @@ from network.sim.history import (
     Acknowledged,
     Asked,
     BlockFinalized,
+    ChainAudit,
+    ClipKept,
     ClipTaken,
     CodeFault,
     CustodyAudit,
@@ -49,7 +51,11 @@ def end(*heights: int, settled: bool = True) -> Ended:
     return Ended(1_000.0, -1, heights, heights, settled)
 
 
-AUDIT = CustodyAudit(900.0, 0, 2, b"2", (b"a",), (), (b"e",), (b"g",), b"2", (b"a", b"e"), (b"e",), (b"g",), 0)
+AUDIT = CustodyAudit(900.0, 0, 2, b"2", (b"a",), (), (), (b"e",), (b"g",), b"2", (b"a", b"e"), (b"e",), (b"g",), 0)
+
+
+CHAIN = ChainAudit(910.0, 0, (0, 1, 2), 2, ((b"a", (0, 1)),), ((b"x", (b"e",), (0,)),))
+"""Record `a` is to be kept by nodes 0 and 1; the erasure `x` of record `e` is confirmed by node 0."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +163,21 @@ CASES = {
         (audit(confirmed=(), missing=MANY, chain_recorded=MANY),),
     ),
     "an erased record still kept": Case("erased_means_erased", (AUDIT,), (audit(confirmed=(b"a", b"e")),)),
+    "a keeper without its copy": Case(
+        "copies",
+        (AUDIT, audit(node=1), audit(node=2, confirmed=()), CHAIN),
+        (AUDIT, audit(node=1, confirmed=()), audit(node=2), CHAIN),
+    ),
+    "a clip that two took and nobody has": Case(
+        "copies",
+        (ClipTaken(1.0, 0, b"a"), audit(confirmed=()), audit(node=1, confirmed=()), CHAIN),
+        (ClipTaken(1.0, 0, b"a"), ClipTaken(2.0, 2, b"a"), audit(confirmed=()), audit(node=1, confirmed=()), CHAIN),
+    ),
+    "an erasure that one who had the clip has not confirmed": Case(
+        "erasures_confirmed",
+        (ClipKept(1.0, 0, b"e"), Asked(2.0, 1, b"x"), ClipKept(3.0, 1, b"e"), AUDIT, audit(node=1), CHAIN),
+        (ClipKept(1.0, 1, b"e"), Asked(2.0, 1, b"x"), AUDIT, audit(node=1), CHAIN),
+    ),
     "a key that still opens": Case("erased_means_erased", (AUDIT,), (audit(keys_left=1),)),
     "nothing new after healing": Case(
         "liveness", (Healed(20.0, -1, 2, 0, 2, (0,)), block(3)), (Healed(20.0, -1, 2, 0, 2, (0,)), block(2))

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from consensus.errors import BlockRobotError
 from network.cli.measure.sim_commands import run_command
 from network.sim.checkers import Violation
-from network.sim.plan import Fault, Plan, make_flood_plan, make_growth_plan, make_plan
+from network.sim.plan import Fault, Plan, make_custody_plan, make_flood_plan, make_growth_plan, make_plan
 from network.sim.plan_file import find_problem, load_plan, plan_to_toml
 from network.sim.run import RunResult
 from network.sim.shrink import shrink_plan
@@ -24,12 +24,17 @@ def test_a_printed_plan_is_read_back_as_it_was(seed: int, tmp_path: Path) -> Non
     assert load_plan(tmp_path / "plan.toml") == plan
 
 
-def test_plans_of_growth_and_of_floods_are_read_back_as_they_were(tmp_path: Path) -> None:
-    plan = make_growth_plan(3, rounds=40)
-    (tmp_path / "plan.toml").write_text(plan_to_toml(plan))
-    assert load_plan(tmp_path / "plan.toml") == plan
-    assert plan.size == (10, 4)
-    assert not any(fault.kind == "old-disk" for seed in range(60) for fault in make_growth_plan(seed).faults)
+def test_plans_of_growth_of_custody_and_of_floods_are_read_back_as_they_were(tmp_path: Path) -> None:
+    for make, size in ((make_growth_plan, (10, 4, False)), (make_custody_plan, (7, 4, True))):
+        plan = make(3, rounds=40)
+        (tmp_path / "plan.toml").write_text(plan_to_toml(plan))
+        assert load_plan(tmp_path / "plan.toml") == plan
+        assert plan.size == size
+        assert not any(fault.kind == "old-disk" for seed in range(60) for fault in make(seed).faults)
+    assert (
+        find_problem(Plan(seed=1, nodes=6, governance="custody"))
+        == "custodians come and go among 7 nodes, 4 of them producers"
+    )
     for seed in range(20):
         plan = make_flood_plan(seed, nodes=7)
         assert len({fault.node for fault in plan.faults}) == 2

@@ -207,8 +207,20 @@ async def test_what_is_owed_is_signed_by_the_custodian_and_submitted_again_only_
     assert rig.pool.wires[0] != rig.pool.wires[1]
 
 
-@pytest.mark.parametrize("code", ["RECEIPT_EXISTS", "RELEASE_EXISTS", "REFUSAL_EXISTS"])
-async def test_what_the_chain_knows_already_is_dismissed_at_once(rig: Rig, code: str) -> None:
+async def test_another_word_in_the_place_of_one_that_was_settled_waits_for_nothing(rig: Rig) -> None:
+    """A clip that is fetched later is released by a row of the same key as one before: it was owed for a minute."""
+    await rig.custody._submit_due()
+    later = replace(ROW, arguments=encode_value([b"later"]))
+    rig.custodian.rows = [later]
+    for _ in range(2):
+        await rig.custody._submit_due()
+    assert len(rig.pool.wires) == 2
+    await rig.custody._note_refusals([_refusal(decode_transaction(rig.pool.wires[0]).txid, "RELEASE_EXISTS")])
+    assert rig.custodian.dismissed == [], "what was said of the first is not said of the second"
+
+
+@pytest.mark.parametrize("code", ["RECEIPT_EXISTS", "RELEASE_EXISTS", "REFUSAL_EXISTS", "NOT_A_CUSTODIAN"])
+async def test_what_the_chain_knows_already_or_asked_others_is_dismissed_at_once(rig: Rig, code: str) -> None:
     await rig.custody._submit_due()
     await rig.custody._note_refusals([_refusal(decode_transaction(rig.pool.wires[0]).txid, code)])
     assert rig.custodian.dismissed == [ROW]
