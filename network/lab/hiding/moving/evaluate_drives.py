@@ -3,44 +3,96 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import as_completed
+from concurrent.futures import Executor, as_completed
+
+from msgspec import UNSET
 
 from clients.robot.synthetic.driving.draws import DRIVE_STRATA, DriveStratum, draw_drive
+from consensus.errors import BlockRobotError
 from network.bench.cluster import check_seeds
 from network.bench.conditions import Result, count_cores, measure_conditions
 from network.bench.processes import worker_pool
+from network.lab.hiding.learned import Example, LearnedAttacker, require_learning, train
+from network.lab.hiding.moving.blank_attacks import BlankReport, attack_drive, learn_from_drive, summarise_attacks
 from network.lab.hiding.moving.drive_figures import MovingFigures, summarise_drives
+from network.lab.hiding.moving.neighbours import Clue, summarise_neighbours, watch_neighbours
 from network.lab.hiding.moving.run_drive import DrivePlayed, run_drive
 
 STANDS_S = 12.0
 SCENES_A_SEED_MAX_COUNT = 100_000
+EXAMPLES_MIN_COUNT = 8
+_APART = tuple(name for name in DRIVE_STRATA if name != "companions")
 Progress = Callable[[str], None]
 
 
 def run_drive_benchmark(
-    scenes: int, seed: int, processes: int = 0, on: str = "", progress: Progress = lambda _: None
+    scenes: int,
+    seed: int,
+    learning_scenes: int = 0,
+    people: int = 8,
+    processes: int = 0,
+    on: str = "",
+    progress: Progress = lambda _: None,
 ) -> Result[MovingFigures]:
-    """Half of the scenes have companions. `ok`: every goal holds."""
+    """Half of the scenes have companions. `ok`: every goal holds. With `learning_scenes` attackers learn from so many other
+    drives; `people`: among whom they look for the neighbour.
+
+    Raises CLUSTER_RESULT_FOREIGN, CONFIGURATION_INVALID, EXTRA_MISSING.
+    """
     conditions = measure_conditions(nodes=0, seed=seed)
     processes = processes or count_cores()
-    played: list[DrivePlayed] = []
+    found: list[tuple[DrivePlayed, BlankReport]] = []
     with worker_pool(processes, on) as pool:
         seeds = range(seed * SCENES_A_SEED_MAX_COUNT, seed * SCENES_A_SEED_MAX_COUNT + scenes)
-        jobs = [pool.submit(_judge, drive, _stratum(number)) for number, drive in enumerate(seeds)]
-        for done, future in enumerate(as_completed(jobs), start=1):
-            played.append(future.result())
-            progress(f"judged {done} of {scenes}")
-    played.sort(key=lambda one: one.seed)
+        learned = range(seeds.start, seeds.start + learning_scenes)
+        attacker = _train(pool, learned, seed, progress) if learned else None
+        watched = [pool.submit(_watch, drive, number, seed, people) for number, drive in enumerate(learned)]
+        jobs = [pool.submit(_judge, drive, _stratum(number), attacker) for number, drive in enumerate(seeds)]
+        for done, _ in enumerate(as_completed([*jobs, *watched]), start=1):
+            progress(f"judged {done} of {len(jobs) + len(watched)}")
+        found += [job.result() for job in jobs]
+        clues = [job.result() for job in watched]
+    played = [one for one, _ in found]
     check_seeds([one.seed for one in played], seeds)
-    figures = summarise_drives(played)
+    figures = summarise_drives(
+        played,
+        summarise_attacks([report for _, report in found], seed) if learned else UNSET,
+        summarise_neighbours(clues, people, seed) if learned else UNSET,
+    )
     conditions |= {"scenes": scenes, "processes": on or processes, "frame": "640x480", "stands_s": STANDS_S}
+    conditions["learning_scenes"] = learning_scenes
     return Result(name="hiding-moving", ok=all(figures.goals.values()), figures=figures, conditions=conditions)
 
 
 def _stratum(number: int) -> DriveStratum:
-    others = [name for name in DRIVE_STRATA if name != "companions"]
-    return "companions" if number % 2 else others[number // 2 % len(others)]
+    return "companions" if number % 2 else _APART[number // 2 % len(_APART)]
 
 
-def _judge(seed: int, stratum: DriveStratum) -> DrivePlayed:
-    return run_drive(draw_drive(seed, stratum, judging=True, stands_s=STANDS_S), seed)
+def _judge(seed: int, stratum: DriveStratum, attacker: LearnedAttacker | None) -> tuple[DrivePlayed, BlankReport]:
+    drive = draw_drive(seed, stratum, judging=True, stands_s=STANDS_S)
+    played = run_drive(drive, seed)
+    report = BlankReport() if attacker is None else attack_drive(drive, played.renditions, attacker)
+    played.renditions = []
+    return played, report
+
+
+def _train(pool: Executor, seeds: range, seed: int, progress: Progress) -> LearnedAttacker:
+    require_learning()
+    examples: list[Example] = []
+    for done, some in enumerate(pool.map(_learn, seeds, range(len(seeds))), start=1):
+        examples += some
+        progress(f"played {done} of {len(seeds)} drives to learn from")
+    if len(examples) < EXAMPLES_MIN_COUNT:
+        raise BlockRobotError(
+            "CONFIGURATION_INVALID", "So few drives to learn from show hardly anybody beside somebody."
+        )
+    return pool.submit(train, examples, seed=seed).result()
+
+
+def _learn(seed: int, number: int) -> list[Example]:
+    return learn_from_drive(draw_drive(seed, _stratum(number), judging=False))
+
+
+def _watch(seed: int, number: int, first_seed: int, people: int) -> list[Clue]:
+    """Drives of their own: the robot of those that are judged stands first."""
+    return watch_neighbours(draw_drive(seed, _APART[number % len(_APART)], judging=True), first_seed, people)
