@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor, Future, as_completed
+from dataclasses import dataclass
 
 from msgspec import UNSET
 
@@ -25,6 +26,22 @@ _APART = tuple(name for name in DRIVE_STRATA if name != "companions")
 Progress = Callable[[str], None]
 
 
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A drive that was played, and its pictures as they were attacked."""
+
+    played: DrivePlayed
+    attacked: BlankReport
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What tells of the neighbours of one drive."""
+
+    seed: int
+    clues: list[Clue]
+
+
 def run_drive_benchmark(
     scenes: int,
     seed: int,
@@ -41,23 +58,25 @@ def run_drive_benchmark(
     """
     conditions = measure_conditions(nodes=0, seed=seed)
     processes = processes or count_cores()
-    found: list[tuple[DrivePlayed, BlankReport]] = []
     with worker_pool(processes, on) as pool:
         seeds = range(seed * SCENES_A_SEED_MAX_COUNT, seed * SCENES_A_SEED_MAX_COUNT + scenes)
         learned = range(seeds.start, seeds.start + learning_scenes)
         attacker = _train(pool, learned, seed, progress) if learned else None
-        watched = [pool.submit(_watch, drive, number, seed, people) for number, drive in enumerate(learned)]
-        jobs = [pool.submit(_judge, drive, _stratum(number), attacker) for number, drive in enumerate(seeds)]
-        for done, _ in enumerate(as_completed([*jobs, *watched]), start=1):
-            progress(f"judged {done} of {len(jobs) + len(watched)}")
-        found += [job.result() for job in jobs]
-        clues = [job.result() for job in watched]
-    played = [one for one, _ in found]
-    check_seeds([one.seed for one in played], seeds)
+        waiting: list[Future[Judged | Watched]] = []
+        waiting += [pool.submit(_judge, drive, _stratum(number), attacker) for number, drive in enumerate(seeds)]
+        waiting += [pool.submit(_watch, drive, number, seed, people) for number, drive in enumerate(learned)]
+        for done, future in enumerate(as_completed(waiting), start=1):
+            future.result()
+            progress(f"judged {done} of {len(waiting)}")
+    found = [future.result() for future in waiting]
+    judged = [one for one in found if isinstance(one, Judged)]
+    watched = [one for one in found if isinstance(one, Watched)]
+    check_seeds([one.played.seed for one in judged], seeds)
+    check_seeds([one.seed for one in watched], learned)
     figures = summarise_drives(
-        played,
-        summarise_attacks([report for _, report in found], seed) if learned else UNSET,
-        summarise_neighbours(clues, people, seed) if learned else UNSET,
+        [one.played for one in judged],
+        summarise_attacks([one.attacked for one in judged], seed) if learned else UNSET,
+        summarise_neighbours([one.clues for one in watched], people, seed) if learned else UNSET,
     )
     conditions |= {"scenes": scenes, "processes": on or processes, "frame": "640x480", "stands_s": STANDS_S}
     conditions["learning_scenes"] = learning_scenes
@@ -68,12 +87,12 @@ def _stratum(number: int) -> DriveStratum:
     return "companions" if number % 2 else _APART[number // 2 % len(_APART)]
 
 
-def _judge(seed: int, stratum: DriveStratum, attacker: LearnedAttacker | None) -> tuple[DrivePlayed, BlankReport]:
+def _judge(seed: int, stratum: DriveStratum, attacker: LearnedAttacker | None) -> Judged:
     drive = draw_drive(seed, stratum, judging=True, stands_s=STANDS_S)
     played = run_drive(drive, seed)
     report = BlankReport() if attacker is None else attack_drive(drive, played.renditions, attacker)
     played.renditions = []
-    return played, report
+    return Judged(played, report)
 
 
 def _train(pool: Executor, seeds: range, seed: int, progress: Progress) -> LearnedAttacker:
@@ -93,6 +112,7 @@ def _learn(seed: int, number: int) -> list[Example]:
     return learn_from_drive(draw_drive(seed, _stratum(number), judging=False))
 
 
-def _watch(seed: int, number: int, first_seed: int, people: int) -> list[Clue]:
+def _watch(seed: int, number: int, first_seed: int, people: int) -> Watched:
     """Drives of their own: the robot of those that are judged stands first."""
-    return watch_neighbours(draw_drive(seed, _APART[number % len(_APART)], judging=True), first_seed, people)
+    drive = draw_drive(seed, _APART[number % len(_APART)], judging=True)
+    return Watched(seed, watch_neighbours(drive, first_seed, people))
