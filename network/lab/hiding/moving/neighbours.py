@@ -54,7 +54,7 @@ class NeighbourRow(Struct, frozen=True, kw_only=True):
 
 class NeighbourFigures(Struct, kw_only=True):
     """`rate_upper95`: of the better of those who know these people from other drives only. `knows-the-drive` knows every
-    path, and what is missing with each person in it: nobody can tell more.
+    path too, and has seen once what is missing with each of them on it.
     """
 
     people: int

@@ -226,7 +226,7 @@ def _candidate(
 ) -> Candidate:
     pixels: Depth = decode_depth_png(out.pixels_png)
     box = whom(truth)[out.y : out.y + out.height, out.x : out.x + out.width]
-    return Candidate(index, out, box[pixels > 0], silhouette.withhold_reason or "", found.may_show[silhouette.label])
+    return Candidate(index, out, box[pixels > 0], silhouette.withhold_reason, found.may_show[silhouette.label])
 
 
 def others_of(truth: DriveTruth, number: int) -> Mask:
