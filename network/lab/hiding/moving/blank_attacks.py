@@ -18,14 +18,7 @@ from network.lab.hiding.attacks import CONTROL, CONTROL_NOT_CUT, ON_OURS, OURS, 
 from network.lab.hiding.figures import GOAL_DIFFERENCE, AttackerRow, Leak, by_attacker, leak_of
 from network.lab.hiding.hand_made import HAND_MADE
 from network.lab.hiding.learned import Example, LearnedAttacker
-from network.lab.hiding.moving.run_drive import (
-    Rendition,
-    cut_out,
-    is_driving,
-    others_of,
-    show_everybody,
-    watch,
-)
+from network.lab.hiding.moving.run_drive import Rendition, cut_out, others_of, show_everybody, watch
 from network.lab.hiding.run_scene import spread_cutout
 from network.lab.hiding.scenes import View, half_view
 from network.lab.hiding.scoring import iou, mean_of, share_of, upper_bound
@@ -93,10 +86,8 @@ def learn_from_drive(drive: Drive) -> list[Example]:
 
 
 def attack_drive(drive: Drive, renditions: Sequence[Rendition], attacker: LearnedAttacker) -> BlankReport:
-    """From when the robot first drives: before, its pictures are not blank."""
     rng, renderer, report = np.random.default_rng([drive.scenario.seed, 0xA8]), DriveRenderer(drive), BlankReport()
-    began = next(index for index in range(drive.scenario.frame_count) if is_driving(drive, index))
-    near = [one for one in renditions if one.sequence >= began and math.isfinite(one.gap_px)]
+    near = [one for one in renditions if math.isfinite(one.gap_px)]
     chosen = choose([one for one in near if one.released], rng, RELEASED_A_DRIVE_COUNT)
     chosen += choose([one for one in near if not one.released], rng, WITHHELD_A_DRIVE_COUNT)
     controls = _controls(drive, chosen)

@@ -17,7 +17,7 @@ from network.lab.hiding.learned import Example, LearnedAttacker, require_learnin
 from network.lab.hiding.moving.blank_attacks import BlankReport, attack_drive, learn_from_drive, summarise_attacks
 from network.lab.hiding.moving.drive_figures import MovingFigures, summarise_drives
 from network.lab.hiding.moving.neighbours import Clue, summarise_neighbours, watch_neighbours
-from network.lab.hiding.moving.run_drive import DrivePlayed, run_drive
+from network.lab.hiding.moving.run_drive import DrivePlayed, run_drive, show_everybody
 
 STANDS_S = 12.0
 SCENES_A_SEED_MAX_COUNT = 100_000
@@ -88,11 +88,11 @@ def _stratum(number: int) -> DriveStratum:
 
 
 def _judge(seed: int, stratum: DriveStratum, attacker: LearnedAttacker | None) -> Judged:
-    drive = draw_drive(seed, stratum, judging=True, stands_s=STANDS_S)
-    played = run_drive(drive, seed)
-    report = BlankReport() if attacker is None else attack_drive(drive, played.renditions, attacker)
-    played.renditions = []
-    return Judged(played, report)
+    played = run_drive(draw_drive(seed, stratum, judging=True, stands_s=STANDS_S), seed)
+    if attacker is None:
+        return Judged(played, BlankReport())
+    drive = draw_drive(seed, stratum, judging=True)  # what is seen while the robot stands withholds much of the way
+    return Judged(played, attack_drive(drive, show_everybody(drive), attacker))
 
 
 def _train(pool: Executor, seeds: range, seed: int, progress: Progress) -> LearnedAttacker:
@@ -113,6 +113,5 @@ def _learn(seed: int, number: int) -> list[Example]:
 
 
 def _watch(seed: int, number: int, first_seed: int, people: int) -> Watched:
-    """Drives of their own: the robot of those that are judged stands first."""
     drive = draw_drive(seed, _APART[number % len(_APART)], judging=True)
     return Watched(seed, watch_neighbours(drive, first_seed, people))

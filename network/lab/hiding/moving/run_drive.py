@@ -107,7 +107,6 @@ class DrivePlayed:
     end_to_end: Shown = field(default_factory=Shown)
     everybody: Shown = field(default_factory=Shown)
     withheld: dict[tuple[int, int], str] = field(default_factory=dict)
-    renditions: list[Rendition] = field(default_factory=list)
     frame_ms: list[float] = field(default_factory=list)
 
 
@@ -160,9 +159,8 @@ def run_drive(drive: Drive, seed: int) -> DrivePlayed:
     push_until(math.inf)
     outputs += redactor.flush()
     for candidate in candidates:
-        if not candidate.withhold_reason and candidate.may_show():
+        if candidate.may_show():
             played.everybody.add(candidate.shown, truths[candidate.sequence], None, candidate.sequence)
-    played.renditions = _renditions(candidates, truths)
     for output in outputs:
         if isinstance(output, KeptFrame):
             truth = truths[output.sequence]
@@ -259,7 +257,6 @@ def _look(
         return []
     cutouts = [(one, found.cut(one)) for one in found.silhouettes if not one.withhold_reason]
     frame_ms.append(1000 * (time.thread_time() - began))
-    cutouts += [(one, found.cut(one)) for one in found.silhouettes if one.withhold_reason in OBSTACLES]
     return [_candidate(found, one, out, truth, index) for one, out in cutouts]
 
 
@@ -274,13 +271,10 @@ def _redactor_of(drive: Drive) -> FrameRedactor:
     )
 
 
-def is_driving(drive: Drive, index: int) -> bool:
-    speed, turn = drive.speeds(index / drive.scenario.frame_rate)
-    return abs(speed) > DRIVING_MPS or abs(turn) > DRIVING_RADPS
-
-
 def _people_in(drive: Drive, index: int, truth: DriveTruth) -> list[PersonFrame]:
-    at_s, driving = index / drive.scenario.frame_rate, is_driving(drive, index)
+    at_s = index / drive.scenario.frame_rate
+    speed, turn = drive.speeds(at_s)
+    driving = abs(speed) > DRIVING_MPS or abs(turn) > DRIVING_RADPS
     people = list(enumerate(drive.scenario.people, start=1))
     places = {number: person.place(at_s) for number, person in people}
     visible = np.bincount(truth.labels.ravel(), minlength=len(people) + 1)

@@ -87,11 +87,7 @@ def test_who_is_in_the_picture_or_bites_into_it_is_found_beyond_the_control(driv
     assert bitten.outline_iou < 0.9
 
 
-def test_a_picture_from_before_the_robot_drives_is_not_blank_and_one_of_nobody_near_shows_no_one(
-    drive: Drive, near: Rendition
-) -> None:
-    stands = draw_drive(5_100_000, "straight", judging=False, stands_s=4.0)
-    assert not attack_drive(stands, [replace(near, sequence=5)], NOBODY_FOUND).frames
+def test_a_picture_with_nobody_near_is_not_attacked(drive: Drive, near: Rendition) -> None:
     assert not attack_drive(drive, [replace(near, gap_px=float("inf"))], NOBODY_FOUND).frames
 
 
