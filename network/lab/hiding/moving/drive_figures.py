@@ -19,6 +19,7 @@ from network.lab.hiding.scoring import mean_of, share_of, upper_bound
 GOAL_FOREIGN_SHARE = 0.001
 GOAL_KEPT, GOAL_KEPT_END_TO_END = 0.55, 0.35
 GOAL_FRAME_MS, GOAL_FRAME_P95_MS = 10.0, 15.0
+SCENES_MIN_COUNT = 20  # with something to attack: a bound by resampling says nothing of fewer
 AID_MIN_SHARE = 0.8
 AIDS_HELD = ("stick", "wheelchair", "child", "iv-pole", "rollator")
 
@@ -149,11 +150,12 @@ def _goals(figures: MovingFigures) -> dict[str, bool]:
 
     asked: dict[str, bool] = {}
     if figures.attacks is not UNSET:
-        upper = figures.attacks.difference_upper95
-        asked[f"attacker_difference_upper95 <= {GOAL_DIFFERENCE}"] = at_most(upper, GOAL_DIFFERENCE)
+        upper, enough = figures.attacks.difference_upper95, figures.attacks.attacked_scenes >= SCENES_MIN_COUNT
+        asked[f"attacker_difference_upper95 <= {GOAL_DIFFERENCE}"] = enough and at_most(upper, GOAL_DIFFERENCE)
     if figures.neighbours is not UNSET:
-        upper, limit = figures.neighbours.rate_upper95, figures.neighbours.chance + GOAL_REID
-        asked[f"neighbour_rate_upper95 <= chance + {GOAL_REID}"] = at_most(upper, limit)
+        upper, enough = figures.neighbours.rate_upper95, figures.neighbours.drives >= SCENES_MIN_COUNT
+        limit = figures.neighbours.chance + GOAL_REID
+        asked[f"neighbour_rate_upper95 <= chance + {GOAL_REID}"] = enough and at_most(upper, limit)
     none, held = figures.kept_by_aid.get("none"), {aid: figures.kept_by_aid.get(aid) for aid in AIDS_HELD}
     return {
         "no scene shows anybody else": figures.everybody.leaking_scenes + figures.end_to_end.leaking_scenes == 0,

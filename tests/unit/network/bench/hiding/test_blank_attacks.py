@@ -141,6 +141,7 @@ def test_bounds_are_by_drive_and_a_goal_is_claimed_only_for_what_was_attacked() 
     assert (figures.attacked_scenes, figures.attacked_frames, figures.difference_upper95) == (20, 60, 0.0)
     assert (figures.found_scenes, figures.found_scenes_upper95) == (0, 0.1391)
     assert summarise_drives([], figures).goals[DIFFERENCE_GOAL]
+    assert not summarise_drives([], summarise_attacks(clean[1:], seed=1)).goals[DIFFERENCE_GOAL], "too few drives"
     leaking = [BlankReport([scored(0.6, 0.2), scored(0.2, 0.2)]) for _ in range(5)]
     found = summarise_attacks([*clean, *leaking], seed=1)
     assert found.difference == pytest.approx(0.04)
