@@ -321,10 +321,10 @@ def proxy_command(members: int, count: int, seconds: float, nodes: int, apart: A
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="The first seed.")
 @click.option(
     "--learning-scenes",
-    default=40,
-    show_default=True,
+    default=None,
+    show_default="40, with --moving none",
     type=click.IntRange(4, 1_000),
-    help="To train on, for each seed.",
+    help="To train on, for each seed; with --moving, attackers of blank pictures learn from so many drives.",
 )
 @click.option("--people", default=8, show_default=True, type=click.IntRange(2, 64), help="To tell apart by their gait.")
 @click.option(
@@ -345,24 +345,29 @@ def proxy_command(members: int, count: int, seconds: float, nodes: int, apart: A
 @click.option(
     "--moving",
     is_flag=True,
-    help="Judge a robot that drives: --scenes, --seed, --antennas and --processes or --on count.",
+    help="Judge a robot that drives: the other options count but --seeds, --matcher-tracks, --companion-scenes.",
 )
 @command_output
-def hiding(as_json: bool, moving: bool, antennas: str, on: str, **options: int) -> None:
+def hiding(as_json: bool, moving: bool, antennas: str, on: str, learning_scenes: int | None, **options: int) -> None:
     """Judge hiding: what hand-made and learned attackers recover of the people whom a robot hides.
 
     Exits 1 if a goal is missed. Needs the extra `attack` (scikit-learn). A line of progress goes to standard error.
 
+    \b
     Example: blockrobot bench hiding --scenes 200 --json
+    Example: blockrobot bench hiding --moving --scenes 60 --learning-scenes 40 --json
     """
     if moving:
         from network.lab.hiding.moving.evaluate_drives import run_drive_benchmark  # noqa: PLC0415 - only when needed
 
-        chosen = {name: options[name] for name in ("scenes", "seed", "processes")}
+        chosen = {name: options[name] for name in ("scenes", "seed", "people", "processes")}
+        chosen["learning_scenes"] = learning_scenes or 0
         _finish(run_drive_benchmark(**chosen, antennas=int(antennas), on=on, progress=_Teller()), as_json=as_json)
         return
     from network.lab.hiding.evaluate import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
 
+    if learning_scenes is not None:
+        options["learning_scenes"] = learning_scenes
     _finish(run_hiding_benchmark(HidingOptions(**options, antennas=int(antennas), on=on), _Teller()), as_json=as_json)
 
 

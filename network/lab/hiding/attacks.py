@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -92,7 +93,7 @@ def judge_scene(scene: Scene, attackers: Mapping[str, LearnedAttacker]) -> Scene
     rng = np.random.default_rng([scene.seed, scene.number, 0xA7])
     released = [one for one in played.shown if one.kept is not None]
     doubted = [one for one in played.shown if one.kept is None]
-    for shown in [*_chosen(released, rng, FRAMES_A_SCENE_COUNT), *_chosen(doubted, rng, DOUBTED_A_SCENE_COUNT)]:
+    for shown in [*choose(released, rng, FRAMES_A_SCENE_COUNT), *choose(doubted, rng, DOUBTED_A_SCENE_COUNT)]:
         score = _attack(stage, shown, attackers, rng)
         if isinstance(score, FrameScore):
             report.frames.append(score)
@@ -102,7 +103,16 @@ def judge_scene(scene: Scene, attackers: Mapping[str, LearnedAttacker]) -> Scene
     return report
 
 
-def _chosen(shown: list[Shown], rng: np.random.Generator, count: int) -> list[Shown]:
+class _HasGap(Protocol):
+    @property
+    def gap_px(self) -> float: ...
+
+
+Near = TypeVar("Near", bound=_HasGap)
+
+
+def choose(shown: list[Near], rng: np.random.Generator, count: int) -> list[Near]:
+    """Return the picture to which another person is nearest, and some more."""
     if not shown:
         return []
     nearest = min(range(len(shown)), key=lambda n: shown[n].gap_px)

@@ -148,7 +148,7 @@ def _attacked(reports: Sequence[SceneReport], *, released: bool) -> Scenes:
     return [frames for frames in scenes if frames]
 
 
-def _leak(scenes: Scenes, seed: int) -> Leak:
+def leak_of(scenes: Scenes, seed: int) -> Leak:
     attackers = by_attacker(scenes, seed).values()
     worst = max(attackers, key=lambda row: (row.difference_upper95, row.ours or 0.0), default=None)
     frames = [frame for some in scenes for frame in some]
@@ -171,10 +171,10 @@ def _of(reports: Sequence[SceneReport], seed: int) -> SceneFigures:
     kept, wrong = sum(p.kept for p in played), sum(p.wrong for p in played)
     visible = sum(p.visible for p in played)
     reasons = _sum_of(one.withheld for one in played)
-    cutouts = _leak(_attacked(reports, released=False), seed)
+    cutouts = leak_of(_attacked(reports, released=False), seed)
     return SceneFigures(
         scenes=len(reports),
-        **asdict(_leak(_attacked(reports, released=True), seed)),
+        **asdict(leak_of(_attacked(reports, released=True), seed)),
         cut_attacked_frames=cutouts.attacked_frames,
         cut_difference_upper95=cutouts.difference_upper95,
         cut_owner_pixels_kept=cutouts.owner_pixels_kept,

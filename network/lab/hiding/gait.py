@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from clients.robot.hiding.frame_redactor import KeptFrame
 from clients.robot.sensing.sensor_events import Depth, Mask
@@ -47,7 +48,9 @@ class GaitReport:
 
 
 @dataclass(frozen=True, slots=True)
-class _Clip:
+class Clip:
+    """A walk's silhouettes, and whose they are."""
+
     person: int
     masks: list[Mask]
     metres: list[float]  # height of each silhouette in metres, 0.0 where its distance is not known
@@ -55,17 +58,9 @@ class _Clip:
 
 def judge_gait(seed: int, people: int, attackers: Mapping[str, LearnedAttacker]) -> GaitReport:
     """One population, per way of hiding. Raises EXTRA_MISSING."""
-    require_learning()
-    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis  # noqa: PLC0415 - the optional extra
-    from sklearn.preprocessing import StandardScaler  # noqa: PLC0415 - the optional extra
-
-    rng = np.random.default_rng([seed, 0x6A17])
-    population = [_build(rng) for _ in range(people)]
+    population = draw_population(seed, people)
     gallery = [clip for n in range(people) for walk in range(GALLERY_WALKS) for clip in _known(population, n, walk)]
-    scaler = StandardScaler()
-    table = scaler.fit_transform(np.stack([_describe(clip) for clip in gallery]))
-    model = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
-    model.fit(table, [clip.person for clip in gallery])
+    tell = learn_people(np.stack([describe(clip) for clip in gallery]), [clip.person for clip in gallery])
     report = GaitReport(seed, people)
     for number in range(people):
         for walk in range(GALLERY_WALKS, GALLERY_WALKS + PROBE_WALKS):
@@ -76,12 +71,28 @@ def judge_gait(seed: int, people: int, attackers: Mapping[str, LearnedAttacker])
                         report.blind[way] = report.blind.get(way, 0) + 1
                         report.right[way] = report.right.get(way, 0.0) + 1 / people
                         continue
-                    guess = int(model.predict(scaler.transform(_describe(clip)[None]))[0])
+                    guess = int(tell(describe(clip)[None])[0])
                     report.right[way] = report.right.get(way, 0.0) + (guess == number)
     return report
 
 
-def _build(rng: np.random.Generator) -> Person:
+def learn_people(table: Floats, people: Sequence[int]) -> Callable[[Floats], npt.NDArray[np.int64]]:
+    """Return what tells by rows like these whose they are. Raises EXTRA_MISSING."""
+    require_learning()
+    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis  # noqa: PLC0415 - the optional extra
+    from sklearn.preprocessing import StandardScaler  # noqa: PLC0415 - the optional extra
+
+    scaler, model = StandardScaler(), LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto")
+    model.fit(scaler.fit_transform(table), people)
+    return lambda rows: np.asarray(model.predict(scaler.transform(rows)), dtype=np.int64)
+
+
+def draw_population(seed: int, people: int) -> list[Person]:
+    rng = np.random.default_rng([seed, 0x6A17])
+    return [build(rng) for _ in range(people)]
+
+
+def build(rng: np.random.Generator) -> Person:
     return Person(
         alias="other",
         height_m=float(rng.uniform(1.5, 1.95)),
@@ -128,25 +139,25 @@ def _indices(stage: Stage) -> range:
     return range(0, stage.scene.scenario.frame_count, stage.scene.scenario.frame_rate // FRAMES_A_SECOND)
 
 
-def _clips(person: int, masks: list[Mask], metres: list[float]) -> list[_Clip]:
+def _clips(person: int, masks: list[Mask], metres: list[float]) -> list[Clip]:
     starts = range(0, len(masks) - CLIP_FRAMES_COUNT + 1, CLIP_FRAMES_COUNT)
-    return [_Clip(person, masks[s : s + CLIP_FRAMES_COUNT], metres[s : s + CLIP_FRAMES_COUNT]) for s in starts]
+    return [Clip(person, masks[s : s + CLIP_FRAMES_COUNT], metres[s : s + CLIP_FRAMES_COUNT]) for s in starts]
 
 
-def _known(population: list[Person], number: int, walk: int) -> list[_Clip]:
+def _known(population: list[Person], number: int, walk: int) -> list[Clip]:
     stage = Stage(_scene(population, number, walk))
     masks, metres = [], []
     for index in _indices(stage):
         depth, labels = stage.renderer.frame_with_truth(index)
         mask = np.ascontiguousarray(labels[::2, ::2] == 2)
         masks.append(mask)
-        metres.append(_metres(mask, depth[::2, ::2], stage.focal_px / 2))
+        metres.append(height_m(mask, depth[::2, ::2], stage.focal_px / 2))
     return _clips(number, masks, metres)
 
 
 def _recovered(
     population: list[Person], number: int, walk: int, attackers: Mapping[str, LearnedAttacker], report: GaitReport
-) -> dict[str, list[_Clip]]:
+) -> dict[str, list[Clip]]:
     scene = _scene(population, number, walk)
     stage = Stage(scene)
     control = stage.control("owner")
@@ -180,11 +191,11 @@ def _recovered(
             plain = way in {NONE, BLUR}
             mask = largest(by_difference(view) if plain else attackers[ON_OURS].recover(view, every=EVERY_PX))
             found[way][0].append(mask)
-            found[way][1].append(_metres(mask, view.picture, stage.focal_px / 2))
+            found[way][1].append(height_m(mask, view.picture, stage.focal_px / 2))
     return {way: _clips(number, masks, metres) for way, (masks, metres) in found.items()}
 
 
-def _metres(mask: Mask, depth: np.ndarray[tuple[int, ...], np.dtype[np.uint16]], focal: float) -> float:
+def height_m(mask: Mask, depth: np.ndarray[tuple[int, ...], np.dtype[np.uint16]], focal: float) -> float:
     rows = np.flatnonzero(mask.any(axis=1))
     measured = depth[mask & (depth > 0)]
     if rows.size == 0 or measured.size == 0:
@@ -192,12 +203,12 @@ def _metres(mask: Mask, depth: np.ndarray[tuple[int, ...], np.dtype[np.uint16]],
     return float((rows[-1] - rows[0] + 1) * np.median(measured) / 1000 / focal)
 
 
-def _is_blind(clip: _Clip) -> bool:
+def _is_blind(clip: Clip) -> bool:
     seen = sum(int(np.count_nonzero(mask)) >= RECOVERED_MIN_PX for mask in clip.masks)
     return seen < RECOVERED_SHARE * len(clip.masks)
 
 
-def _describe(clip: _Clip) -> Floats:
+def describe(clip: Clip) -> Floats:
     portraits = np.stack([_portrait(mask) for mask in clip.masks])
     legs = portraits[:, -8:].sum(axis=(1, 2))
     rhythm = np.abs(np.fft.rfft(legs - legs.mean()))[1:6]

@@ -13,7 +13,7 @@ import numpy as np
 
 from clients.robot.hiding.background import Background, fits, learn_background
 from clients.robot.hiding.companion_watch import CompanionWatch
-from clients.robot.hiding.cutouts import Cutout, extract_cutout
+from clients.robot.hiding.cutouts import Cutout, EncodedCutout, extract_cutout
 from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
 from clients.robot.hiding.segmentation import Segmented, Silhouette, segment
 from clients.robot.hiding.withhold_reason import WithholdReason
@@ -152,7 +152,11 @@ def _judge(scene: Scene, outputs: list[Output], truths: dict[int, Labels]) -> Pl
 
 
 def placed(kept: KeptFrame, shape: tuple[int, ...]) -> Depth:
-    return spread(Cutout(kept.cutout.x, kept.cutout.y, decode_depth_png(kept.cutout.pixels_png)), shape)
+    return spread_cutout(kept.cutout, shape)
+
+
+def spread_cutout(out: EncodedCutout, shape: tuple[int, ...]) -> Depth:
+    return spread(Cutout(out.x, out.y, decode_depth_png(out.pixels_png)), shape)
 
 
 def gap_px(owner: Mask, others: Mask) -> float:

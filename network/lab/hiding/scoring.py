@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import beta
 
 from clients.robot.sensing.sensor_events import Mask
 
@@ -27,6 +28,11 @@ class Bound:
     mean: float
     upper: float
     count: int
+
+
+def upper_bound(count: int, total: int) -> float:
+    """One-sided 95 % Clopper-Pearson bound of a share."""
+    return 1.0 if count >= total else float(beta.ppf(UPPER_SHARE, count + 1, total - count))
 
 
 def paired_bound(differences: Sequence[float], *, seed: int) -> Bound:

@@ -6,20 +6,22 @@ import statistics
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from msgspec import Struct
+from msgspec import UNSET, Struct, UnsetType
 from msgspec.structs import asdict
-from scipy.stats import beta
 
 from network.bench.conditions import percentile
+from network.lab.hiding.figures import GOAL_DIFFERENCE, GOAL_REID
+from network.lab.hiding.moving.blank_attacks import BlankFigures
+from network.lab.hiding.moving.neighbours import NeighbourFigures
 from network.lab.hiding.moving.run_drive import DrivePlayed, PersonFrame, Shown
-from network.lab.hiding.scoring import mean_of, share_of
+from network.lab.hiding.scoring import mean_of, share_of, upper_bound
 
 GOAL_FOREIGN_SHARE = 0.001
 GOAL_KEPT, GOAL_KEPT_END_TO_END = 0.55, 0.35
 GOAL_FRAME_MS, GOAL_FRAME_P95_MS = 10.0, 15.0
+SCENES_MIN_COUNT = 20  # with something to attack: a bound by resampling says nothing of fewer
 AID_MIN_SHARE = 0.8
 AIDS_HELD = ("stick", "wheelchair", "child", "iv-pole", "rollator")
-UPPER_SHARE = 0.95
 
 
 class ShownFigures(Struct, kw_only=True):
@@ -55,16 +57,25 @@ class DriveFigures(Struct, kw_only=True):
 
 
 class MovingFigures(DriveFigures, kw_only=True):
-    """All drives, each stratum by itself, and the moving hider's time for a frame in one thread."""
+    """All drives, each stratum by itself, and the moving hider's time for a frame in one thread.
+
+    `attacks`, `neighbours`: what attackers find who learned from other drives; unset, and without a goal, if nobody asked.
+    """
 
     frame_ms: float | None
     frame_p95_ms: float | None
     companion_scenes: int
     strata: dict[str, DriveFigures]
+    attacks: BlankFigures | UnsetType = UNSET
+    neighbours: NeighbourFigures | UnsetType = UNSET
     goals: dict[str, bool] = {}
 
 
-def summarise_drives(played: Sequence[DrivePlayed]) -> MovingFigures:
+def summarise_drives(
+    played: Sequence[DrivePlayed],
+    attacks: BlankFigures | UnsetType = UNSET,
+    neighbours: NeighbourFigures | UnsetType = UNSET,
+) -> MovingFigures:
     times = [value for one in played for value in one.frame_ms]
     strata = sorted({one.stratum for one in played})
     figures = MovingFigures(
@@ -73,14 +84,11 @@ def summarise_drives(played: Sequence[DrivePlayed]) -> MovingFigures:
         frame_p95_ms=round(percentile(times, 0.95), 2) if times else None,
         companion_scenes=sum(one.stratum == "companions" for one in played),
         strata={name: _figures_of([one for one in played if one.stratum == name]) for name in strata},
+        attacks=attacks,
+        neighbours=neighbours,
     )
     figures.goals = _goals(figures)
     return figures
-
-
-def upper_bound(count: int, total: int) -> float:
-    """One-sided 95 % Clopper-Pearson bound of a share."""
-    return 1.0 if count >= total else float(beta.ppf(UPPER_SHARE, count + 1, total - count))
 
 
 def _figures_of(played: Sequence[DrivePlayed]) -> DriveFigures:
@@ -140,6 +148,14 @@ def _goals(figures: MovingFigures) -> dict[str, bool]:
     def at_most(value: float | None, limit: float) -> bool:
         return value is not None and value <= limit
 
+    asked: dict[str, bool] = {}
+    if figures.attacks is not UNSET:
+        upper, enough = figures.attacks.difference_upper95, figures.attacks.attacked_scenes >= SCENES_MIN_COUNT
+        asked[f"attacker_difference_upper95 <= {GOAL_DIFFERENCE}"] = enough and at_most(upper, GOAL_DIFFERENCE)
+    if figures.neighbours is not UNSET:
+        upper, enough = figures.neighbours.rate_upper95, figures.neighbours.drives >= SCENES_MIN_COUNT
+        limit = figures.neighbours.chance + GOAL_REID
+        asked[f"neighbour_rate_upper95 <= chance + {GOAL_REID}"] = enough and at_most(upper, limit)
     none, held = figures.kept_by_aid.get("none"), {aid: figures.kept_by_aid.get(aid) for aid in AIDS_HELD}
     return {
         "no scene shows anybody else": figures.everybody.leaking_scenes + figures.end_to_end.leaking_scenes == 0,
@@ -153,4 +169,5 @@ def _goals(figures: MovingFigures) -> dict[str, bool]:
         },
         f"frame_ms <= {GOAL_FRAME_MS:g}": at_most(figures.frame_ms, GOAL_FRAME_MS),
         f"frame_p95_ms <= {GOAL_FRAME_P95_MS:g}": at_most(figures.frame_p95_ms, GOAL_FRAME_P95_MS),
+        **asked,
     }

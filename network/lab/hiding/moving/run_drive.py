@@ -4,30 +4,34 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from clients.robot.hiding.background import learn_background
+from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
+from clients.robot.hiding.hider import FoundPeople
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
+from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.sensing.antenna_pairs import AntennaPair
-from clients.robot.sensing.sensor_events import Depth, Frame, Odometry, Sighting
+from clients.robot.sensing.sensor_events import Depth, Frame, Mask, Odometry, Sighting
 from clients.robot.synthetic.camera import Labels
 from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer, DriveTruth
 from clients.robot.synthetic.scenario_bag import drive_odometry
 from clients.sdk.pictures.rendition_picture import decode_depth_png
 from network.lab.hiding.moving.samples import depth_of, mount_of
-from network.lab.hiding.run_scene import VISIBLE_MIN_PX, placed
+from network.lab.hiding.run_scene import VISIBLE_MIN_PX, gap_px, placed
 from network.lab.hiding.scenes import sightings
 
 EMPTY_FRAMES_COUNT = 8
 RANGE_M, APART_M = (1.0, 5.0), 1.0
 CHILD_MAX_M = 1.35
 DRIVING_MPS, DRIVING_RADPS = 0.02, 0.02
+OBSTACLES = ("occluded", "contact")  # somebody or something is before or beside who could be shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +84,20 @@ class Shown:
             self.owner_shares.append(float(counts[most] / visible[most]))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Rendition:
+    """One person, cut out by the moving hider. `released`: else only an obstacle withheld it.
+
+    `gap_px`: to the next person in view, infinite without one.
+    """
+
+    sequence: int
+    number: int
+    cutout: EncodedCutout
+    released: bool
+    gap_px: float
+
+
 @dataclass(slots=True)
 class DrivePlayed:
     """`end_to_end`: by the redactor, of owners; `everybody`: by the moving hider, with each person as the owner."""
@@ -94,10 +112,21 @@ class DrivePlayed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Candidate:
+class Candidate:
+    """What was cut out of a frame, and whom its pixels show."""
+
     sequence: int
+    cutout: EncodedCutout
     shown: Labels
+    withhold_reason: str
     may_show: Callable[[], bool]
+
+    @property
+    def number(self) -> int | None:
+        """Of the person whom most of it shows, None if it shows nobody."""
+        counts = np.bincount(self.shown, minlength=2)
+        most = int(counts[1:].argmax()) + 1
+        return most if 2 * int(counts[most]) > self.shown.size else None
 
 
 def run_drive(drive: Drive, seed: int, antenna_pairs: Sequence[AntennaPair] = ()) -> DrivePlayed:
@@ -110,7 +139,7 @@ def run_drive(drive: Drive, seed: int, antenna_pairs: Sequence[AntennaPair] = ()
     waiting.sort(key=lambda event: event[0], reverse=True)
     truths: dict[int, DriveTruth] = {}
     outputs: list[Output] = []
-    candidates: list[_Candidate] = []
+    candidates: list[Candidate] = []
 
     def push_until(at_ms: float) -> None:
         while waiting and waiting[-1][0] <= at_ms:
@@ -163,22 +192,73 @@ def at_ms_of(drive: Drive, index: int) -> int:
     return round(index * 1000 / drive.scenario.frame_rate)
 
 
+def watch(drive: Drive, frames: range | None = None) -> Iterator[tuple[int, DriveTruth, FoundPeople | None]]:
+    """Yield what the moving hider finds, frame by frame; it sees no others than `frames`."""
+    renderer, motion = DriveRenderer(drive), OwnMotion()
+    hider, waiting = hider_of(drive, motion), drive_odometry(drive, 0)[::-1]
+    for index in frames or range(drive.scenario.frame_count):
+        at_ms = at_ms_of(drive, index)
+        while waiting and waiting[-1][0] <= at_ms:
+            motion.add(RobotPlace.of_camera(waiting.pop()[1], 0.0, 0.0))
+        truth = renderer.truth(index)
+        yield index, truth, hider.find_people(depth_of(drive, truth), motion.place_at(at_ms), at_ms)
+
+
+def show_everybody(drive: Drive) -> list[Rendition]:
+    """Return what the moving hider alone makes of a whole drive."""
+    truths: dict[int, DriveTruth] = {}
+    candidates: list[Candidate] = []
+    for index, truth, found in watch(drive):
+        truths[index] = truth
+        if found is not None:
+            shown = [one for one in found.silhouettes if not one.withhold_reason or one.withhold_reason in OBSTACLES]
+            candidates += [cut_out(found, one, truth, index) for one in shown]
+    return _renditions(candidates, truths)
+
+
+def cut_out(found: FoundPeople, silhouette: Silhouette, truth: DriveTruth, index: int) -> Candidate:
+    return _candidate(found, silhouette, found.cut(silhouette), truth, index)
+
+
+def _candidate(
+    found: FoundPeople, silhouette: Silhouette, out: EncodedCutout, truth: DriveTruth, index: int
+) -> Candidate:
+    pixels: Depth = decode_depth_png(out.pixels_png)
+    box = whom(truth)[out.y : out.y + out.height, out.x : out.x + out.width]
+    return Candidate(index, out, box[pixels > 0], silhouette.withhold_reason, found.may_show[silhouette.label])
+
+
+def others_of(truth: DriveTruth, number: int) -> Mask:
+    """Return where anybody else is to be seen, also by a mirror."""
+    shown = whom(truth)
+    return np.asarray((shown > 0) & (shown != number), dtype=bool)
+
+
+def _renditions(candidates: Sequence[Candidate], truths: Mapping[int, DriveTruth]) -> list[Rendition]:
+    made = []
+    for one in candidates:
+        number = one.number
+        if number is None or not one.may_show():
+            continue
+        truth = truths[one.sequence]
+        others, gap = others_of(truth, number), math.inf
+        if np.count_nonzero(others) >= VISIBLE_MIN_PX:
+            gap = gap_px((truth.labels == number)[::2, ::2], others[::2, ::2])
+        made.append(Rendition(one.sequence, number, one.cutout, not one.withhold_reason, gap))
+    return made
+
+
 def _look(
     hider: MovingHider, place: RobotPlace | None, drive: Drive, truth: DriveTruth, index: int, frame_ms: list[float]
-) -> list[_Candidate]:
+) -> list[Candidate]:
     began = time.thread_time()
     depth = depth_of(drive, truth)
     found = hider.find_people(depth, place, at_ms_of(drive, index))
     if found is None:
         return []
-    cutouts = [(one.label, found.cut(one)) for one in found.silhouettes if not one.withhold_reason]
+    cutouts = [(one, found.cut(one)) for one in found.silhouettes if not one.withhold_reason]
     frame_ms.append(1000 * (time.thread_time() - began))
-    made = []
-    for label, out in cutouts:
-        pixels: Depth = decode_depth_png(out.pixels_png)
-        box = whom(truth)[out.y : out.y + out.height, out.x : out.x + out.width]
-        made.append(_Candidate(index, box[pixels > 0], found.may_show[label]))
-    return made
+    return [_candidate(found, one, out, truth, index) for one, out in cutouts]
 
 
 def _redactor_of(drive: Drive, antenna_pairs: Sequence[AntennaPair]) -> FrameRedactor:

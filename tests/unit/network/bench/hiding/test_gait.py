@@ -13,7 +13,7 @@ from network.lab.hiding.attacks import BLUR, CONTROL, NONE, ON_OURS, OURS
 from network.lab.hiding.gait import GALLERY_WALKS, PROBES, GaitReport
 from network.lab.hiding.run_scene import Stage
 
-POPULATION = [gait._build(np.random.default_rng([1, n])) for n in range(3)]
+POPULATION = [gait.build(np.random.default_rng([1, n])) for n in range(3)]
 
 
 def gap_m(walk: int) -> tuple[float, bool]:

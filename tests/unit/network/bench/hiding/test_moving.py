@@ -12,9 +12,10 @@ from clients.robot.synthetic.camera import CameraPose
 from clients.robot.synthetic.driving.draws import DriveStratum, draw_drive
 from clients.robot.synthetic.driving.drive_render import DriveTruth
 from clients.robot.synthetic.driving.odometry import FAULTS, Fault
-from network.lab.hiding.moving.drive_figures import summarise_drives, upper_bound
+from network.lab.hiding.moving.drive_figures import summarise_drives
 from network.lab.hiding.moving.run_drive import DrivePlayed, PersonFrame, Shown, run_drive
 from network.lab.hiding.scenes import with_antennas
+from network.lab.hiding.scoring import upper_bound
 
 
 def truth_of(labels: list[list[int]], reflections: list[list[int]] | None = None) -> DriveTruth:
