@@ -113,9 +113,7 @@ def make_drive(fps: int, seed: int) -> Drive:
     return drive
 
 
-def _draw(
-    seconds: int, fps: int, seed: int, name: str, people: _Places, robot_z_m: Callable[[float], float]
-) -> str:
+def _draw(seconds: int, fps: int, seed: int, name: str, people: _Places, robot_z_m: Callable[[float], float]) -> str:
     drawn = random.Random(seed)  # noqa: S311 - a scene, no secret
     text = _HEAD.format(name=name, seconds=seconds, fps=fps, seed=seed)
     for alias, places in zip(PEOPLE, people, strict=True):
@@ -157,7 +155,7 @@ class LoopedSource(BagSource):
 def looped_events(
     play_round: Callable[[], Iterator[SourceEvent]], *, loop_ms: int, frames: int
 ) -> Iterator[SourceEvent]:
-    """Yield rounds of `loop_ms` up to frame `frames`: stamps and numbers go on, odometry from where it was at a round's end.
+    """Yield rounds of `loop_ms` up to frame `frames`: stamps and numbers go on, odometry from where a round ended.
 
     What comes only after its round is left out.
     """
