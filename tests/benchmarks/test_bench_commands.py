@@ -112,6 +112,28 @@ def test_a_robot_keeps_every_frame_over_a_cut_and_its_owners_find_each_once(
     assert list((tmp_path / "recordings").glob("bench-robot-10fps-6s-seed1-*/metadata.yaml"))
 
 
+def test_a_robot_that_drives_keeps_people_on_the_way_and_its_owners_find_each_picture_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
+    result = run("robot", "--drives", "--seconds", "30", "--fps", "6")
+    figures = check_form(result, "robot")
+    assert result["conditions"]["drives"]
+    assert figures["frames_published"] == 180
+    assert figures["frames_found"] == figures["frames_kept"] > 0
+    assert (figures["frames_lost"], figures["frames_doubled"], figures["odometry_doubts"]) == (0, 0, 0)
+    assert 0 < figures["driving_kept"] <= 2 * figures["driving_frames"] < 360
+    assert 0 < figures["hiding_p50_ms"] <= figures["hiding_p95_ms"]
+
+
+@pytest.mark.smoke
+def test_less_than_a_round_of_a_robot_that_drives_is_a_matter_of_usage() -> None:
+    command = [sys.executable, "-m", "network.cli.main", "bench", "robot", "--drives", "--seconds", "19"]
+    child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert child.returncode == 2
+    assert "--drives" in child.stderr
+
+
 @pytest.mark.smoke
 def test_a_cut_as_long_as_the_measurement_is_a_matter_of_usage() -> None:
     command = [sys.executable, "-m", "network.cli.main", "bench", "robot", "--seconds", "5", "--cut", "5"]

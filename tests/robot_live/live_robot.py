@@ -20,23 +20,28 @@ COMMAND_TIMEOUT_S = 60
 END_TIMEOUT_S = 120
 
 
-class LiveRobot:
-    """A robot of `folder` that hears by `source`, the command's arguments for that, in an `environment`."""
+class LiveCommands:
+    """Commands of a robot of `folder` that hears by `source`, the command's arguments for that, in an `environment`."""
 
     def __init__(
-        self, robot: KilledRobot, folder: Path, topics: str, source: tuple[str, ...], environment: Mapping[str, str]
+        self, folder: Path, topics: str, source: tuple[str, ...], environment: Mapping[str, str], robots: Path
     ) -> None:
-        self.robot = robot
         self.folder = folder
-        self.notices: list[str] = []
+        self._robots = robots
         self._source = source
         self._environment = environment
+        self.genesis = folder / "genesis.json"
         self._topics = folder / "topics.toml"
         self.use_topics(topics)
 
     def use_topics(self, topics: str) -> None:
         """Let commands from now on read this topics file."""
         self._topics.write_text(topics, encoding="utf-8")
+
+    async def measure_antennas(self, seconds: int) -> dict[str, Any]:
+        """Watch a walk; return what the command says."""
+        words = ("--topics", str(self._topics), "--viewpoint", VIEWPOINT, "--seconds", str(seconds))
+        return await self.do("antennas", *self._source, *words)
 
     async def do(self, *arguments: str) -> dict[str, Any]:
         """Run a command to its end and return its JSON."""
@@ -54,6 +59,29 @@ class LiveRobot:
         )
         assert recorded["frames"] >= 10
         await self.do("background", "approve", VIEWPOINT, "--by", "A. Nurse", "--yes")
+
+    async def _start(self, *arguments: str) -> Process:
+        home = self.folder / "home"
+        return await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "network.cli.main", "robot", "--robot-dir", str(self._robots)),
+            *("--genesis", str(self.genesis), *arguments),
+            cwd=ROOT,
+            env={**self._environment, "HOME": str(home), "TMPDIR": str(home), "BLOCKROBOT_HOME": str(self.folder)},
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+        )
+
+
+class LiveRobot(LiveCommands):
+    """One that runs, on real nodes."""
+
+    def __init__(
+        self, robot: KilledRobot, folder: Path, topics: str, source: tuple[str, ...], environment: Mapping[str, str]
+    ) -> None:
+        super().__init__(folder, topics, source, environment, robot.robot.parent)
+        self.robot = robot
+        self.genesis = robot.network.folder / "genesis.json"
+        self.notices: list[str] = []
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[Process]:
@@ -91,17 +119,6 @@ class LiveRobot:
             self._note(line)
         summary: dict[str, Any] = json.loads(output)
         return summary
-
-    async def _start(self, *arguments: str) -> Process:
-        home = self.folder / "home"
-        return await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "network.cli.main", "robot", "--robot-dir", str(self.robot.robot.parent)),
-            *("--genesis", str(self.robot.network.folder / "genesis.json"), *arguments),
-            cwd=ROOT,
-            env={**self._environment, "HOME": str(home), "TMPDIR": str(home), "BLOCKROBOT_HOME": str(self.folder)},
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-        )
 
     def _note(self, line: str) -> None:
         if '"notice"' in line:

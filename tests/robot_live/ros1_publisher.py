@@ -87,7 +87,7 @@ class Drivers:
         array = self.array()
         array.header.stamp = self.stamp(at_s)
         for reading in readings:
-            tag = self.tag(epc=reading["uid"], antenna=reading["antenna"], rssi_dbm=-50.0)
+            tag = self.tag(epc=reading["uid"], antenna=reading["antenna"], rssi_dbm=reading.get("rssi_dbm", -50.0))
             tag.range_mm = round(1000 * reading["distance_m"])
             tag.seen = self.stamp(at_s)
             array.tags.append(tag)

@@ -100,7 +100,7 @@ class Talker:
         tag = types["ward_msgs/msg/Tag"](
             epc=self.scene["uid"] if self.scene else "E200000000000001",
             antenna=read["antenna"],
-            rssi_dbm=-50.0,
+            rssi_dbm=read.get("rssi_dbm", -50.0),
             range_mm=round(1000 * read["distance_m"]),
             seen=stamp,
         )

@@ -119,7 +119,7 @@ class Drivers:
             self.scene["uid"],
             told["antenna"],
             facing,
-            -50.0,
+            told.get("rssi_dbm", -50.0),
             told["distance_m"],
             0.1,
             received_at_ms=at_ms,

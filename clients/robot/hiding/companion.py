@@ -63,8 +63,9 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trees:
-    """Boosted trees, arrays (tree, node); leaves point to themselves."""
+    """Boosted trees, their nodes one after the other; leaves point to themselves."""
 
+    roots: Ints
     feature: Ints
     threshold: Floats
     left: Ints
@@ -77,12 +78,11 @@ class Trees:
 
     def log_odds(self, cues: Floats) -> float:
         """Return the log-odds of more than one person."""
-        rows = np.arange(self.feature.shape[0])
-        node = np.zeros(self.feature.shape[0], dtype=np.int64)
+        node = self.roots
         for _ in range(self.depth):
-            below = cues[self.feature[rows, node]] <= self.threshold[rows, node]
-            node = np.where(below, self.left[rows, node], self.right[rows, node])
-        return self.first + float(self.value[rows, node].sum())
+            below = cues[self.feature[node]] <= self.threshold[node]
+            node = np.where(below, self.left[node], self.right[node])
+        return self.first + float(self.value[node].sum())
 
 
 class Table(msgspec.Struct, kw_only=True):
@@ -110,12 +110,15 @@ def trees_of(table: Table, cues: Sequence[str] = CUES) -> Trees:
     """Raises ValueError for other cues."""
     if table.cues != list(cues):
         raise ValueError("The model was made for other cues.")
+    feature, left, right = (np.array(part, dtype=np.int64) for part in (table.feature, table.left, table.right))
+    roots = np.arange(feature.shape[0]) * feature.shape[1]
     return Trees(
-        feature=np.array(table.feature, dtype=np.int64),
-        threshold=np.array(table.threshold, dtype=np.float64),
-        left=np.array(table.left, dtype=np.int64),
-        right=np.array(table.right, dtype=np.int64),
-        value=np.array(table.value, dtype=np.float64),
+        roots=roots,
+        feature=feature.ravel(),
+        threshold=np.array(table.threshold, dtype=np.float64).ravel(),
+        left=(roots[:, None] + left).ravel(),
+        right=(roots[:, None] + right).ravel(),
+        value=np.array(table.value, dtype=np.float64).ravel(),
         first=table.first,
         depth=table.depth,
         suspect=table.suspect,

@@ -32,20 +32,21 @@ ARRIVALS_MAX_COUNT = 4_096
 AMBIGUOUS_TAGS_MAX_COUNT = 16
 """So many tags at most are reported as ambiguous, and as many as merged."""
 
-_EXACT_BELOW_MS = 10_000
+_EXACT_BELOW = 10_000
 
 
 @dataclass(slots=True)
 class Distribution:
-    """Histogram of ms values, to four digits from ten seconds on."""
+    """Histogram of ms values, or of their `per_ms` parts, to four digits from ten thousand on."""
 
     counts: Counter[int] = field(default_factory=Counter)
+    per_ms: int = 1
 
-    def add(self, value_ms: int) -> None:
-        step = 1
-        while abs(value_ms) >= _EXACT_BELOW_MS * step:
+    def add(self, value_ms: float) -> None:
+        value, step = round(self.per_ms * value_ms), 1
+        while abs(value) >= _EXACT_BELOW * step:
             step *= 10
-        self.counts[value_ms // step * step] += 1
+        self.counts[value // step * step] += 1
 
     def summarise(self) -> Latency:
         """Zeros if empty."""
@@ -57,9 +58,9 @@ class Distribution:
         def at(share: float) -> float:
             place = share * float(ends[-1] - 1)
             low, high = (int(values[np.searchsorted(ends, int(rank), "right")]) for rank in (place, math.ceil(place)))
-            return round(low + (high - low) * (place % 1), 1)
+            return round((low + (high - low) * (place % 1)) / self.per_ms, 1)
 
-        return Latency(p50=at(0.50), p95=at(0.95), max=float(values[-1]))
+        return Latency(p50=at(0.50), p95=at(0.95), max=float(values[-1]) / self.per_ms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +114,7 @@ class RunStatistics:
     arrival_to_final: Distribution = field(default_factory=Distribution)
     decided_to_final: Distribution = field(default_factory=Distribution)
     submit_to_final: Distribution = field(default_factory=Distribution)
+    hiding: Distribution = field(default_factory=lambda: Distribution(per_ms=10))
     final_gap_max_ms: int = 0
     """The longest time between two records that became final."""
     senses: dict[str, RunStatistics] = field(default_factory=dict)

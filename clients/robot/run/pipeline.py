@@ -6,6 +6,7 @@ Image work and disk writes run in threads; a full spool applies back-pressure.
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from contextlib import suppress
 
@@ -178,7 +179,7 @@ class Pipeline:
             return
         if isinstance(event, Frame):
             try:
-                outputs = await asyncio.to_thread(self._redactor.push_frame, event)
+                outputs = await asyncio.to_thread(self._hide, event)
             except BlockRobotError as error:
                 if error.code not in REFUSED_AND_COUNTED:
                     raise
@@ -191,6 +192,13 @@ class Pipeline:
                 return
         await self._seal_settled([*self._route(outputs), *ready])
         await self._wait_for_spool_room()
+
+    def _hide(self, frame: Frame) -> list[Output]:
+        began_s = time.thread_time()
+        try:
+            return self._redactor.push_frame(frame)
+        finally:
+            self._statistics.hiding.add(1000 * (time.thread_time() - began_s))
 
     def _log_intake(self) -> None:
         now = self._now_ms()

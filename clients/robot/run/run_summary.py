@@ -13,6 +13,7 @@ from clients.robot.recording.frame_answers import (
     AmbiguousTag,
     DistancesOff,
     FrameCounts,
+    Latency,
     MergedTag,
     RunLatencies,
     SenseCounts,
@@ -80,6 +81,7 @@ class RunSummary(Answer, frozen=True, kw_only=True):
     ]
     senses: Annotated[dict[str, SenseCounts], doc("The same of each other sensor of which anything came")]
     latency_ms: Annotated[RunLatencies, doc("How long frames, or records, took until they were final")]
+    hiding_ms: Annotated[Latency, doc("CPU time that finding, hiding and deciding took, of each frame")]
     intake: Annotated[RunIntake, doc("What was found of the source")]
     camera: Annotated[CameraFigures, doc("The lens")]
     driving: Annotated[

@@ -250,6 +250,7 @@ class _Run:
             distances_off=statistics.summarise_distances_off(),
             senses=statistics.count_senses(),
             latency_ms=statistics.summarise_latencies(),
+            hiding_ms=statistics.hiding.summarise(),
             intake=intake,
             camera=camera,
             driving=driving,

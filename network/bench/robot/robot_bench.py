@@ -13,9 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from msgspec import UNSET, Struct, UnsetType
 
+from clients.robot.hiding.moving.driving_figures import DrivingFigures
+from clients.robot.synthetic.driving.drive_file import DRIVE_TOPICS_FILE
 from clients.robot.synthetic.scenario import Scenario
 from clients.robot.synthetic.scenario_bag import load_or_draw_tags, make_bag
 from network.bench.clips_apart import ClipsApart, removed_after
@@ -30,7 +33,7 @@ from network.bench.robot.robot_counts import (
 )
 from network.bench.robot.robot_owners import OwnFrames, find_own_frames
 from network.bench.robot.robot_player import PlayedSummary
-from network.bench.robot.robot_scene import PEOPLE, is_in_place, loop_seconds, make_scene
+from network.bench.robot.robot_scene import PEOPLE, is_in_place, loop_seconds, make_drive, make_scene
 from network.demo.processes import LongCommand, Progress
 from network.faults.actions import Heal, Pause
 from network.faults.control import FaultControl
@@ -47,7 +50,9 @@ OnProgress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class RobotOptions:
-    """`cut_s` is the partition length, 0 for none; recordings are kept in `cache`; `apart`: where clips are kept."""
+    """`cut_s` is the partition length, 0 for none; recordings are kept in `cache`; `apart`: where clips are kept; `drives`:
+    the robots drive.
+    """
 
     seconds: float
     robots: int
@@ -56,6 +61,7 @@ class RobotOptions:
     seed: int
     cache: Path
     apart: ClipsApart | None = None
+    drives: bool = False
 
     @property
     def frames(self) -> int:
@@ -87,11 +93,12 @@ class _Cut:
 
 async def run_robot_benchmark(options: RobotOptions, on_progress: OnProgress) -> Result[RobotFigures]:
     """A cut stops all nodes by SIGSTOP; connections stay open."""
-    scene = make_scene(loop_seconds(options.seconds), options.fps, options.seed)
+    drawn = make_drive(options.fps, options.seed) if options.drives else None
+    scene = drawn.scenario if drawn else make_scene(loop_seconds(options.seconds), options.fps, options.seed)
     tags = load_or_draw_tags(options.cache, scene)
     bag = await asyncio.to_thread(
         make_bag,
-        scene,
+        drawn or scene,
         tags,
         options.cache,
         progress=lambda done, total: on_progress(f"rendering the recording: {done} of {total} frames"),
@@ -130,6 +137,7 @@ def _conditions(options: RobotOptions, scene: Scenario) -> dict[str, Condition]:
         picture=f"{scene.width}x{scene.height}, {len(scene.people)} registered people in view",
         recording_s=scene.duration_s,
         cut_s=options.cut_s,
+        drives=options.drives,
         cut_by="SIGSTOP of all nodes" if options.cut_s else "",
         clips=options.apart.kind if options.apart else "store",
     )
@@ -158,6 +166,8 @@ async def _play(
 
         where = {"folder": robot.folder, "genesis": stage.genesis_file, "bag": bag, "events": robot.log}
         where["approver"] = stage.approver_file
+        if options.drives:
+            where["topics"] = DRIVE_TOPICS_FILE
         what = {"loop-ms": loop_ms, "frames": options.frames, "purpose": PURPOSE}
         arguments = [word for name, value in {**where, **what}.items() for word in (f"--{name}", str(value))]
         command = LongCommand(arguments, PlayedSummary, progress, module="network.bench.robot.robot_player")
@@ -235,7 +245,13 @@ class RobotFigures(Struct, kw_only=True):
     spool_peak_bytes: int
     stored_bytes_per_frame: int
     robot_cpu_share: float
+    hiding_p50_ms: float
+    hiding_p95_ms: float
     registry_stale_ms: int
+    driving_frames: int | UnsetType = UNSET
+    driving_kept: int | UnsetType = UNSET
+    driving_kept_share: float | UnsetType = UNSET
+    odometry_doubts: int | UnsetType = UNSET
     cut_caught_up_s: float | UnsetType = UNSET
     frame_to_final_without_cut_p95_ms: float | UnsetType = UNSET
 
@@ -244,7 +260,7 @@ def make_figures(
     options: RobotOptions,
     robots: list[tuple[bytes, PlayedSummary, LoggedFrames]],
     owners: list[OwnFrames],
-    cut: dict[str, float],
+    cut: dict[str, Any],
 ) -> RobotFigures:
     frames = [summary.frames for _, summary, _ in robots]
     reckonings = [
@@ -286,14 +302,31 @@ def make_figures(
         spool_peak_bytes=max(summary.spool_peak_bytes for _, summary, _ in robots),
         stored_bytes_per_frame=round(sum(summary.stored_bytes for _, summary, _ in robots) / max(1, kept)),
         robot_cpu_share=round(max(cost.cpu_s / cost.seconds for cost in costs), 3),
+        hiding_p50_ms=max(summary.hiding_ms.p50 for _, summary, _ in robots),
+        hiding_p95_ms=max(summary.hiding_ms.p95 for _, summary, _ in robots),
         registry_stale_ms=max(summary.consents.stale_ms for _, summary, _ in robots),
+        **_driving_figures([summary.driving for _, summary, _ in robots if summary.driving is not None]),
         **cut,
     )
 
 
+def _driving_figures(driven: list[DrivingFigures]) -> dict[str, Any]:
+    """Of the frames without the empty scene: `driving_kept` counts each owner's, of `PEOPLE` in every frame."""
+    if not driven:
+        return {}
+    frames, kept = sum(one.frames for one in driven), sum(one.kept for one in driven)
+    return {
+        "driving_frames": frames,
+        "driving_kept": kept,
+        "driving_kept_share": round(kept / max(1, frames * len(PEOPLE)), 3),
+        "odometry_doubts": sum(one.doubts for one in driven),
+    }
+
+
 def is_good(figures: RobotFigures) -> bool:
-    """Each kept frame was found exactly once, by its owner alone."""
+    """Each kept frame was found exactly once, by its owner alone; if the robot drove, some were kept on the way."""
     is_whole = figures.frames_found == figures.frames_kept > 0 and figures.records_found == figures.records
+    is_whole = is_whole and figures.driving_kept != 0
     return is_whole and not (
         figures.frames_lost
         or figures.frames_never_arrived
@@ -306,7 +339,7 @@ def is_good(figures: RobotFigures) -> bool:
     )
 
 
-def _cut_figures(robots: list[_Played], cut: _Cut) -> dict[str, float]:
+def _cut_figures(robots: list[_Played], cut: _Cut) -> dict[str, Any]:
     if not cut.until_ms:
         return {}
     times = [time for robot in robots for time in robot.logged.times]

@@ -17,7 +17,7 @@ from msgspec import Struct
 from clients.robot.recording.batching import CLIP_DEFAULT_MS
 from clients.robot.run.run_summary import RunProgress, RunSummary
 from clients.robot.run.runner import ReplayOptions, replay_recording
-from clients.robot.sources.recordings.bag_source import BagSource
+from clients.robot.sources.messages.topics import load_topics
 from clients.sdk.terminal.json_answers import extend
 from clients.sdk.terminal.terminal import load_genesis
 from consensus.errors import BlockRobotError
@@ -72,7 +72,7 @@ def _cpu_s() -> float:
 
 
 async def _play(chosen: argparse.Namespace) -> PlayedSummary:
-    source = LoopedSource(BagSource(chosen.bag), loop_ms=chosen.loop_ms, frames=chosen.frames)
+    source = LoopedSource(chosen.bag, load_topics(chosen.topics), loop_ms=chosen.loop_ms, frames=chosen.frames)
     options = ReplayOptions(
         roster=chosen.folder / "roster.sealed",
         purpose=chosen.purpose,
@@ -98,6 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.add_argument(name, type=Path, required=True)
     for name in ("--loop-ms", "--frames"):
         parser.add_argument(name, type=int, required=True)
+    parser.add_argument("--topics", type=Path)
     parser.add_argument("--purpose", required=True)
     parser.add_argument("--json", action="store_true")
     try:

@@ -472,22 +472,31 @@ def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path |
 @click.option(
     "--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the scene is drawn from."
 )
+@click.option(
+    "--drives", is_flag=True, help="The robot drives to and fro, with odometry, and both people walk with it."
+)
 @command_output
 @with_clips
-def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, apart: Any, as_json: bool) -> None:
+def robot_command(
+    seconds: float, robots: int, fps: int, cut: float, seed: int, drives: bool, apart: Any, as_json: bool
+) -> None:
     """Measure whether a robot keeps up with its camera, two registered people in view; no frame may be lost or doubled.
 
     A stretch of at most 20 s is rendered once, kept, and looped; then robots, nodes and wallets run for real. At the
-    end each person's wallet opens every picture of theirs. A line of progress goes to standard error.
+    end each person's wallet opens every picture of theirs. A line of progress goes to standard error. With --drives people
+    are hidden without the empty scene on the way, and --seconds is at least a round of 20.
 
     \b
     Example: blockrobot bench robot --seconds 60 --robots 1 --json
     Example: blockrobot bench robot --seconds 180 --cut 60
     """
     from network.bench.robot.robot_bench import RobotOptions, run_robot_benchmark  # noqa: PLC0415 - only when it is needed
+    from network.bench.robot.robot_scene import LOOP_MAX_S  # noqa: PLC0415
 
     if cut >= seconds:
         raise click.UsageError("--cut is a part of --seconds, and must be shorter.")
+    if drives and seconds < LOOP_MAX_S:
+        raise click.UsageError(f"With --drives, --seconds is at least a round of {LOOP_MAX_S}.")
     options = RobotOptions(
         seconds=seconds,
         robots=robots,
@@ -496,6 +505,7 @@ def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, 
         seed=seed,
         cache=home_folder() / "recordings",
         apart=apart,
+        drives=drives,
     )
     _finish(run_to_end(run_robot_benchmark(options, _Teller())), as_json=as_json)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from clients.robot.hiding.cutouts import Cutout
 from clients.robot.hiding.moving.body_cues import Body
@@ -17,10 +18,13 @@ from clients.robot.hiding.moving.plan_bodies import (
     LevelView,
 )
 from clients.robot.sensing.depth_noise import depth_sigma_m
-from clients.robot.sensing.sensor_events import Depth
+from clients.robot.sensing.sensor_events import Depth, Mask
+
+Ray = npt.NDArray[np.float32]
 
 MARGIN_PX = 4
 FEET_M = 0.03
+SLACK_MM = 2.0  # of rounding
 PIECE_MIN_PX = 24  # at full resolution, joined to what was found at a quarter of it
 
 
@@ -29,22 +33,36 @@ def cut_body(depth: Depth, view: LevelView, body: Body, focal_px: float) -> Cuto
     x0, y0 = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
     x1, y1 = min(depth.shape[1], left + width + MARGIN_PX), min(depth.shape[0], top + height + MARGIN_PX)
     pixels = depth[y0:y1, x0:x1]
-    ahead = pixels.astype(np.float32) / np.float32(1000)
-    across = ((np.arange(x0, x1) - (depth.shape[1] - 1) / 2) / focal_px).astype(np.float32)[None, :]
-    down = ((np.arange(y0, y1) - (depth.shape[0] - 1) / 2) / focal_px).astype(np.float32)[:, None]
+    across = ((np.arange(x0, x1) - (depth.shape[1] - 1) / 2) / focal_px).astype(np.float32)
+    down = ((np.arange(y0, y1) - (depth.shape[0] - 1) / 2) / focal_px).astype(np.float32)
     axes = view.ground.level_axes().astype(np.float32)
-    x, up, z = (ahead * (across * axis[0] + (down * axis[1] + axis[2])) for axis in axes)
+    at = np.flatnonzero(_as_far(pixels, view, body, across, down, axes[2]))
+    ahead = pixels.ravel()[at].astype(np.float32) / np.float32(1000)
+    x, up, z = (
+        ahead * ((across * axis[0])[None, :] + (down * axis[1] + axis[2])[:, None]).ravel()[at] for axis in axes
+    )
     up += np.float32(view.ground.height_m)
-    known = (ahead > 0) & (up > FEET_M) & (up < HIGHEST_M) & (z > 0) & (z < AHEAD_M) & (np.abs(x) < ASIDE_M)
-    at = np.flatnonzero(known)
-    column = ((x.flat[at] + np.float32(ASIDE_M)) / np.float32(CELL_M)).astype(np.int64)
-    row = (z.flat[at] / np.float32(CELL_M)).astype(np.int64)
-    at = at[view.cells[row, column] == body.label]
+    known = np.flatnonzero((up > FEET_M) & (up < HIGHEST_M) & (z > 0) & (z < AHEAD_M) & (np.abs(x) < ASIDE_M))
+    x, z, ahead, at = x[known], z[known], ahead[known], at[known]
+    column = ((x + np.float32(ASIDE_M)) / np.float32(CELL_M)).astype(np.int32)
+    row = (z / np.float32(CELL_M)).astype(np.int32)
+    own = view.cells.ravel()[row * view.cells.shape[1] + column] == body.label
     for wall in view.walls:
-        at = at[~wall.covers(x.flat[at], z.flat[at], NOISE_SIGMAS * depth_sigma_m(ahead.flat[at]))]
+        own &= ~wall.covers(x, z, NOISE_SIGMAS * depth_sigma_m(ahead))
     mask = np.zeros(pixels.shape, dtype=np.uint8)
-    mask.flat[at] = 1
+    mask.ravel()[at[own]] = 1
     return Cutout(x0, y0, np.where(_joined(mask, body, x0, y0), pixels, np.uint16(0)))
+
+
+def _as_far(pixels: Depth, view: LevelView, body: Body, across: Ray, down: Ray, ahead: Ray) -> Mask:
+    """Tell which pixels are as far away as the body's cells, roughly: more than lie in them, and all of these."""
+    own = np.flatnonzero((view.cells == body.label).any(axis=1))
+    share = np.add.outer(down[[0, -1]] * ahead[1] + ahead[2], across[[0, -1]] * ahead[0])  # of depth that leads ahead
+    if share.min() <= 0:
+        return pixels > 0
+    low = int(max(1, 1000 * CELL_M * own[0] / share.max() - SLACK_MM))
+    high = int(min(65_535, 1000 * CELL_M * (own[-1] + 1) / share.min() + SLACK_MM))
+    return np.asarray(cv2.inRange(pixels, low, high)) > 0
 
 
 def _joined(mask: cv2.typing.MatLike, body: Body, x0: int, y0: int) -> cv2.typing.MatLike:

@@ -53,7 +53,11 @@ class Ground:
         """Return right, up and ahead, level with the plane, as rows in camera coordinates."""
         ahead = np.array([0.0, 0.0, 1.0]) - self.up[2] * self.up
         ahead /= np.linalg.norm(ahead)
-        return np.stack([np.cross(ahead, self.up), self.up, ahead])
+        (ax, ay, az), (ux, uy, uz) = ahead.tolist(), self.up.tolist()
+        right = np.array(
+            [ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux]
+        )  # np.cross takes longer than all the rest
+        return np.stack([right, self.up, ahead])
 
     def is_near(self, other: Ground) -> bool:
         tilt = math.acos(max(-1.0, min(1.0, float(self.up @ other.up))))
@@ -138,7 +142,8 @@ def _planes(points: Vector, triples: npt.NDArray[np.int64], up: Vector) -> tuple
 
 def _refit(points: Vector, tolerance: Vector, plane: Ground) -> Ground | None:
     """Weighted least squares of height over the plan, among the plane's inliers."""
-    level = points @ plane.level_axes().T
+    axes = plane.level_axes()
+    level = points @ axes.T
     inside = np.abs(level[:, 1] + plane.height_m) < tolerance
     right, up, ahead = level[inside].T
     if len(ahead) < INLIERS_MIN_COUNT or np.ptp(ahead) < INLIERS_SPAN_M:
@@ -147,7 +152,6 @@ def _refit(points: Vector, tolerance: Vector, plane: Ground) -> Ground | None:
     table = np.stack([np.ones_like(right), right, ahead], axis=1)
     normal = table.T @ (weights[:, None] * table)
     offset, by_right, by_ahead = np.linalg.solve(normal + 1e-9 * np.eye(3), table.T @ (weights * up))
-    axes = plane.level_axes()
     turned = axes[1] - by_right * axes[0] - by_ahead * axes[2]
     length = float(np.linalg.norm(turned))
     return Ground(turned / length, -float(offset) / length)

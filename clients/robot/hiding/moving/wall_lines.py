@@ -39,13 +39,18 @@ class Wall:
     def covers(self, x: Plan, z: Plan, noise_m: Plan) -> npt.NDArray[np.bool_]:
         """Tell whether places are at the wall or behind it."""
         behind = self.depth_behind(x, z)
+        covered = behind > -(NEAR_M + noise_m)
+        at = np.flatnonzero(covered)
+        if not at.size:
+            return covered
+        x, z, behind = x[at], z[at], behind[at]
         # Where the line of sight meets the wall's line; before it, the nearest place on the wall.
         robot = float(self.depth_behind(np.zeros(1, np.float32), np.zeros(1, np.float32))[0])
         share = np.clip(robot / np.minimum(robot - behind, -1e-6), 0.0, 1.0).astype(np.float32)
         met = np.where(behind > 0, share, np.float32(1))
         along = (met * x - self.x_m) * self.along_x + (met * z - self.z_m) * self.along_z
-        reaches = (along > self.begin_m - BIN_M) & (along < self.end_m + BIN_M)
-        return np.asarray((behind > -(NEAR_M + noise_m)) & reaches)
+        covered[at] = (along > self.begin_m - BIN_M) & (along < self.end_m + BIN_M)
+        return np.asarray(covered)
 
 
 def find_walls(x: Plan, z: Plan, height_m: Plan, noise_m: Plan) -> list[Wall]:

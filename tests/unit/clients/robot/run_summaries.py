@@ -34,6 +34,7 @@ def summary_of(frames: FrameCounts, **intake: Any) -> RunSummary:
         distances_off=[],
         senses={},
         latency_ms=statistics.summarise_latencies(),
+        hiding_ms=statistics.hiding.summarise(),
         intake=extend(RunIntake, replace(pipeline, unknown_tags=unknown), **intake),
         driving=None,
         camera=CameraFigures(focal_px=525.0, focal_from="topics", frames_before=0),

@@ -87,6 +87,13 @@ def test_percentiles_are_those_of_all_values(values: list[int]) -> None:
     assert told.max == max(values)
 
 
+def test_what_takes_some_milliseconds_is_told_to_a_tenth() -> None:
+    distribution = Distribution(per_ms=10)
+    for value_ms in (7.26, 7.34, 12.04, 2_000.0):
+        distribution.add(value_ms)
+    assert distribution.summarise() == Latency(p50=9.7, p95=1_701.8, max=2_000.0)
+
+
 def test_a_run_of_weeks_takes_no_more_memory_than_one_of_minutes() -> None:
     """Long times are told to four digits, so that there are not many different ones."""
     assert filled([59_876, 612_345]).counts == {59_870: 1, 612_300: 1}

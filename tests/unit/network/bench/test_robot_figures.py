@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import UNSET
 from msgspec.structs import replace
 
+from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.recording.frame_answers import FrameCounts, Latency
 from clients.sdk.terminal.json_answers import extend
 from network.bench.robot.robot_bench import RobotFigures, RobotOptions, is_good, make_figures
@@ -25,6 +27,7 @@ def summary(**frames: int) -> PlayedSummary:
     counts = {"published": 2, "covered": 3, "kept": 2, "withheld": 1, "lost": 0, **frames}
     told = summary_of(FrameCounts(**counts, withheld_reasons={"contact": counts["withheld"]}))
     latencies = replace(told.latency_ms, submit_to_final=Latency(p50=20.0, p95=30.0, max=40.0))
+    told = replace(told, hiding_ms=Latency(p50=7.5, p95=9.5, max=20.0))
     told = replace(told, records=2, stored_bytes=3_000, spool_peak_bytes=4_000, latency_ms=latencies)
     return extend(PlayedSummary, told, process=ProcessCost(cpu_s=1.0, seconds=4.0, rss_peak_bytes=100 * 1024 * 1024))
 
@@ -53,6 +56,7 @@ def test_a_run_in_which_owners_found_all_is_good() -> None:
     assert (found.frame_to_final_p50_ms, found.frame_to_final_p95_ms) == (200, 600)
     assert (found.rss_peak_mb, found.robot_cpu_share, found.stored_bytes_per_frame) == (100.0, 0.25, 1_500)
     assert (found.submit_to_final_p95_ms, found.frames_per_s) == (30.0, 4.0)
+    assert (found.hiding_p50_ms, found.hiding_p95_ms) == (7.5, 9.5)
     assert found.frames_withheld_by_reason == {"contact": 1}
 
 
@@ -74,6 +78,25 @@ def test_a_run_is_not_good_where_an_owner_finds_it_otherwise(name: str, spoil: A
     spoilt = figures(found)
     assert getattr(spoilt, name) == 1
     assert not is_good(spoilt)
+
+
+def driven(**differing: Any) -> RobotFigures:
+    unlike = {"keep": True, "places": 60, "doubts": 1, "frames": 20, "kept": 30, "unplaced_readings": 0, **differing}
+    told = DrivingFigures(**unlike, camera_height_m=1.2, camera_pitch_deg=6.0)
+    return make_figures(OPTIONS, [(ROBOT, replace(summary(), driving=told), logged())], owners(), {})
+
+
+def test_a_run_of_a_robot_that_drove_says_what_was_kept_on_the_way_and_is_not_good_if_that_is_nothing() -> None:
+    found = driven()
+    assert is_good(found)
+    assert (found.driving_frames, found.driving_kept, found.driving_kept_share, found.odometry_doubts) == (
+        20,
+        30,
+        0.75,
+        1,
+    )
+    assert not is_good(driven(kept=0))
+    assert figures(owners()).driving_kept is UNSET
 
 
 def test_a_run_is_not_good_where_frames_never_arrived() -> None:

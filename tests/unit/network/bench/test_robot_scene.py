@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, cast
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
-from clients.robot.sensing.sensor_events import Frame, RefusedMessage, Sighting, SourceEvent
-from clients.robot.sources.recordings.bag_source import BagSource
+from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
+from clients.robot.sensing.sensor_events import Frame, Odometry, RefusedMessage, Sighting, SourceEvent
 from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.scenario_bag import drive_odometry
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
 from network.bench.robot.robot_owners import OwnFrames
-from network.bench.robot.robot_scene import LOOP_MAX_S, PEOPLE, LoopedSource, is_in_place, loop_seconds, make_scene
+from network.bench.robot.robot_scene import (
+    LOOP_MAX_S,
+    PEOPLE,
+    is_in_place,
+    loop_seconds,
+    looped_events,
+    make_drive,
+    make_scene,
+)
 
 DEPTH = np.zeros((2, 2), np.uint16)
 
@@ -35,8 +46,7 @@ class Recorded:
 
 
 def looped(frames: int, recorded: Recorded | None = None) -> list[Any]:
-    source = LoopedSource(cast(BagSource, recorded or Recorded()), loop_ms=300, frames=frames)
-    return list(source.events())
+    return list(looped_events((recorded or Recorded()).events, loop_ms=300, frames=frames))
 
 
 def test_frames_and_readings_go_on_over_the_end_of_a_round() -> None:
@@ -48,6 +58,52 @@ def test_frames_and_readings_go_on_over_the_end_of_a_round() -> None:
     assert second == replace(first, first_seen_ms=1_310, last_seen_ms=1_320)
     assert second.received_at_ms == 1_330
     assert not any(isinstance(event, Frame) for event in looped(5, Recorded(frames=0)))
+
+
+def test_odometry_goes_on_from_where_a_round_ended_and_what_would_come_late_is_left_out() -> None:
+    """Each round leads a metre ahead and a quarter turn to the left; four rounds are a square."""
+
+    def play_round() -> Iterator[SourceEvent]:
+        yield Frame(1_000, 0, DEPTH, 1_000)
+        yield Odometry(1_000, 0.0, 0.0, 0.0, 1_020)
+        yield Odometry(1_250, 1.0, 0.0, math.pi / 2, 1_270)
+        yield Odometry(1_290, 9.0, 9.0, 9.0, 1_310)
+
+    places = [event for event in looped_events(play_round, loop_ms=300, frames=4) if isinstance(event, Odometry)]
+    assert [place.at_ms for place in places] == [1_000 + 300 * n + by for n in range(4) for by in (0, 250)]
+    assert all(place.received_at_ms == place.at_ms + 20 for place in places)
+    ends = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0)]
+    for number, place in enumerate(places):
+        assert (place.ahead_m, place.left_m) == pytest.approx(ends[(number + 1) // 2], abs=1e-9)
+        assert place.yaw == pytest.approx((number + 1) // 2 * math.pi / 2)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_robot_that_drives_ends_where_it_began_and_no_step_of_its_odometry_is_a_jump(seed: int) -> None:
+    drive, motion = make_drive(5, seed), OwnMotion()
+    assert drive.scenario.camera_at(0.0) == pytest.approx(drive.scenario.camera_at(float(LOOP_MAX_S)))
+    assert max(drive.scenario.camera_at(at_s)[1] for at_s in range(LOOP_MAX_S)) > 2.5
+    came = sorted(drive_odometry(drive, 0), key=lambda row: row[0])
+
+    def play_round() -> Iterator[SourceEvent]:
+        yield Frame(0, 0, DEPTH, 0)
+        yield from (replace(place, received_at_ms=at_ms) for at_ms, place in came)
+
+    looped = looped_events(play_round, loop_ms=1_000 * LOOP_MAX_S, frames=3)
+    places = [RobotPlace.of_camera(place, 0.0, 0.0) for place in looped if isinstance(place, Odometry)]
+    for before, after in pairwise(places):
+        motion.add(after)
+        assert math.hypot(after.x_m - before.x_m, after.z_m - before.z_m) < 0.03
+        assert abs(after.yaw - before.yaw) < math.radians(0.1)
+    last_ms = 3_000 * LOOP_MAX_S - 200
+    assert motion.is_continuous(last_ms - 50_000, last_ms), "two ends of a round lie between"
+    for person in drive.scenario.people:
+        assert person.place(0.0) == pytest.approx(person.place(float(LOOP_MAX_S)))
+        for at_s in np.linspace(0, LOOP_MAX_S, 50):
+            right, _, ahead = drive.scenario.seen_from_robot(person, float(at_s)) or (0.0, 0.0, 0.0)
+            assert 2.0 < ahead < 4.5
+            assert abs(right) / ahead < 0.3, "not near the picture's edge"
+            assert (right < 0) == (person.alias == PEOPLE[0]), "each keeps to a side"
 
 
 @pytest.mark.parametrize("frames", [1, 3, 6])
