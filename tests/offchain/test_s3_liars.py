@@ -179,8 +179,12 @@ async def test_of_one_clips_blobs_there_is_an_end_and_no_other_name_is_deleted(
     async with S3Blobs(place) as blobs:
         store = blob_backed_store.BlobBackedStore(SqliteStore(tmp_path / "custody"), blobs, names)
         prefix = names.prefix(RECORD)
-        liar.lies["list"] = saying(page(f"ward/{prefix}notes", f"ward/{wanted[0]}"))
-        liar.lies["head"] = saying("", 404)
+        pages = iter((page(f"ward/{prefix}notes", f"ward/{wanted[0]}"), page(f"ward/{prefix}notes")))
+
+        async def until_deleted(_request: web.Request) -> web.Response:
+            return web.Response(text=next(pages))
+
+        liar.lies["list"] = until_deleted
         await store._delete_all(RECORD)
         deleted = [line for line in liar.asked if line.startswith("DELETE")]
         assert [line.partition("?")[0] for line in deleted] == [f"DELETE /clips/ward/{wanted[0]}"]
@@ -244,18 +248,21 @@ async def test_a_file_of_credentials_gives_two_keys_and_runs_nothing(
     assert not (tmp_path / "ran").exists()
 
 
-async def test_a_session_token_goes_with_the_keys(liar: Liar, place: ClipsPlace, tmp_path: Path) -> None:
+async def test_a_session_token_goes_with_the_keys_and_nothing_of_this_machine(
+    liar: Liar, place: ClipsPlace, tmp_path: Path
+) -> None:
     credentials(tmp_path, "aws_session_token = three\n")
     given = []
 
     async def answer(request: web.Request) -> web.Response:
-        given.append((request.headers["Authorization"].partition("/")[0], request.headers["X-Amz-Security-Token"]))
+        names = ("Authorization", "X-Amz-Security-Token", "User-Agent")
+        given.append(tuple(request.headers[name].partition("/")[0] for name in names))
         return web.Response(text=page())
 
     async with S3Blobs(place) as blobs:
         liar.lies["list"] = answer
         assert await names_of(blobs) == []
-    assert given == [("AWS4-HMAC-SHA256 Credential=one", "three")]
+    assert given == [("AWS4-HMAC-SHA256 Credential=one", "three", "blockrobot")]
 
 
 async def test_a_folder_that_is_anothers_loses_nothing(tmp_path: Path) -> None:
