@@ -7,6 +7,7 @@ import secrets
 import socket
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -90,13 +91,15 @@ class FreshNetwork:
         stolen: int = 0,
         proxy: str = "",
         apart: ClipsApart | None = None,
+        prepare: Callable[[Cluster], None] = lambda _cluster: None,
     ) -> None:
         """`faults` allows deliberate faults; `store` is the custodians' store.
 
         Each custodian has its own organisation. `stolen` further nodes are in genesis but never started: an attacker
         has their certificates. `proxy` is the address of a proxy that all nodes trust. `apart`: where custodians keep their
-        clips.
+        clips. `prepare` is called before anything starts.
         """
+        self._prepare = prepare
         self._apart = apart
         self._proxy = proxy
         self._stolen_count = stolen
@@ -146,6 +149,7 @@ class FreshNetwork:
             self._cluster = Cluster(place)
             if self._apart is not None:
                 self._apart.configure(self._cluster)
+            await asyncio.to_thread(self._prepare, self._cluster)
             self._cluster.start_all()
             await self._cluster.wait_ready()
         except BaseException as error:
