@@ -121,7 +121,9 @@ class S3Blobs:
             http_session_cls=_BoundedSession,
         )
         async with _asking():
-            client = get_session().create_client(
+            session = get_session()
+            session.user_agent_extra = ""
+            client = session.create_client(
                 "s3",
                 region_name=place.region,
                 endpoint_url=place.endpoint or None,
