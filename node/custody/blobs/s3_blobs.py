@@ -123,6 +123,8 @@ class S3Blobs:
         async with _asking():
             session = get_session()
             session.user_agent_extra = ""
+            # Times are not used here; to read them takes most of a page of names, while the event loop stands still.
+            session.get_component("response_parser_factory").set_parser_defaults(timestamp_parser=str)
             client = session.create_client(
                 "s3",
                 region_name=place.region,
