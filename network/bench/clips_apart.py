@@ -17,6 +17,8 @@ from node.clips_place import FOLDER_DEFAULT_NAME, ClipsPlace, read_place
 from node.config import CONFIG_FILE, config_to_toml
 from node.custody.stores.open_store import open_blobs
 
+REMOVED_AT_ONCE_COUNT = 64
+
 
 @dataclass(frozen=True, slots=True)
 class ClipsApart:
@@ -58,8 +60,9 @@ class ClipsApart:
         """Delete what the custodians of this run left in a bucket. Raises STORE_UNAVAILABLE."""
         if self.kind == "s3":
             async with open_blobs(self.place_of("", folder)) as blobs:
-                for name in [name async for name in blobs.names()]:
-                    await blobs.delete(name)
+                names = [name async for name in blobs.names()]
+                for first in range(0, len(names), REMOVED_AT_ONCE_COUNT):
+                    await asyncio.gather(*map(blobs.delete, names[first : first + REMOVED_AT_ONCE_COUNT]))
 
 
 @contextlib.asynccontextmanager

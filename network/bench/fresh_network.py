@@ -7,6 +7,7 @@ import secrets
 import socket
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -24,7 +25,7 @@ from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.records.owner_keys import open_visit_keys
 from network.bench.clips_apart import ClipsApart, removed_after
 from network.bench.nginx import trust_proxy
-from network.cluster import Cluster
+from network.cluster import READY_TIMEOUT_S, Cluster
 from network.demo.tampering import drop_databases
 from network.provisioning.certificate_authority import Authority
 from network.provisioning.network_layout import PORTS_PER_NODE, create_network
@@ -90,13 +91,17 @@ class FreshNetwork:
         stolen: int = 0,
         proxy: str = "",
         apart: ClipsApart | None = None,
+        prepare: Callable[[Cluster], None] = lambda _cluster: None,
+        start_max_s: float = READY_TIMEOUT_S,
     ) -> None:
         """`faults` allows deliberate faults; `store` is the custodians' store.
 
         Each custodian has its own organisation. `stolen` further nodes are in genesis but never started: an attacker
         has their certificates. `proxy` is the address of a proxy that all nodes trust. `apart`: where custodians keep their
-        clips.
+        clips. `prepare` is called before anything starts.
         """
+        self._prepare = prepare
+        self._start_max_s = start_max_s
         self._apart = apart
         self._proxy = proxy
         self._stolen_count = stolen
@@ -146,8 +151,9 @@ class FreshNetwork:
             self._cluster = Cluster(place)
             if self._apart is not None:
                 self._apart.configure(self._cluster)
+            await asyncio.to_thread(self._prepare, self._cluster)
             self._cluster.start_all()
-            await self._cluster.wait_ready()
+            await self._cluster.wait_ready(timeout_s=self._start_max_s)
         except BaseException as error:
             await self._close(error)
             raise

@@ -149,3 +149,11 @@ def test_what_custody_costs() -> None:
     assert all(figures[name] > 0 for name in ("hook_records_per_s", "catchup_s", "scan_records_per_s"))
     assert figures["hospital_day_scan_s"] == pytest.approx(20_000 / figures["scan_records_per_s"], rel=0.01)
     assert 1 < figures["store_overhead"] < 2
+
+
+def test_what_erasing_costs_beside_kept_clips() -> None:
+    figures = check_form(run("custody", "--held", "10,200", "--erasures", "2"), "custody")
+    assert ([row["held"] for row in figures["held"]], figures["errors"]) == ([10, 200], 0)
+    for row in figures["held"]:
+        assert 0 < row["erase_block_p50_ms"] < row["erase_p50_ms"] <= row["erase_p95_ms"]
+    assert min(figures["erase_ratio"], figures["cpu_ratio"]) >= 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +91,60 @@ async def test_an_erased_clip_leaves_no_blob_and_an_erased_picture_no_bytes(
     texts = cut.upload.ciphertexts
     assert (await path_of(house, cut, tmp_path)).read_bytes() == texts[0] + texts[2]
     assert read_all(cut, await house.custodian.export(cut.record_id))[1] is None
+
+
+async def test_a_clip_is_kept_and_read_by_one_call_and_erased_by_two(
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each is a round trip to an S3 server, which an erasure and its receipt wait for."""
+    store: Any = house.store
+    calls: list[str] = []
+
+    def counted(name: str, original: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *given: calls.append(name) or original(*given)
+
+    for name in ("put", "get", "delete", "has", "names"):
+        monkeypatch.setattr(store._blobs, name, counted(name, getattr(store._blobs, name)))
+    clip, unclaimed = await house.keep(), record_clip()
+    assert calls == ["put"]
+    await house.custodian.export(clip.record_id)
+    assert calls == ["put", "get"]
+    await house.follow(erasure(ERASURE_ID, clip))
+    assert calls == ["put", "get", "delete", "names"]
+    await house.custodian.stage(unclaimed.upload)
+    calls.clear()
+    await store.drop_staged(unclaimed.record_id)
+    assert calls == ["delete", "names"]
+
+
+async def test_a_blob_that_is_there_after_it_was_deleted_is_no_erasure(
+    house: CustodianHarness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = await house.keep()
+    store: Any = house.store
+    path, block = await path_of(house, clip, tmp_path), house.chain.block(erasure(ERASURE_ID, clip))
+
+    async def forget(_name: str) -> None:
+        """Say yes, and do nothing."""
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store._blobs, "delete", forget)
+        await refused("STORE_UNAVAILABLE", house.custodian.on_finalized_block(block))
+        assert path.exists()
+        assert await house.ready_outbox() == []
+    await house.custodian.on_finalized_block(block)
+    assert not path.exists()
+    assert [name for name, _ in await house.ready_outbox()] == ["erasure.receipt"]
+
+
+async def test_blobs_that_no_row_names_go_with_their_clip(house: CustodianHarness, tmp_path: Path) -> None:
+    clip = await house.keep()
+    store: Any = house.store
+    left = [store._names.name(clip.record_id, new_generation()) for _ in range(3)]
+    for name in left:
+        await store._blobs.put(name, b"left by a crash")
+    await house.follow(erasure(ERASURE_ID, clip))
+    assert [name async for name in store._blobs.names()] == [OWNER_NAME]
 
 
 async def test_blobs_that_no_row_names_are_swept_and_others_names_are_left_alone(

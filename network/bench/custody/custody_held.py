@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import secrets
+import shutil
 import sqlite3
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
@@ -17,6 +17,7 @@ from consensus.primitives.hashing import sha256
 from consensus.records.commitments import ciphertext_leaves
 from network.bench.conditions import percentile
 from network.bench.custody.custody_clips import SealedClip, seal_clip
+from network.cluster import Cluster
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys, wrap_frames
 from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
@@ -117,30 +118,48 @@ async def _erasures(custodian: Custodian, count: int) -> AsyncIterator[tuple[flo
 
 
 class HeldRow(Struct, frozen=True, kw_only=True):
-    """What erasing cost beside so many kept clips."""
+    """What erasing cost beside so many kept clips: on real nodes until all receipts are final, and a block by itself."""
 
     held: int
+    erase_p50_ms: float
+    erase_p95_ms: float
     erase_block_cpu_p50_ms: float
     erase_block_p50_ms: float
     erase_block_p95_ms: float
     bytes_left: int
 
 
-async def measure_held(held: int, erasures: int, folder: Path, on_progress: OnProgress) -> HeldRow:
-    """Measure erasing blocks (one five-frame clip each) beside `held` clips."""
-    with EraseKeys(folder / "erase-keys") as keys:
-        await asyncio.to_thread(fill, folder / "custody", keys, held, on_progress)
-        async with SqliteStore(folder / "custody") as store:
-            custodian = Custodian(store, keys, member=bytes(33), clock_ms=lambda: START_MS)
-            on_progress(f"erasing among {held} clips")
-            took = [each async for each in _erasures(custodian, WARM_UP_COUNT + erasures)][WARM_UP_COUNT:]
-            left = await store.leftovers()
-            counts = await store.counts()
-    cpu_ms, wall_ms = ([pair[place] for pair in took] for place in (0, 1))
-    return HeldRow(
-        held=counts.confirmed,
-        erase_block_cpu_p50_ms=round(percentile(cpu_ms, 0.50), 2),
-        erase_block_p50_ms=round(percentile(wall_ms, 0.50), 2),
-        erase_block_p95_ms=round(percentile(wall_ms, 0.95), 2),
-        bytes_left=(left.log_bytes or 0) + (left.dirty_bytes or 0),
-    )
+class HeldClips:
+    """A filled store with its keys, which custodians begin with."""
+
+    def __init__(self, folder: Path) -> None:
+        self._custody, self._keys = folder / "custody", folder / "erase-keys"
+
+    def fill(self, held: int, on_progress: OnProgress) -> None:
+        with EraseKeys(self._keys) as keys:
+            fill(self._custody, keys, held, on_progress)
+
+    def give_to_custodians(self, cluster: Cluster) -> None:
+        for node in cluster.genesis.custodians:
+            config = cluster.config(node.name)
+            shutil.copytree(self._custody, config.custody_dir, dirs_exist_ok=True)
+            shutil.copytree(self._keys, config.erase_keys_dir, dirs_exist_ok=True)
+
+    async def measure(self, erasures: int, took_ms: Sequence[float]) -> HeldRow:
+        """Blocks that erase one five-frame clip each, beside what `took_ms` on nodes."""
+        with EraseKeys(self._keys) as keys:
+            async with SqliteStore(self._custody) as store:
+                custodian = Custodian(store, keys, member=bytes(33), clock_ms=lambda: START_MS)
+                took = [each async for each in _erasures(custodian, WARM_UP_COUNT + erasures)][WARM_UP_COUNT:]
+                left = await store.leftovers()
+                counts = await store.counts()
+        cpu_ms, wall_ms = ([pair[place] for pair in took] for place in (0, 1))
+        return HeldRow(
+            held=counts.confirmed,
+            erase_p50_ms=round(percentile(took_ms, 0.50), 1),
+            erase_p95_ms=round(percentile(took_ms, 0.95), 1),
+            erase_block_cpu_p50_ms=round(percentile(cpu_ms, 0.50), 2),
+            erase_block_p50_ms=round(percentile(wall_ms, 0.50), 2),
+            erase_block_p95_ms=round(percentile(wall_ms, 0.95), 2),
+            bytes_left=(left.log_bytes or 0) + (left.dirty_bytes or 0),
+        )

@@ -102,7 +102,7 @@ class BlobBackedStore:
             self._in_flight.difference_update(blobs)
         for record_id, frames, _ in named:
             if record_id in before or not frames:
-                await self._delete_all(record_id, blobs)
+                await self._delete_all(record_id, spared=blobs)
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
         """A ciphertext that the blob store has lost is empty."""
@@ -124,17 +124,19 @@ class BlobBackedStore:
             await self.replace_frames(record_id, await self._resolve(record_id, kept))
             return
         await self._index.erase_frames(record_id, indexes)
-        await self._delete_all(record_id, self._named_by(record_id, kept))
+        spared = self._named_by(record_id, kept)
+        await self._delete_all(record_id, self._named_by(record_id, rows) - spared, spared)
 
     async def erase_clip(self, record_id: bytes) -> None:
-        await self._delete_all(record_id)
+        await self._delete_all(record_id, self._named_by(record_id, await self._index.frames(record_id)))
         await self._index.erase_clip(record_id)
 
     async def drop_staged(self, record_id: bytes) -> None:
         clip = (await self._index.clips([record_id])).get(record_id)
+        named = self._named_by(record_id, await self._index.frames(record_id))
         await self._index.drop_staged(record_id)
         if clip is None or clip.status == "staged":
-            await self._delete_all(record_id)
+            await self._delete_all(record_id, named)
 
     async def sweep_blobs(self) -> int:
         """Of this custodian's names only. What is being written is in flight until its rows are there."""
@@ -154,21 +156,30 @@ class BlobBackedStore:
         texts = (row.ciphertext for row in rows if len(row.ciphertext) == REFERENCE.size)
         return {self._names.name(record_id, REFERENCE.unpack(text)[0]) for text in texts}
 
-    async def _delete_all(self, record_id: bytes, besides: Collection[str] = ()) -> None:
-        """Raises STORE_UNAVAILABLE if one is still there."""
-        gone: list[str] = []
-        async for name in self._blobs.names(self._names.prefix(record_id)):
-            if self._names.read(name) is None or name in besides:
-                continue
-            if len(gone) >= GENERATIONS_MAX_COUNT:
-                raise BlockRobotError("STORE_UNAVAILABLE", "The store of clips names one clip's blobs without an end.")
-            gone.append(name)
-        for name in gone:
-            await self._blobs.delete(name)
-        for name in gone:
-            if await self._blobs.has(name):
+    async def _delete_all(self, record_id: bytes, named: Collection[str] = (), spared: Collection[str] = ()) -> None:
+        """All but `spared`; first those that rows have `named`, so that one list is enough to see that none is left.
+
+        Raises STORE_UNAVAILABLE if one is still there.
+        """
+        await self._delete(named)
+        if left := await self._listed(record_id, spared):
+            await self._delete(left)
+            if await self._listed(record_id, spared):
                 detail = "The store of clips still has a blob after it was deleted."
                 raise BlockRobotError("STORE_UNAVAILABLE", detail)
+
+    async def _delete(self, names: Collection[str]) -> None:
+        await asyncio.gather(*map(self._blobs.delete, names))
+
+    async def _listed(self, record_id: bytes, spared: Collection[str]) -> list[str]:
+        found: list[str] = []
+        async for name in self._blobs.names(self._names.prefix(record_id)):
+            if self._names.read(name) is None or name in spared:
+                continue
+            if len(found) >= GENERATIONS_MAX_COUNT:
+                raise BlockRobotError("STORE_UNAVAILABLE", "The store of clips names one clip's blobs without an end.")
+            found.append(name)
+        return found
 
 
 def _referring(frames: Sequence[FrameRow], generation: bytes) -> list[FrameRow]:

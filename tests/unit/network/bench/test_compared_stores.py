@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 from msgspec.structs import replace as replace_figures
 
+from network.bench.clips_apart import ClipsApart
 from network.bench.conditions import Result
 from network.bench.custody import custody_bench
 from network.bench.custody.custody_bench import (
@@ -57,14 +58,19 @@ async def test_both_stores_do_the_same_work_and_the_slower_one_decides(
     async def run_one(options: CustodyOptions, _tell: object) -> Result[CustodyFigures]:
         measured.append(options)
         found = figures(100, 100, 2.0 if options.store == "sqlite" else slow_s)
-        return Result(name="custody", ok=True, figures=found, conditions={"store": options.store, "load": 1.0})
+        clips = options.apart.kind if options.apart else "store"
+        conditions = {"store": options.store, "clips": clips, "load": 1.0}
+        return Result(name="custody", ok=True, figures=found, conditions=conditions)
 
     monkeypatch.setattr(custody_bench, "_run_one", run_one)
-    result = await run_custody_benchmark(CustodyOptions(erasures=7, behind=90, beside="mongodb://there"))
+    apart = ClipsApart("folder")
+    result = await run_custody_benchmark(CustodyOptions(erasures=7, behind=90, beside="mongodb://there", apart=apart))
     assert isinstance(result.figures, ComparedFigures)
     assert result.ok == ok
-    assert measured[1] == replace(measured[0], store="mongodb://there")
+    assert measured[1] == replace(measured[0], store="mongodb://there", apart=apart)
+    assert measured[0].apart is None, "clips are kept apart by the second alone, so that this can be compared"
     assert (result.conditions["store"], result.conditions["beside_store"]) == ("sqlite", "mongodb://there")
+    assert (result.conditions["clips"], result.conditions["beside_clips"]) == ("store", "folder")
 
 
 def test_kept_clips_are_measured_without_another_store() -> None:
