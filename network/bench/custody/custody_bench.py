@@ -28,6 +28,7 @@ from network.bench.conditions import Result, measure_conditions, percentile
 from network.bench.custody.custody_clips import ClipRobot, SealedClip, seal_clip
 from network.bench.custody.custody_held import HeldRow, measure_held
 from network.bench.fresh_network import FreshNetwork
+from node.custody.coordination.custody_coordinator import BLOCKS_AT_ONCE_COUNT
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys
 from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
@@ -209,8 +210,8 @@ async def _measure_catching_up(
     blocks: Sequence[FinalizedEvents], awake: _Custody, away: _Custody, behind: int, on_progress: OnProgress
 ) -> float:
     started_s = time.perf_counter()
-    for block in blocks:
-        await away.custodian.on_finalized_block(block)
+    for first in range(0, len(blocks), BLOCKS_AT_ONCE_COUNT):
+        await away.custodian.on_finalized_blocks(blocks[first : first + BLOCKS_AT_ONCE_COUNT])
     fetched = 0
     while count := await away.custodian.fetch_missing([awake]):
         fetched += count
