@@ -41,6 +41,16 @@ from node.custody.stores.share_store import ShareRow
 
 RELEASED_KIND = "access.released"
 REFUSED_KIND = "access.refused"
+_RECORDED = "records.recorded"
+_RECEIPTS = frozenset({"access.released", "access.refused", "erasure.receipted", "erasure.expired"})
+_WORK = RESTRICTION_EVENTS | {
+    _RECORDED,
+    "access.requested",
+    "access.granted",
+    "access.revoked",
+    "records.empty_frames_withdrawn",
+    "erasure.requested",
+}
 
 log = structlog.get_logger(__name__)
 
@@ -72,8 +82,19 @@ def matches_roots(clip: ClipRow, facts: RecordFacts) -> bool:
     )
 
 
+def _is_work(member: bytes, event: FinalizedEvent) -> bool:
+    return event.data["custodian"] == member if event.kind in _RECEIPTS else event.kind in _WORK
+
+
+def only_records(member: bytes, block: FinalizedEvents) -> bool:
+    return all(event.kind == _RECORDED for event in block.events if _is_work(member, event))
+
+
 class BlockApplier:
-    """Applies one block in event order; adjacent confirmations are batched, flushed before clip reads."""
+    """Applies one block in event order; adjacent confirmations are batched, flushed before clip reads.
+
+    Of several blocks it only collects what they record.
+    """
 
     def __init__(
         self,
@@ -82,14 +103,15 @@ class BlockApplier:
         shares: Shares,
         member: bytes,
         placement: Placement,
-        block: FinalizedEvents,
+        blocks: Sequence[FinalizedEvents],
     ) -> None:
         self._store = store
         self._shares = shares
         self._eraser = eraser
         self._member = member
         self._placement = placement
-        self._block = block
+        self._blocks = blocks
+        self._block = blocks[0]
         self._confirmed: list[RecordFacts] = []
         self._missing: list[RecordFacts] = []
         self._visit_restrictions: dict[bytes, VisitRestrictions] = {}
@@ -97,11 +119,10 @@ class BlockApplier:
 
     async def apply(self) -> None:
         """The caller sets the checkpoint."""
-        recorded = [event.data["record_id"] for event in self._block.events if event.kind == "records.recorded"]
-        staged = await self._store.clips(recorded)
-        owners = {event.data["owner"] for event in self._block.events if event.kind == "records.recorded"}
-        self._visit_restrictions = await self._store.visit_restrictions(sorted(owners)) if owners else {}
+        staged = await self._read_recorded()
         for event in self._block.events:
+            if not _is_work(self._member, event):
+                continue
             match event.kind:
                 case "records.recorded":
                     await self._on_recorded(event, staged.get(event.data["record_id"]))
@@ -117,15 +138,38 @@ class BlockApplier:
                 case "erasure.requested":
                     await self._flush()
                     await self._on_erasure(event.data)
-                case "access.released" | "access.refused" | "erasure.receipted" | "erasure.expired":
-                    if event.data["custodian"] == self._member:
-                        await self._on_own_receipt(event)
-                case kind if kind in RESTRICTION_EVENTS:
+                case kind if kind in _RECEIPTS:
+                    await self._on_own_receipt(event)
+                case _:
                     await self._flush()
                     await self._on_right(event)
-                case _:
-                    pass
         await self._flush()
+
+    async def collect_recorded(self) -> BlockEffects | None:
+        """What blocks that `only_records` change; nothing is written. None if they do more than that."""
+        staged = await self._read_recorded()
+        for block in self._blocks:
+            self._block = block
+            for event in block.events:
+                if event.kind != _RECORDED:
+                    continue
+                facts, clip = self._facts(event), staged.get(event.data["record_id"])
+                restrictions = self._visit_restrictions.get(facts.owner)
+                if restrictions is not None and restrictions.whole:
+                    return None
+                if clip is None:
+                    self._missing.append(place(facts, self._member, self._placement))
+                elif clip.status == "staged":
+                    if not matches_roots(clip, facts):
+                        return None
+                    self._confirmed.append(facts)
+        return BlockEffects(confirmed=tuple(self._confirmed), missing=tuple(self._missing))
+
+    async def _read_recorded(self) -> dict[bytes, ClipRow]:
+        recorded = [event.data for block in self._blocks for event in block.events if event.kind == _RECORDED]
+        owners = sorted({data["owner"] for data in recorded})
+        self._visit_restrictions = await self._store.visit_restrictions(owners) if owners else {}
+        return await self._store.clips([data["record_id"] for data in recorded])
 
     async def _flush(self) -> None:
         if self._confirmed or self._missing or self._settled:
@@ -136,16 +180,7 @@ class BlockApplier:
         self._confirmed, self._missing, self._settled = [], [], []
 
     async def _on_recorded(self, event: FinalizedEvent, clip: ClipRow | None) -> None:
-        data = event.data
-        facts = RecordFacts(
-            record_id=data["record_id"],
-            txid=event.txid,
-            owner=data["owner"],
-            commitment_root=data["commitment_root"],
-            ciphertext_root=data["ciphertext_root"],
-            expires_at_ms=data["expires_at_ms"],
-            height=self._block.height,
-        )
+        facts = self._facts(event)
         restrictions = self._visit_restrictions.get(facts.owner)
         if restrictions is not None and restrictions.whole:
             restrictions, facts = hold(restrictions, facts)
@@ -160,6 +195,18 @@ class BlockApplier:
                 log.warning("custody_upload_is_not_what_was_recorded", record_id=facts.record_id.hex())
                 await self._eraser.drop_staged([facts.record_id])
                 self._missing.append(place(facts, self._member, self._placement))
+
+    def _facts(self, event: FinalizedEvent) -> RecordFacts:
+        data = event.data
+        return RecordFacts(
+            record_id=data["record_id"],
+            txid=event.txid,
+            owner=data["owner"],
+            commitment_root=data["commitment_root"],
+            ciphertext_root=data["ciphertext_root"],
+            expires_at_ms=data["expires_at_ms"],
+            height=self._block.height,
+        )
 
     async def _on_access(self, data: dict[str, Any]) -> None:
         named = tuple(data["records"])

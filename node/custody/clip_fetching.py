@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import structlog
@@ -18,9 +19,10 @@ from node.custody.stores.custody_store import BlockEffects, CustodyStore, Record
 if TYPE_CHECKING:
     from consensus.records.placement import Placement
 
-FETCH_AT_ONCE_COUNT = 128
-FETCHES_IN_FLIGHT_COUNT = 2
-INSTALL_AT_ONCE_MAX_BYTES = 2 * 1024 * 1024
+FETCH_AT_ONCE_COUNT = 256
+FETCHES_IN_FLIGHT_COUNT = 4
+INSTALL_AT_ONCE_MAX_BYTES = 3 * 1024 * 1024
+"""With the clip that comes last, what a database takes as one transaction."""
 MISSING_READ_COUNT = 10_000
 PLACED_AT_ONCE_COUNT = 256
 _ROOM_BYTES = FETCHES_IN_FLIGHT_COUNT * (INSTALL_AT_ONCE_MAX_BYTES + CLIP_SIZE_MAX_BYTES)
@@ -86,36 +88,39 @@ class ClipFetcher:
         return count
 
     async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
-        """Fetch up to 128 missing clips, newest first, in turns; return those installed.
+        """Fetch up to 256 missing clips, newest first, in turns; return those installed.
 
-        Their keepers are asked first, of these who answered fastest. While one clip is fetched, those before it are
+        Their keepers are asked first, of these who answered fastest. While some are fetched, those before them are
         stored, many at once.
         """
-        due = iter(await self._choose_missing())
+        due, fetched = iter(await self._choose_missing()), list[ClipDownload]()
         try:
             async with asyncio.TaskGroup() as group:
-                works = [group.create_task(self._fetch_in_turn(due, peers)) for _ in range(FETCHES_IN_FLIGHT_COUNT)]
+                fetching = partial(self._fetch_in_turn, due, peers, fetched)
+                works = [group.create_task(fetching()) for _ in range(FETCHES_IN_FLIGHT_COUNT)]
         except BaseExceptionGroup as errors:
             raise errors.exceptions[0] from None
-        return sum(work.result() for work in works)
+        return sum(work.result() for work in works) + await self._install(fetched)
 
-    async def _fetch_in_turn(self, due: Iterator[RecordFacts], peers: Sequence[PeerCustodian]) -> int:
-        installed, size_bytes = 0, 0
-        held: list[ClipDownload] = []
+    async def _fetch_in_turn(
+        self, due: Iterator[RecordFacts], peers: Sequence[PeerCustodian], fetched: list[ClipDownload]
+    ) -> int:
+        """Returns how many it installed; the last ones, too few for a batch, stay in `fetched`."""
+        installed = 0
         for facts in due:
             if not self._has_room(_ROOM_BYTES):
                 log.warning("clips_not_fetched", code="DISK_RESERVE_REACHED")
                 break
-            fetched = await self._fetch_from_any(facts, peers)
-            if fetched is not None:
-                held.append(fetched)
-                size_bytes += sum(len(frame.ciphertext) for frame in fetched.frames)
-            if size_bytes >= INSTALL_AT_ONCE_MAX_BYTES:
-                installed += await self._install(held)
-                held, size_bytes = [], 0
-        return installed + (await self._install(held) if held else 0)
+            if clip := await self._fetch_from_any(facts, peers):
+                fetched.append(clip)
+            if sum(len(frame.ciphertext) for clip in fetched for frame in clip.frames) >= INSTALL_AT_ONCE_MAX_BYTES:
+                batch, fetched[:] = fetched[:], []
+                installed += await self._install(batch)
+        return installed
 
     async def _install(self, fetched: Sequence[ClipDownload]) -> int:
+        if not fetched:
+            return 0
         count = await self.install_checked(fetched)
         self._asked_for.difference_update(each.record_id for each in fetched)
         return count

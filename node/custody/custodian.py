@@ -10,7 +10,8 @@ from array import array
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from itertools import islice
+from functools import partial
+from itertools import islice, takewhile
 from types import MappingProxyType
 
 import structlog
@@ -21,7 +22,7 @@ from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_download, check_clip_upload
 from consensus.records.commitments import ciphertext_leaves
 from consensus.records.placement import Placement
-from node.custody.block_effects import BlockApplier, build_release, matches_roots
+from node.custody.block_effects import BlockApplier, build_release, matches_roots, only_records
 from node.custody.chain_facts import ChainFacts
 from node.custody.clip_fetching import MISSING_READ_COUNT, ClipFetcher, check_fetched
 from node.custody.erase_keys import ErasableKeys, unwrap_key, wipe_keys, wrap_frames
@@ -87,6 +88,7 @@ class Custodian(ShareService, ClipFetcher):
         self._allocating = asyncio.Lock()
         self._find_placement = find_placement or (lambda: Placement.even([member], 0))
         self._placed: Placement | None = None
+        self._point: Checkpoint | None = None
         self._asked_for: set[bytes] = set()
         self._waited_s: dict[str, float] = {}
         self._in_flight: set[int] = set()
@@ -159,7 +161,7 @@ class Custodian(ShareService, ClipFetcher):
         return facts
 
     async def _check_in_time(self, clip: ClipRow) -> None:
-        point = await self._store.checkpoint()
+        point = await self.checkpoint()
         # A clock that is behind the chain is wrong; nobody's upload is refused for it.
         now_ms = max(self._clock_ms(), 0 if point is None else point.timestamp_ms)
         if clip.valid_until_ms > now_ms + TRANSACTION_LIFETIME_MAX_MS + CLOCK_SLACK_MS:
@@ -172,7 +174,7 @@ class Custodian(ShareService, ClipFetcher):
         self, size_bytes: int, terms: UploadTerms | None, in_flight: Mapping[bytes, Use] = MappingProxyType({})
     ) -> int:
         """Return the upload's day, counting `in_flight`. Raises UPLOAD_QUOTA_EXCEEDED."""
-        point = await self._store.checkpoint()
+        point = await self.checkpoint()
         now_ms = 0 if point is None else point.timestamp_ms
         return await require_quota_of(self._store, size_bytes, terms, now_ms, in_flight)
 
@@ -239,13 +241,19 @@ class Custodian(ShareService, ClipFetcher):
             for clip, rows, facts in found
         ]
         await self._stage(confirmed)
-        await self._settle_missing([facts for *_, facts in found])
+        await self._settle_missing([facts for *_, facts in found], {clip.record_id: clip for clip, _ in confirmed})
         erased = {row.slot for _, rows, facts in found for row in rows if row.index in facts.erased_frames}
         await self._eraser.destroy_unused(sorted(erased))
 
-    async def _settle_missing(self, missing: Sequence[RecordFacts]) -> None:
-        """Those that are here by now are no longer missing, and are owed to whoever asked for them."""
-        clips = await self._store.clips([facts.record_id for facts in missing])
+    async def _settle_missing(
+        self, missing: Sequence[RecordFacts], clips: Mapping[bytes, ClipRow] | None = None
+    ) -> None:
+        """Those that are here by now are no longer missing, and are owed to whoever asked for them.
+
+        `clips`: as just stored.
+        """
+        if clips is None:
+            clips = await self._store.clips([facts.record_id for facts in missing])
         here = [facts for facts in missing if facts.record_id in clips and clips[facts.record_id].status == "confirmed"]
         owners = sorted({facts.owner for facts in here})
         restrictions = await self._store.visit_restrictions(owners)
@@ -320,17 +328,54 @@ class Custodian(ShareService, ClipFetcher):
     # Blocks
 
     async def on_finalized_block(self, block: FinalizedEvents) -> None:
-        """Apply a finalized block once; blocks up to the checkpoint are skipped.
+        """As `on_finalized_blocks`."""
+        await self.on_finalized_blocks([block])
 
-        Raises CUSTODY_OUT_OF_ORDER for a gap or another block of its height.
+    async def on_finalized_blocks(self, blocks: Sequence[FinalizedEvents]) -> None:
+        """Apply finalized blocks once, in order; blocks up to the checkpoint are skipped.
+
+        Those that only record are one write. Raises CUSTODY_OUT_OF_ORDER for a gap or another block of its height.
         """
+        due = list(blocks)
         async with self._writing:
-            if not await self._is_next(block):
-                return
-            await self._eraser.finish()
-            placement = self._find_placement()
-            await BlockApplier(self._store, self._eraser, self._shares, self._member, placement, block).apply()
-            await self._close_block(block.checkpoint)
+            while due:
+                if not await self._is_next(due[0]):
+                    del due[0]
+                    continue
+                await self._eraser.finish()
+                taken = await self._record_together(due)
+                if not taken:
+                    await self._applier(due[0]).apply()
+                    await self._close_block(due[0].checkpoint)
+                del due[: max(taken, 1)]
+
+    def _applier(self, *blocks: FinalizedEvents) -> BlockApplier:
+        return BlockApplier(self._store, self._eraser, self._shares, self._member, self._find_placement(), blocks)
+
+    async def _record_together(self, blocks: Sequence[FinalizedEvents]) -> int:
+        """Write what the first blocks record, if that is all that is due by the last of them; return how many."""
+        first = blocks[0].height
+        is_plain = partial(only_records, self._member)
+        plain = [*takewhile(lambda at: at[1].height == first + at[0] and is_plain(at[1]), enumerate(blocks))]
+        if not plain:
+            return 0
+        point = plain[-1][1].checkpoint
+        effects = await self._applier(*(block for _, block in plain)).collect_recorded()
+        if effects is None or await self._is_more_due(effects, point.timestamp_ms):
+            return 0
+        await self._write_checkpoint(replace(effects, checkpoint=point))
+        return len(plain)
+
+    async def _is_more_due(self, effects: BlockEffects, at_ms: int) -> bool:
+        """Whether by then anything lapses, ends or expires, of what is here and what these effects bring."""
+        confirmed = {facts.record_id for facts in effects.confirmed}
+        return bool(
+            any(facts.expires_at_ms <= at_ms for facts in (*effects.confirmed, *effects.missing))
+            or set(await self._store.lapsed(at_ms, LAPSED_AT_ONCE_COUNT)) - confirmed
+            or await self._shares.is_any_over(at_ms)
+            or await self._store.expired(at_ms, 1)
+            or await self._store.missing_over(at_ms)
+        )
 
     async def reconcile(self, facts: ChainFacts) -> None:
         """Bring the store to a finalized state whose blocks are unavailable.
@@ -339,7 +384,7 @@ class Custodian(ShareService, ClipFetcher):
         """
         point = facts.point
         async with self._writing:
-            known = await self._store.checkpoint()
+            known = await self.checkpoint()
             if known is not None and known.height >= point.height:
                 return
             await self._eraser.finish()
@@ -358,10 +403,15 @@ class Custodian(ShareService, ClipFetcher):
         await self._shares.close_block(point.timestamp_ms)
         await self._eraser.erase_expired(point.timestamp_ms, point.height)
         await self._eraser.finish()
-        await self._store.apply(BlockEffects(checkpoint=point))
+        await self._write_checkpoint(BlockEffects(checkpoint=point))
+
+    async def _write_checkpoint(self, effects: BlockEffects) -> None:
+        self._point = None  # a failed write may have been done all the same
+        await self._store.apply(effects)
+        self._point = effects.checkpoint
 
     async def _is_next(self, block: FinalizedEvents) -> bool:
-        point = await self._store.checkpoint()
+        point = await self.checkpoint()
         newest = point.height if point is not None else 0
         if point is not None and block.height == newest and block.block_id != point.block_id:
             raise BlockRobotError("CUSTODY_OUT_OF_ORDER", f"The store followed another block of height {newest}.")
@@ -371,7 +421,9 @@ class Custodian(ShareService, ClipFetcher):
 
     async def checkpoint(self) -> Checkpoint | None:
         """Return the newest applied block; next is one higher (or 0)."""
-        return await self._store.checkpoint()
+        if self._point is None:
+            self._point = await self._store.checkpoint()
+        return self._point
 
     # What the chain is owed
 

@@ -61,6 +61,7 @@ class Eraser:
         self._store = store
         self._keys = erase_keys
         self._is_swept = True
+        self._has_plans = True
         self._executed_plans: set[tuple[str, bytes, int]] = set()
 
     async def erase_requested(
@@ -164,7 +165,9 @@ class Eraser:
 
     async def finish(self) -> None:
         """Finish interrupted plans, sweep once if anything went, then close plans."""
-        while rows := await self._store.outbox("erasing", "erasure", _PLANS_AT_ONCE_COUNT):
+        while self._has_plans:
+            rows = await self._store.outbox("erasing", "erasure", _PLANS_AT_ONCE_COUNT)
+            self._has_plans = bool(rows)
             for row in rows:
                 if row.key not in self._executed_plans:
                     await self._execute_plan(row)
@@ -189,6 +192,7 @@ class Eraser:
     ) -> None:
         plan = encode(ErasurePlan(parts))
         row = OutboxRow(kind, subject, 0, "erasure", entry, encode_value(list(arguments)), height, "erasing", plan)
+        self._has_plans = True
         await self._store.add_outbox(row)
         for known in await self._store.outbox_of(kind, subject):  # an earlier plan of the same stays as it was
             if known.status == "erasing" and known.key not in self._executed_plans:

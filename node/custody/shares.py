@@ -191,6 +191,10 @@ class Shares:
     async def deny_visit(self, owner: bytes) -> None:
         await self._eraser.destroy_parts(await self._store.parts_of("owner", [owner]))
 
+    async def is_any_over(self, at_ms: int) -> bool:
+        """Whether `close_block` would destroy anything."""
+        return bool(await self._store.lapsed_parts(at_ms, 1) or await self._store.shares_over(at_ms, 1))
+
     async def close_block(self, at_ms: int) -> None:
         """Destroy parts of grants ended or never finalized by a block's time."""
         while lapsed := await self._store.lapsed_parts(at_ms, PARTS_AT_ONCE_COUNT):

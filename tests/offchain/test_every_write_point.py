@@ -227,7 +227,43 @@ class FetchStory:
         assert ("access.released", [ACCESS_ID, [self.clips[0].record_id]]) in await self.house.ready_outbox()
 
 
-Kind = type[Story] | type[SharesStory] | type[FetchStory]
+class BehindStory:
+    """Blocks that only record, and are one write, before one that erases and by which a clip expires."""
+
+    chunks_count, commands_min_count = 3, 6
+
+    def __init__(self, house: CustodianHarness) -> None:
+        self.house = house
+        self.here, self.gone, self.expiring, self.missed = (record_clip() for _ in range(4))
+        self.blocks: list[FinalizedEvents] = []
+
+    async def prepare(self) -> FinalizedEvents:
+        for clip in (self.here, self.gone, self.expiring):
+            await self.house.custodian.stage(clip.upload)
+        block, late = self.house.chain.block, {"expires_at_ms": LATER_MS}
+        self.blocks = [
+            block(recorded(self.here, **late), recorded(self.missed, **late)),
+            block(recorded(self.gone, **late)),
+            block(recorded(self.expiring, expires_at_ms=AT_MS)),
+            block(erasure(ERASURE_ID, self.gone), at_ms=AT_MS),
+        ]
+        return self.blocks[-1]
+
+    async def act(self, _block: FinalizedEvents) -> None:
+        await self.house.custodian.on_finalized_blocks(self.blocks)
+
+    async def check(self) -> None:
+        custodian, keys, store = self.house.custodian, self.house.keys, self.house.store
+        assert (await custodian.checkpoint()) == self.blocks[-1].checkpoint
+        assert read_all(self.here, await custodian.export(self.here.record_id)) == list(self.here.plaintexts)
+        assert [facts.record_id for facts in await custodian.missing(10)] == [self.missed.record_id]
+        for clip in (self.gone, self.expiring):
+            await refused("CLIP_ERASED", custodian.export(clip.record_id))
+        assert sorted([slot async for slot in store.slots_in_use()]) == keys.held
+        assert {call for call, _ in await self.house.ready_outbox()} == {"erasure.receipt", "erasure.expired"}
+
+
+Kind = type[Story] | type[SharesStory] | type[FetchStory] | type[BehindStory]
 
 
 async def play(kind: Kind, house: CustodianHarness, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) -> bool:
@@ -254,7 +290,7 @@ IN_TURN = pytest.mark.parametrize("first", [1, pytest.param(2, marks=pytest.mark
 
 
 @IN_TURN
-@pytest.mark.parametrize("kind", [Story, SharesStory, FetchStory])
+@pytest.mark.parametrize("kind", [Story, SharesStory, FetchStory, BehindStory])
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 async def test_a_power_cut_at_every_write_of_the_embedded_store_and_of_the_keys(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: bool, kind: Kind, first: int
@@ -312,11 +348,11 @@ async def cut_everywhere_with_clips_apart(
 @pytest.mark.parametrize(
     ("kind", "first", "has_transactions"),
     [
-        *((kind, 1, True) for kind in (Story, FetchStory)),
-        *((kind, 1, False) for kind in (Story, SharesStory, FetchStory)),
+        *((kind, 1, True) for kind in (Story, FetchStory, BehindStory)),
+        *((kind, 1, False) for kind in (Story, SharesStory, FetchStory, BehindStory)),
         *(
             pytest.param(kind, first, False, marks=pytest.mark.long)
-            for kind in (Story, SharesStory, FetchStory)
+            for kind in (Story, SharesStory, FetchStory, BehindStory)
             for first in range(2, 1 + kind.chunks_count)
         ),
     ],

@@ -101,7 +101,7 @@ class Ward(Hospital):
         for custody in self.custodies.values():
             height = custody.checkpoint_height
             while (height := 0 if height is None else height + 1) <= self.height:
-                await custody._apply_block(height)
+                await custody._apply_blocks(height)
 
     async def settle(self, *silent: str) -> None:
         """Let every custodian but the silent ones say what it owes, until nobody owes anything."""

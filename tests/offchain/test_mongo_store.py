@@ -29,6 +29,7 @@ from node.custody.stores.mongo_store import (
 from node.custody.stores.open_store import open_store
 from node.custody.stores.sqlite_store import SqliteStore
 from node.custody.upload_usage import DayUse, Use
+from tests.offchain.recorded_commands import recorded_commands
 from tests.offchain.stored_clips import make_clip
 
 RECORD_ID, OWNER, TXID = b"\x01" * 16, b"\x02" * 33, b"\x03" * 32
@@ -257,6 +258,19 @@ def test_a_query_without_an_index_would_be_noticed(database: Database[Document])
     assert not _is_served({"status": "ready"}, [("height", -1), ("_id", 1)], rising)
     assert not _is_served({"height": {"$lt": 5}}, [], rising)
     assert not _is_served({"owner": OWNER}, [], rising)
+
+
+async def test_what_writes_single_frames_names_their_shard(mongo_database: str) -> None:
+    clip, frames = make_clip(1)
+    with recorded_commands() as commands:
+        async with MongoStore(mongo_database) as store:
+            await store.stage(clip, frames)
+            await store.replace_frames(clip.record_id, frames)
+            await store.erase_frames(clip.record_id, [0])
+            await store.erase_clip(clip.record_id)
+    asked = [where for command in commands.sent if command.collection == "frames" for where in command.filters]
+    assert len(asked) > len(frames)
+    assert all("record_id" in where for where in asked)
 
 
 EFFECTS = BlockEffects(

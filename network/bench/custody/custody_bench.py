@@ -30,6 +30,7 @@ from network.bench.custody.custody_clips import ClipRobot, SealedClip, seal_clip
 from network.bench.custody.custody_held import HeldClips, HeldRow
 from network.bench.fresh_network import FreshNetwork
 from network.cluster import READY_TIMEOUT_S, Cluster
+from node.custody.coordination.custody_coordinator import BLOCKS_AT_ONCE_COUNT
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import EraseKeys
 from node.custody.finalized_events import FinalizedEvent, FinalizedEvents
@@ -215,8 +216,8 @@ async def _measure_catching_up(
     blocks: Sequence[FinalizedEvents], awake: _Custody, away: _Custody, behind: int, on_progress: OnProgress
 ) -> float:
     started_s = time.perf_counter()
-    for block in blocks:
-        await away.custodian.on_finalized_block(block)
+    for first in range(0, len(blocks), BLOCKS_AT_ONCE_COUNT):
+        await away.custodian.on_finalized_blocks(blocks[first : first + BLOCKS_AT_ONCE_COUNT])
     fetched = 0
     while count := await away.custodian.fetch_missing([awake]):
         fetched += count

@@ -29,13 +29,15 @@ from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 from consensus.state.identity import CUSTODIAN, ROOM
 from consensus.state.records import EMPTY_FRAME
 from consensus.state.settings import read_quotas
+from node.custody.block_effects import only_records
 from node.custody.chain_facts import ChainFacts, read_placement, require_grantee, require_open_grant
+from node.custody.clip_fetching import FETCHES_IN_FLIGHT_COUNT
 from node.custody.coordination.custody_answers import UploadReport
 from node.custody.coordination.upload_admission import CATCH_UP_MAX_MS, HoldRoom, UploadAdmission
 from node.custody.coordination.upload_report import describe_uploads
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
-from node.custody.finalized_events import CUSTODIANS_REMOVED, collect_events
+from node.custody.finalized_events import CUSTODIANS_REMOVED, FinalizedEvents, collect_events
 from node.custody.stores.custody_store import Checkpoint, CustodyStore, OutboxRow
 from node.custody.upload_usage import UploadAccount
 from node.ledger.ledger_writer import FinalityFeed
@@ -49,13 +51,16 @@ SUBMISSIONS_KEPT_MAX_COUNT = 4_096
 OUTBOX_INTERVAL_MS = 1_000
 OUTBOX_LIFETIME_MS = 60_000
 FETCH_INTERVAL_MS = 2_000
+BLOCKS_AT_ONCE_COUNT = 16
+"""How many blocks a custodian that is behind follows by one write."""
 REFUSALS_MAX_COUNT = 3
 VAIN_CODES = frozenset({"RECEIPT_EXISTS", "RELEASE_EXISTS", "REFUSAL_EXISTS", "NOT_A_CUSTODIAN"})
 """After which nothing is said again: the chain knows it already, or asked others, before this custodian came."""
 CLIP_ABSENT_CODES = frozenset({"NOT_FOUND", "CLIP_NOT_CONFIRMED", "CLIP_ERASED"})
 CLIP_PART_BYTES = 1024 * 1024
 CLIP_WIRE_MAX_BYTES = CLIP_SIZE_MAX_BYTES + 1024 * 1024
-CLIPS_SERVED_KEPT_COUNT = 2
+CLIPS_SERVED_KEPT_COUNT = FETCHES_IN_FLIGHT_COUNT
+"""Of clips in parts; fewer, and each part of what one custodian fetches would read its clip again."""
 RETRY_MS = 500
 SERVING_POLL_MS = 50
 _WAIT_MS = 60_000
@@ -278,7 +283,7 @@ class CustodyCoordinator:
                 continue
             try:
                 if not await self._reconcile_if_due(height):
-                    await self._apply_block(height + 1)
+                    await self._apply_blocks(height + 1)
             except BlockRobotError as error:
                 log.warning("custody_behind", height=height, code=error.code, detail=error.detail)
                 await asyncio.sleep(RETRY_MS / 1000)
@@ -307,23 +312,38 @@ class CustodyCoordinator:
         async with self._followed:
             self._followed.notify_all()
 
-    async def _apply_block(self, height: int) -> None:
+    async def _apply_blocks(self, first: int) -> None:
+        """Several that only record, where the custodian is behind; any other alone."""
+        taken: list[tuple[FinalizedEvents, Sequence[Receipt]]] = []
+        last = max(first, min(self._feed.height, first + BLOCKS_AT_ONCE_COUNT - 1))
+        for height in range(first, last + 1):
+            events, receipts = self._read_block(height)
+            removes = any(event.kind == CUSTODIANS_REMOVED for event in events.events)
+            is_alone = removes or not only_records(self._key.public_key, events)
+            if is_alone and taken:
+                break
+            if removes:
+                await self._report_expired()  # before the block counts as followed: after a crash it is done again
+            taken.append((events, receipts))
+            if is_alone:
+                break
+        try:
+            await self._custodian.on_finalized_blocks([events for events, _ in taken])
+        finally:
+            self._served.clear()  # of what was erased nothing may be left, not even in memory
+        await self._note_followed(taken[-1][0].height)
+        for _, receipts in taken:
+            await self._note_refusals(receipts)
+        if any(events.events for events, _ in taken):
+            self._wake_outbox.set()
+
+    def _read_block(self, height: int) -> tuple[FinalizedEvents, Sequence[Receipt]]:
         with self._ledger.snapshot() as snapshot:
             block_bytes, receipts_bytes = snapshot.block(height), snapshot.receipts(height)
         if block_bytes is None or receipts_bytes is None:
             raise BlockRobotError("STORAGE_DAMAGED", f"The ledger does not hold block {height}.")
         block, receipts = decode(block_bytes, Block), decode(receipts_bytes, Receipts).receipts
-        events = collect_events(height, block.block_id, block.header.timestamp_ms, receipts)
-        if any(event.kind == CUSTODIANS_REMOVED for event in events.events):
-            await self._report_expired()  # before the block counts as followed: after a crash it is done again
-        try:
-            await self._custodian.on_finalized_block(events)
-        finally:
-            self._served.clear()  # of what was erased nothing may be left, not even in memory
-        await self._note_followed(height)
-        await self._note_refusals(receipts)
-        if events.events:
-            self._wake_outbox.set()
+        return collect_events(height, block.block_id, block.header.timestamp_ms, receipts), receipts
 
     async def _report_expired(self) -> None:
         with self._ledger.snapshot() as snapshot:

@@ -159,5 +159,5 @@ class Reconciliation:
     async def _replay(self, height: int, txid: bytes, contract: str, name: str, data: dict[str, Any]) -> None:
         event = FinalizedEvent(txid, contract, name, data)
         point = self._facts.point
-        block = FinalizedEvents(height, point.block_id, point.timestamp_ms, (event,))
-        await BlockApplier(self._store, self._eraser, self._shares, self._member, self._placement, block).apply()
+        blocks = [FinalizedEvents(height, point.block_id, point.timestamp_ms, (event,))]
+        await BlockApplier(self._store, self._eraser, self._shares, self._member, self._placement, blocks).apply()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from operator import itemgetter
 from typing import Any, TypeVar
 
 from bson.int64 import Int64
@@ -43,11 +44,28 @@ def rows(convert: Callable[[Document], Row], documents: Iterable[Document]) -> l
     try:
         return [convert(_plain(document)) for document in documents]
     except (KeyError, TypeError) as error:
-        raise BlockRobotError("STORAGE_DAMAGED", f"The store has a document that is not whole: {error!r}.") from error
+        raise _damage(error) from error
+
+
+def in_order(documents: Iterable[Document], fields: Sequence[str]) -> list[Document]:
+    """Raises as `rows`."""
+    try:
+        return sorted(documents, key=itemgetter(*fields))
+    except (KeyError, TypeError) as error:
+        raise _damage(error) from error
+
+
+def _damage(error: Exception) -> BlockRobotError:
+    return BlockRobotError("STORAGE_DAMAGED", f"The store has a document that is not whole: {error!r}.")
 
 
 def frame_id(record_id: bytes, index: int) -> bytes:
     return record_id + u32(index)
+
+
+def frame_key(record_id: bytes, index: int) -> Document:
+    """With what frames are sharded by, which an upsert has to name, and by which one shard is asked."""
+    return {"_id": frame_id(record_id, index), "record_id": record_id}
 
 
 def outbox_id(key: tuple[str, bytes, int]) -> bytes:
@@ -100,9 +118,12 @@ def _told(facts: RecordFacts) -> Document:
     }
 
 
+def confirmed(facts: RecordFacts) -> Document:
+    return {"status": "confirmed"} | _told(facts)
+
+
 def confirmation(facts: RecordFacts) -> UpdateOne:
-    changes = {"status": "confirmed"} | _told(facts)
-    return UpdateOne({"_id": facts.record_id, "status": {"$in": ["staged", "confirmed"]}}, {"$set": changes})
+    return UpdateOne({"_id": facts.record_id, "status": {"$in": ["staged", "confirmed"]}}, {"$set": confirmed(facts)})
 
 
 def correction(facts: RecordFacts) -> UpdateOne:
@@ -133,8 +154,7 @@ def frame_document(row: FrameRow) -> Document:
 
 
 def replacement(row: FrameRow) -> ReplaceOne[Document]:
-    frame = frame_document(row)
-    return ReplaceOne({"_id": frame["_id"]}, frame, upsert=True)
+    return ReplaceOne(frame_key(row.record_id, row.index), frame_document(row), upsert=True)
 
 
 def frame_row(found: Document) -> FrameRow:

@@ -119,7 +119,9 @@ class MongoShares:
 
     async def parts_of(self, field: PartField, keys: Sequence[bytes]) -> list[PartPlace]:
         where: Document = {field: {"$in": list(keys)}}
-        found = rows(_place, await self._many("parts", where, sort=_by(field), fields=_PLACE_FIELDS) if keys else [])
+        found = rows(
+            _place, await self._many("parts", where, sort=((field, ASCENDING),), fields=_PLACE_FIELDS) if keys else []
+        )
         return sorted(found, key=lambda place: (place.grant_id, place.record_id))
 
     async def lapsed_parts(self, at_ms: int, limit: int) -> list[PartPlace]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
@@ -23,6 +24,7 @@ from pymongo.read_preferences import ReadPreference
 from pymongo.write_concern import WriteConcern
 
 from consensus.errors import BlockRobotError
+from node.custody.keyed_reads import KeyedReads
 from node.custody.stores import mongo_documents as documents
 from node.custody.stores.custody_store import (
     BlockEffects,
@@ -64,6 +66,7 @@ def _rising(*fields: str) -> Order:
 _BY_KEY = _rising("_id")
 _BY_PLACE = _rising("record_id", "index", "slot")
 _BY_CONTRACT = _rising("status", "contract", "height", "kind", "subject", "part")
+_READ_BY = {"clips": "_id", "frames": "record_id", "restrictions": "_id"}
 _NEWEST_FIRST: Order = (("elsewhere", ASCENDING), ("height", DESCENDING), ("_id", ASCENDING))
 _INDEXES: Mapping[str, Sequence[Order]] = {
     "clips": (
@@ -151,6 +154,7 @@ class MongoStore(MongoShares, MongoUploads):
         self._abandoned: list[Mapping[str, Any]] = []
         self._client: AsyncMongoClient[Document] | None = None
         self._database: AsyncDatabase[Document] | None = None
+        self._keyed = {name: KeyedReads(field, partial(self._having, name, field)) for name, field in _READ_BY.items()}
 
     async def __aenter__(self) -> Self:
         """Raises STORE_UNAVAILABLE after three seconds, STORAGE_DAMAGED (format), CONFIGURATION_INVALID (no database)."""
@@ -168,6 +172,8 @@ class MongoStore(MongoShares, MongoUploads):
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        for reads in self._keyed.values():
+            await reads.close()
         if self._client is not None:
             await self._client.close()
         self._client = self._database = None
@@ -231,10 +237,22 @@ class MongoStore(MongoShares, MongoUploads):
     async def _many(
         self, name: str, where: Document, *, sort: Order = _BY_KEY, limit: int = 0, fields: Sequence[str] | None = None
     ) -> list[Document]:
+        """In this order; all there are come as the server finds them and are sorted here."""
         wanted = None if fields is None else {"_id": "_id" in fields, **dict.fromkeys(fields, True)}
         with _answering():
-            found = self._collection(name).find(where, wanted).sort(list(sort)).limit(limit)
-            return await found.to_list(None)
+            found = self._collection(name).find(where, wanted, session=_SESSION.get())
+            if limit:
+                return await found.sort(list(sort)).limit(limit).to_list(None)
+            return documents.in_order(await found.to_list(None), [field for field, _ in sort])
+
+    async def _having(self, name: str, field: str, keys: Sequence[bytes]) -> list[Document]:
+        return await self._many(name, {field: {"$in": list(keys)}}, sort=_BY_PLACE if name == "frames" else _BY_KEY)
+
+    async def _with_keys(self, name: str, keys: Sequence[bytes]) -> list[Document]:
+        """What has one of these keys; of one key together with others that are asked for meanwhile."""
+        if len(keys) == 1:
+            return await self._keyed[name].of(keys[0])
+        return await self._having(name, _READ_BY[name], keys) if keys else []
 
     async def _walk(self, name: str, order: Order, field: str) -> AsyncIterator[int]:
         """One number of each document, read from the index of this order alone."""
@@ -299,38 +317,50 @@ class MongoStore(MongoShares, MongoUploads):
             ],
         )
         visit_restrictions = [documents.restrictions_document(row) for row in effects.visit_restrictions]
-        await self._bulk(
-            "restrictions", [ReplaceOne({"_id": row["_id"]}, row, upsert=True) for row in visit_restrictions]
-        )
+        await self._replace("restrictions", visit_restrictions)
         await self._bulk("clips", [documents.expiry(*change) for change in effects.expiries])
-        await self._bulk("clips", [documents.confirmation(facts) for facts in effects.confirmed])
+        await self._confirm(effects.confirmed)
         if found := [*(facts.record_id for facts in effects.confirmed), *effects.found]:
             await self._delete("missing", {"_id": {"$in": found}})
-        missing = [documents.missing_document(facts) for facts in effects.missing]
-        await self._bulk("missing", [ReplaceOne({"_id": facts["_id"]}, facts, upsert=True) for facts in missing])
-        grants = [documents.grant_document(grant) for grant in effects.grants]
-        await self._bulk("grants", [ReplaceOne({"_id": grant["_id"]}, grant, upsert=True) for grant in grants])
+        await self._replace("missing", [documents.missing_document(facts) for facts in effects.missing])
+        await self._replace("grants", [documents.grant_document(grant) for grant in effects.grants])
         await self._bulk("outbox", [DeleteOne({"_id": documents.outbox_id(key)}) for key in effects.settled])
         if effects.checkpoint is not None:
-            point = documents.checkpoint_document(effects.checkpoint)
             await self._delete("missing", {"expires_at_ms": _up_to(effects.checkpoint.timestamp_ms)})
-            await self._bulk("checkpoint", [ReplaceOne({"_id": _ONE}, point, upsert=True)])
+            await self._replace("checkpoint", [{"_id": _ONE, **documents.checkpoint_document(effects.checkpoint)}])
+
+    async def _replace(self, name: str, rows: Sequence[Document]) -> None:
+        """Many in a transaction by two commands for all of them: a server looks for each one that it is to replace."""
+        if _SESSION.get() is not None and len(rows) > 1:
+            last = {row["_id"]: row for row in rows}
+            await self._delete(name, {"_id": {"$in": list(last)}})
+            await self._insert(name, [*last.values()])
+        else:
+            await self._bulk(name, [ReplaceOne({"_id": row["_id"]}, row, upsert=True) for row in rows])
+
+    async def _confirm(self, confirmed: Sequence[RecordFacts]) -> None:
+        if _SESSION.get() is None or len(confirmed) < 2:
+            await self._bulk("clips", [documents.confirmation(facts) for facts in confirmed])
+            return
+        held = await self._many("clips", {"_id": {"$in": [facts.record_id for facts in confirmed]}})
+        told = {facts.record_id: documents.confirmed(facts) for facts in confirmed}
+        changed = [row | told[row["_id"]] for row in held if row["status"] in {"staged", "confirmed"}]
+        await self._replace("clips", changed)
 
     async def checkpoint(self) -> Checkpoint | None:
         found = rows(documents.checkpoint_row, await self._one("checkpoint", _ONE))
         return found[0] if found else None
 
     async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
-        where = {"_id": {"$in": list(record_ids)}, "status": {"$ne": STAGING}}
-        found = await self._many("clips", where) if record_ids else []
-        return {clip.record_id: clip for clip in rows(documents.clip_row, found)}
+        found = await self._with_keys("clips", record_ids)
+        whole = [document for document in found if document.get("status") != STAGING]
+        return {clip.record_id: clip for clip in rows(documents.clip_row, whole)}
 
     async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
         return rows(documents.clip_row, await self._many("clips", {"owner": owner, "status": "confirmed"}))
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
-        found = await self._many("frames", {"record_id": record_id}, sort=_BY_PLACE)
-        return rows(documents.frame_row, found)
+        return rows(documents.frame_row, await self._with_keys("frames", [record_id]))
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
         where = {"record_id": {"$in": list(record_ids)}}
@@ -339,7 +369,7 @@ class MongoStore(MongoShares, MongoUploads):
         return rows(documents.frame_place, found)
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
-        await self._bulk("frames", [DeleteOne({"_id": documents.frame_id(record_id, index)}) for index in indexes])
+        await self._bulk("frames", [DeleteOne(documents.frame_key(record_id, index)) for index in indexes])
 
     async def erase_clip(self, record_id: bytes) -> None:
         """See `CustodyStore.erase_clip`; marks first, so a half-erased clip is never served."""
@@ -415,9 +445,7 @@ class MongoStore(MongoShares, MongoUploads):
             last = found[-1]["_id"]
 
     async def visit_restrictions(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitRestrictions]:
-        if owners is not None and not owners:
-            return {}
-        found = await self._many("restrictions", {} if owners is None else {"_id": {"$in": list(owners)}})
+        found = await (self._many("restrictions", {}) if owners is None else self._with_keys("restrictions", owners))
         return {row.owner: row for row in rows(documents.restrictions_row, found)}
 
     async def add_outbox(self, row: OutboxRow) -> None:

@@ -57,11 +57,13 @@ class ScriptedCustodian:
     async def checkpoint(self) -> Checkpoint | None:
         return Checkpoint(self.heights[-1], bytes(32), 1) if self.heights else None
 
-    async def on_finalized_block(self, events: Any) -> None:
-        if events.height == self.fails_once_at:
-            self.fails_once_at = None
-            raise BlockRobotError("STORE_UNAVAILABLE")
-        self.heights.append(events.height)
+    async def on_finalized_blocks(self, blocks: Any) -> None:
+        for events in blocks:
+            if events.height == self.fails_once_at:
+                self.fails_once_at = None
+                raise BlockRobotError("STORE_UNAVAILABLE")
+            if events.height not in self.heights:
+                self.heights.append(events.height)
 
     async def ready_outbox(self, limit: int) -> list[OutboxRow]:
         return self.rows[:limit]
@@ -393,13 +395,13 @@ async def test_nothing_leaves_while_a_final_block_is_not_followed(
     await rig.followed(1)
     assert await ask()
     held = asyncio.Event()
-    follow = rig.custodian.on_finalized_block
+    follow = rig.custodian.on_finalized_blocks
 
     async def slow(events: Any) -> None:
         await held.wait()
         await follow(events)
 
-    monkeypatch.setattr(rig.custodian, "on_finalized_block", slow)
+    monkeypatch.setattr(rig.custodian, "on_finalized_blocks", slow)
     await rig.finalize(2)
     before = len(asked)
     with pytest.raises(BlockRobotError, match="CUSTODY_CATCHING_UP"):
