@@ -1,0 +1,93 @@
+"""A cluster's workers play as many seeds as processes on the same cores, less a tenth at most."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+import dask
+import psutil
+import pytest
+from distributed import Client, Security
+
+from network.bench.cluster import cluster_pool
+from network.bench.processes import worker_pool
+from network.sim.run import RunResult
+from network.sim.sweep import SEEDS_A_TASK_COUNT, _play_all, plan_of
+from tests.benchmarks.dask_processes import dask_processes, write_configuration
+
+RATE_MIN_SHARE = 0.9
+TURNS_COUNT = 6
+WORKERS_COUNT = 2
+SEEDS_A_TURN_COUNT, ROUNDS_COUNT = 32, 40
+
+
+@dataclass
+class Spent:
+    """What all turns of one pool took: seconds, and CPU seconds of all its processes and of those within seeds."""
+
+    elapsed_s: float = 0.0
+    cpu_s: float = 0.0
+    in_seeds_s: float = 0.0
+
+
+def family_of(pids: Iterable[int]) -> set[int]:
+    return {
+        member.pid for pid in pids for member in (psutil.Process(pid), *psutil.Process(pid).children(recursive=True))
+    }
+
+
+def cpu_of(pids: Iterable[int]) -> float:
+    return sum(sum(psutil.Process(pid).cpu_times()[:2]) for pid in pids)
+
+
+def play_turn(pool: Executor, first: int) -> list[RunResult]:
+    seeds = range(first, first + SEEDS_A_TURN_COUNT)
+    plans = [plan_of(seed, 4, ROUNDS_COUNT, 0) for seed in seeds]
+    handfuls = [plans[at : at + SEEDS_A_TASK_COUNT] for at in range(0, len(plans), SEEDS_A_TASK_COUNT)]
+    return [
+        found for task in as_completed([pool.submit(_play_all, some) for some in handfuls]) for found in task.result()
+    ]
+
+
+@pytest.mark.timeout(1800)
+def test_workers_play_at_nine_tenths_of_the_rate_of_processes(
+    tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
+    """By turns, the same seeds, both pools warm: what else the machine does slows both. `--junitxml` keeps the figures."""
+    members = write_configuration(tmp_path / "members")
+    dask.config.refresh(paths=[str(members)])
+    try:
+        with dask_processes(tmp_path / "dask", members) as cluster:
+            worker = cluster.start_worker("--nworkers", str(WORKERS_COUNT))
+            with Client(cluster.address, security=Security(require_encryption=True), set_as_default=False) as watcher:
+                cluster.workers(watcher, WORKERS_COUNT)
+            with worker_pool(WORKERS_COUNT) as here, cluster_pool(cluster.address) as there:
+                pools = [(here, Spent()), (there, Spent())]
+                for pool, _ in pools:
+                    play_turn(pool, 0)
+                of_cluster = family_of([cluster.scheduler.pid, worker.pid])
+                of_processes = family_of([os.getpid()]) - of_cluster - {os.getpid()}
+                for turn in range(TURNS_COUNT):
+                    for pool, spent in pools if turn % 2 else reversed(pools):
+                        pids = {os.getpid(), *(of_processes if pool is here else of_cluster)}
+                        cpu_s, started_s = cpu_of(pids), time.perf_counter()
+                        played = play_turn(pool, 1000 + turn * SEEDS_A_TURN_COUNT)
+                        spent.elapsed_s += time.perf_counter() - started_s
+                        spent.cpu_s += cpu_of(pids) - cpu_s
+                        spent.in_seeds_s += sum(found.cpu_s for found in played)
+    finally:
+        dask.config.refresh()
+    (_, processes), (_, workers) = pools
+    shares = {
+        "rate": processes.elapsed_s / workers.elapsed_s,
+        "rate by CPU": processes.cpu_s / workers.cpu_s,
+        "of the CPU in seeds": workers.in_seeds_s / workers.cpu_s,
+    }
+    for name, share in shares.items():
+        record_property(name, round(share, 3))
+    assert min(shares["rate"], shares["of the CPU in seeds"]) >= RATE_MIN_SHARE, shares
