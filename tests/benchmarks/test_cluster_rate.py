@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +22,9 @@ from network.sim.sweep import SEEDS_A_TASK_COUNT, _play_all, plan_of
 from tests.benchmarks.dask_processes import dask_processes, write_configuration
 
 RATE_MIN_SHARE = 0.9
-TURNS_COUNT = 6
+TURNS_COUNT = 4
 WORKERS_COUNT = 2
-SEEDS_A_TURN_COUNT, ROUNDS_COUNT = 32, 40
+SEEDS_A_TURN_COUNT, ROUNDS_COUNT = 16, 40
 
 
 @dataclass
@@ -55,10 +56,8 @@ def play_turn(pool: Executor, first: int) -> list[RunResult]:
 
 
 @pytest.mark.timeout(1800)
-def test_workers_play_at_nine_tenths_of_the_rate_of_processes(
-    tmp_path: Path, record_property: Callable[[str, object], None]
-) -> None:
-    """By turns, the same seeds, both pools warm: what else the machine does slows both. `--junitxml` keeps the figures."""
+def test_workers_play_at_nine_tenths_of_the_rate_of_processes(tmp_path: Path) -> None:
+    """By turns, the same seeds, both pools warm: what else the machine does slows both. `--log-cli-level INFO` tells it."""
     members = write_configuration(tmp_path / "members")
     dask.config.refresh(paths=[str(members)])
     try:
@@ -88,6 +87,5 @@ def test_workers_play_at_nine_tenths_of_the_rate_of_processes(
         "rate by CPU": processes.cpu_s / workers.cpu_s,
         "of the CPU in seeds": workers.in_seeds_s / workers.cpu_s,
     }
-    for name, share in shares.items():
-        record_property(name, round(share, 3))
+    logging.getLogger(__name__).info("%s, %s: %s", processes, workers, shares)
     assert min(shares["rate"], shares["of the CPU in seeds"]) >= RATE_MIN_SHARE, shares

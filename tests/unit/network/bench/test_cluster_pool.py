@@ -53,7 +53,10 @@ def test_a_scheduler_is_named_by_tls_or_on_this_machine(address: str) -> None:
         "scheduler.example:8786",
     ],
 )
-@pytest.mark.parametrize("command", ["sim run", "bench hiding", "bench matcher", "bench companions", "privacy attack"])
+@pytest.mark.parametrize(
+    "command",
+    ["sim run", "bench hiding", "bench matcher", "bench companions", "privacy attack", "experiment run all --out new"],
+)
 def test_other_addresses_are_refused_before_anything_is_done(command: str, address: str) -> None:
     result = CliRunner().invoke(main, [*command.split(), "--on", address])
     assert result.exit_code == 2
