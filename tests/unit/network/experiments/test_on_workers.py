@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tarfile
+import time
 from pathlib import Path
 
 import pytest
@@ -65,7 +66,7 @@ def test_the_second_on_a_machine_waits_for_the_first(monkeypatch: pytest.MonkeyP
         if len(waited) == 2:
             first.__exit__(None, None, None)
 
-    monkeypatch.setattr(on_workers.time, "sleep", wait)
+    monkeypatch.setattr(time, "sleep", wait)
     first.__enter__()
     with only_one_on_this_machine():
         assert len(waited) == 2
