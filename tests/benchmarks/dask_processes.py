@@ -41,7 +41,7 @@ class DaskProcesses:
 
     def start_scheduler(self) -> None:
         place = ("--protocol", "tls", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", "at.json")
-        self._start("scheduler", *place)
+        self.scheduler = self._start("scheduler", *place)
         self.address = json.loads(self.wait_for(self._read))["address"]
 
     def start_worker(self, *options: str, source: Path = ROOT) -> subprocess.Popen[bytes]:

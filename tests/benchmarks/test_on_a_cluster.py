@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -20,6 +21,14 @@ from distributed import Client, Security
 
 from consensus.errors import BlockRobotError
 from network.bench.cluster import cluster_pool
+from network.bench.processes import worker_pool
+from network.lab.privacy.attacks.attacks_on_all import attack_all_schemes
+from network.lab.privacy.attacks.evidence import gather
+from network.lab.privacy.attacks.learner import has_boosting
+from network.lab.privacy.hospital.attacked_custodian import keep_last_day
+from network.lab.privacy.hospital.attacked_days import play
+from network.lab.privacy.hospital.population import draw_population
+from network.lab.privacy.limits_table import limits_of
 from network.sim.sweep import plan_of, sweep
 from tests.benchmarks.dask_processes import ROOT, START_MAX_S, DaskProcesses, dask_processes, write_configuration
 from tests.benchmarks.long_work import refuse, work_briefly
@@ -90,6 +99,26 @@ def test_workers_that_are_killed_lose_nothing(tmp_path: Path, members: Path) -> 
     assert on_workers.traces == in_processes.traces
     assert here.traces.items() <= on_workers.traces.items()
     assert on_workers.failed == []
+
+
+def test_attacks_find_the_same_at_home_in_processes_and_on_workers(
+    cluster: DaskProcesses, watcher: Client, tmp_path: Path
+) -> None:
+    """On what was played once: keys are drawn anew each time, and with them what a guess finds."""
+    cluster.start_worker("--nworkers", "2")
+    cluster.workers(watcher, 2)
+    played = play(draw_population(3, people=10, days=3, serial_bits=10), tmp_path / "hospital", seed=3)
+    evidence = gather(played, seed=3, boosting=has_boosting())
+    custody = keep_last_day(played, tmp_path / "hospital" / "custodian")
+
+    def attack(pool: Executor) -> object:
+        wait = attack_all_schemes(evidence, pool, lambda _: None)
+        limits = limits_of(evidence, custody, pool, lambda _: None)
+        return wait()[0], limits
+
+    with ThreadPoolExecutor(1) as here, worker_pool(2) as processes, cluster_pool(cluster.address) as workers:
+        at_home, in_processes, on_workers = map(attack, (here, processes, workers))
+    assert at_home == in_processes == on_workers
 
 
 def test_a_worker_that_comes_late_gets_work(cluster: DaskProcesses, watcher: Client) -> None:

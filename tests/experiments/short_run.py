@@ -30,14 +30,17 @@ def shortened(seconds: float) -> Scenario:
     return replace(whole, name="short", duration_s=seconds, people=people, digest=f"{round(seconds * 1000):064d}")
 
 
-async def run_short(folder: Path, seconds: float, show: Callable[[Experiment, Check], None]) -> dict[str, Any]:
-    """Run it in `folder/out`, with recordings in `folder/cache`; return the result."""
+async def run_short(
+    folder: Path, seconds: float, show: Callable[[Experiment, Check], None], on: str = ""
+) -> dict[str, Any]:
+    """Run it in `folder/out`, with recordings in `folder/cache` (at home); return the result."""
     options = RunOptions(
         out=folder / "out",
         cache=folder / "cache",
         base_port=find_base_port(4),
         on_progress=lambda _: None,
         show=show,
+        on=on,
     )
     result, _ = await run_experiments([(EXPERIMENT, shortened(seconds))], options)
     return dict(msgspec.to_builtins(result))

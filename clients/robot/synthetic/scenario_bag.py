@@ -192,7 +192,7 @@ def _render_batches(scene: Scene, workers: int) -> Iterator[Rendered]:
         for start in range(first, scenario.frame_count, BATCH_FRAMES_COUNT)
     ]
     count = min(workers or os.cpu_count() or 1, WORKERS_MAX_COUNT, len(jobs))
-    if count == 1:
+    if count == 1 or multiprocessing.current_process().daemon:  # which may have no children: a cluster's worker
         worker = _Worker(scene)
         yield from (worker.render(job) for job in jobs)
         return

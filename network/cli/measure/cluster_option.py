@@ -9,15 +9,15 @@ from typing import Any
 import click
 
 
-def with_cluster(count_name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command `--on`, refused beside its number of processes here."""
+def with_cluster(count_name: str = "") -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command `--on`, refused beside its number of processes here, if it takes one."""
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @click.option("--on", default="", metavar="ADDRESS", help="A Dask scheduler, tls://HOST:PORT, to work there.")
         @wraps(command)
         def checked(*args: Any, on: str, **given: Any) -> None:
             if on:
-                if given[count_name]:
+                if count_name and given[count_name]:
                     raise click.UsageError(f"--on says where the work is done, --{count_name} how many do it here.")
                 _check(on)
             command(*args, on=on, **given)

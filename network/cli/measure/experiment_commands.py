@@ -11,6 +11,7 @@ import msgspec
 
 from clients.sdk.terminal.terminal import EXIT_FAILED, FILE, FOLDER, command_output, console, home_folder, print_json
 from consensus.errors import BlockRobotError
+from network.cli.measure.cluster_option import with_cluster
 
 DEFAULT_EXPERIMENT_BASE_PORT = 7572
 
@@ -31,8 +32,9 @@ def experiment() -> None:
 @click.option(
     "--base-port", default=DEFAULT_EXPERIMENT_BASE_PORT, show_default=True, help="The first of ten ports a node."
 )
+@with_cluster()
 @command_output
-def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
+def run(number: str, out: Path, base_port: int, on: str, as_json: bool) -> None:
     """Run experiment NUMBER, or all five, each on a network of its own; exits 0 only if every check held.
 
     Example: blockrobot experiment run all --out experiments
@@ -50,6 +52,7 @@ def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
         base_port=base_port,
         on_progress=progress.tell,
         show=progress.show,
+        on=on,
     )
     try:
         result, outcomes = asyncio.run(run_experiments(chosen, options))

@@ -11,6 +11,7 @@ import msgspec
 from rich.table import Table
 
 from clients.sdk.terminal.terminal import EXIT_FAILED, command_output, console, print_json
+from network.cli.measure.cluster_option import with_cluster
 
 if TYPE_CHECKING:
     from network.bench.conditions import Result
@@ -34,8 +35,10 @@ def privacy() -> None:
 @click.option(
     "--uid-bits", default=20, show_default=True, type=click.IntRange(12, 30), help="Of a tag's UID, to enumerate."
 )
+@click.option("--processes", default=0, type=click.IntRange(0, 256), help="Processes (0: one for each core).")
+@with_cluster("processes")
 @command_output
-def attack(seed: int, people: int, days: int, uid_bits: int, as_json: bool) -> None:
+def attack(seed: int, people: int, days: int, uid_bits: int, processes: int, on: str, as_json: bool) -> None:
     """Attack the prototype's way, salted and peppered hashes, and ours, on the records of the same people.
 
     Exits 0 only if every attack on ours is shown to be within 0.05 of guessing. What ours gives away by design stands
@@ -46,7 +49,7 @@ def attack(seed: int, people: int, days: int, uid_bits: int, as_json: bool) -> N
     """
     from network.lab.privacy.attack_run import AttackOptions, run_privacy_attack  # noqa: PLC0415 - a node's code, only when needed
 
-    options = AttackOptions(people=people, days=days, seed=seed, serial_bits=uid_bits)
+    options = AttackOptions(people=people, days=days, seed=seed, serial_bits=uid_bits, processes=processes, on=on)
     result = run_privacy_attack(options, _Teller())
     if as_json:
         print_json(msgspec.to_builtins(result))

@@ -6,20 +6,20 @@ does.
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from network.bench.conditions import Condition, Result, measure_conditions
+from network.bench.conditions import Condition, Result, count_cores, measure_conditions
+from network.bench.processes import worker_pool
 from network.lab.privacy.attacks.attacks_on_all import attack_all_schemes
 from network.lab.privacy.attacks.attacks_on_insides import attack_insides
 from network.lab.privacy.attacks.evidence import Evidence, gather
 from network.lab.privacy.attacks.learner import has_boosting
 from network.lab.privacy.hospital.attacked_custodian import keep_last_day
-from network.lab.privacy.hospital.attacked_days import play
+from network.lab.privacy.hospital.attacked_days import play, working_folder
 from network.lab.privacy.hospital.population import draw_population
 from network.lab.privacy.hospital.schemes import OURS, PROTOTYPE, SCHEMES
 from network.lab.privacy.limits_table import limit_figures, limits_of
@@ -27,7 +27,6 @@ from network.lab.privacy.scoring import Rates
 
 MUST_WIN_RATE = 0.95
 MUST_WIN = ("dictionary", "link_key", "link_all", "enrolled", "present", "custodian_opens", "backup_opens")
-_MEMORY_FOLDER = Path("/dev/shm")  # noqa: S108 - in memory, and below a folder of our own
 
 Progress = Callable[[str], None]
 Figure = float | list[str] | None
@@ -35,19 +34,25 @@ Figure = float | list[str] | None
 
 @dataclass(frozen=True, slots=True)
 class AttackOptions:
-    """People enrolled (as many not), days, seed; `serial_bits`: UID bits unknown to attackers."""
+    """People enrolled (as many not), days, seed; `serial_bits`: UID bits unknown to attackers; processes, 0: all cores."""
 
     people: int = 240
     days: int = 5
     seed: int = 1
     serial_bits: int = 20
+    processes: int = 0
+    on: str = ""  # a cluster's scheduler whose workers attack instead
 
 
 def run_privacy_attack(options: AttackOptions, progress: Progress = lambda _: None) -> Result[dict[str, Figure]]:
     boosting = has_boosting()
-    conditions = measure_conditions(nodes=0, seed=options.seed)
+    processes = options.processes or count_cores()
+    conditions = measure_conditions(nodes=0, seed=options.seed, processes=options.on or processes)
     started = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="blockrobot-attack-", dir=_working_folder()) as name:
+    with (
+        tempfile.TemporaryDirectory(prefix="blockrobot-attack-", dir=working_folder()) as name,
+        worker_pool(processes, options.on) as pool,
+    ):
         folder = Path(name)
         progress(f"playing {options.days} days of {options.people} people")
         population = draw_population(
@@ -55,12 +60,13 @@ def run_privacy_attack(options: AttackOptions, progress: Progress = lambda _: No
         )
         played = play(population, folder, seed=options.seed)
         evidence = gather(played, seed=options.seed, boosting=boosting)
+        wait = attack_all_schemes(evidence, pool, progress)
         progress("the custodian follows, is copied, erases")
         custody = keep_last_day(played, folder / "custodian")
-        rates, figures = attack_all_schemes(evidence, progress)
         inside, more = attack_insides(evidence, custody, folder, progress)
-        rates |= inside
-        limits = limits_of(evidence, custody, folder, progress)
+        limits = limits_of(evidence, custody, pool, progress)
+        rates, figures = wait()
+    rates |= inside
     figures |= more
     table: dict[str, Figure] = {}
     for attack, found in rates.items():
@@ -94,12 +100,3 @@ def _scale(options: AttackOptions, evidence: Evidence, *, boosting: bool) -> dic
         "uid_bits_searched": options.serial_bits,
         "linker": "gradient boosting" if boosting else "logistic regression",
     }
-
-
-def _working_folder() -> str | None:
-    """Return an in-memory folder if there is one: fsync is costly."""
-    usable = _MEMORY_FOLDER.is_dir() and os.access(_MEMORY_FOLDER, os.W_OK)
-    if not usable:
-        return None
-    space = os.statvfs(_MEMORY_FOLDER)
-    return str(_MEMORY_FOLDER) if space.f_bavail * space.f_frsize > 2 * 1024**3 else None

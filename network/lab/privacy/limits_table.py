@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +23,9 @@ from network.lab.privacy.attacks.insiders import (
 )
 from network.lab.privacy.attacks.ledger_view import read_ledger
 from network.lab.privacy.attacks.membership import attack_presence
-from network.lab.privacy.attacks.trials import Features, Trial, attack_trials
+from network.lab.privacy.attacks.trials import Features, Trial, attack_pairs, pairs_of
 from network.lab.privacy.hospital.attacked_custodian import CustodyStory
-from network.lab.privacy.hospital.attacked_days import MANNERS, play
+from network.lab.privacy.hospital.attacked_days import MANNERS, play, working_folder
 from network.lab.privacy.hospital.population import BUILD_SPREAD, FRAME_SPREAD, RENDITION_MEDIAN_BYTES, draw_population
 from network.lab.privacy.scoring import Rate, count_rate
 
@@ -33,19 +35,24 @@ _FRAMES_FIXED_COUNT = 10
 Limits = dict[str, Rate | float]
 
 
-def limits_of(evidence: Evidence, custody: CustodyStory, folder: Path, progress: Callable[[str], None]) -> Limits:
+def limits_of(evidence: Evidence, custody: CustodyStory, pool: Executor, progress: Callable[[str], None]) -> Limits:
     progress("measuring the accepted limits")
     played, visits, seed = evidence.played, evidence.visits, evidence.seed
-    limits: Limits = {
-        "ward": _learned(evidence, evidence.free, linking.by_robot(visits)),
-        "hour": _learned(evidence, evidence.free, linking.by_time(visits)),
-        "visit_length": _learned(evidence, evidence.matched, linking.by_length(visits)),
-        "size_at_fixed_distance": _learned(evidence, evidence.matched, linking.by_size(_fixed_sizes(evidence))),
-        "company": _learned(evidence, evidence.matched, linking.by_company(visits)),
+    enrolled = min(AT_ONCE_PEOPLE_MAX_COUNT, len(played.holders))
+
+    def learned(trials: tuple[Trial, ...], features: Features) -> Future[Rate]:
+        return pool.submit(attack_pairs, pairs_of(trials, features), seed=seed, boosting=evidence.boosting)
+
+    limits: dict[str, Rate | float | Future[Rate]] = {
+        "ward": learned(evidence.free, linking.by_robot(visits)),
+        "hour": learned(evidence.free, linking.by_time(visits)),
+        "visit_length": learned(evidence.matched, linking.by_length(visits)),
+        "size_at_fixed_distance": learned(evidence.matched, linking.by_size(_fixed_sizes(evidence))),
+        "company": learned(evidence.matched, linking.by_company(visits)),
         "within_visit": count_rate(len(visits), len(visits), 0.5),
         "came_together": open_limits.attack_copresence(played, visits, seed=seed),
         "one_frame": open_limits.attack_one_frame(played, visits),
-        "one_frame_now": _one_frame_at_once(evidence, folder),
+        "one_frame_now": pool.submit(attack_one_frame_at_once, seed, enrolled),
         "long_stay": open_limits.attack_rolled_visits(played, visits),
         "consent_word": open_limits.attack_consent_words(played, evidence.view),
         "consent_word_by_closing": open_limits.attack_consent_words(played, evidence.view, by_closing_alone=True),
@@ -61,7 +68,7 @@ def limits_of(evidence: Evidence, custody: CustodyStory, folder: Path, progress:
     limits |= _robot_limits(evidence)
     limits |= _wallet_limits(evidence, custody)
     limits["record_time_error_s"] = open_limits.measure_time_error_s(played, visits)
-    return limits
+    return {name: found.result() if isinstance(found, Future) else found for name, found in limits.items()}
 
 
 def limit_figures(limits: Limits) -> dict[str, float | None]:
@@ -71,18 +78,11 @@ def limit_figures(limits: Limits) -> dict[str, float | None]:
     return figures
 
 
-def _learned(evidence: Evidence, trials: tuple[Trial, ...], features: Features) -> Rate:
-    return attack_trials(trials, features, seed=evidence.seed, boosting=evidence.boosting)
-
-
-def _one_frame_at_once(evidence: Evidence, folder: Path) -> Rate:
-    population = draw_population(
-        evidence.seed,
-        people=min(AT_ONCE_PEOPLE_MAX_COUNT, len(evidence.played.holders)),
-        days=AT_ONCE_DAYS_COUNT,
-        serial_bits=20,
-    )
-    played = play(population, folder / "at-once", seed=evidence.seed, at_once=True)
+def attack_one_frame_at_once(seed: int, people: int) -> Rate:
+    """Play days of their own, on which robots send at once."""
+    population = draw_population(seed, people=people, days=AT_ONCE_DAYS_COUNT, serial_bits=20)
+    with tempfile.TemporaryDirectory(prefix="blockrobot-attack-", dir=working_folder()) as folder:
+        played = play(population, Path(folder), seed=seed, at_once=True)
     visits = [visit for visit in read_ledger(played.chain.blocks).visits.values() if visit.records]
     return open_limits.attack_one_frame(played, visits)
 

@@ -33,8 +33,9 @@ class Search:
         return self.hashes / self.seconds if self.seconds else 0.0
 
 
-def enumerate_uids(serial_bits: int) -> Iterator[list[bytes]]:
-    for start in range(0, 1 << serial_bits, _CHUNK_COUNT):
+def enumerate_uids(serial_bits: int, part: int = 0, parts: int = 1) -> Iterator[list[bytes]]:
+    """Yield all, or the first of so many parts (0) or another."""
+    for start in range(part * _CHUNK_COUNT, 1 << serial_bits, parts * _CHUNK_COUNT):
         stop = min(start + _CHUNK_COUNT, 1 << serial_bits)
         yield [b"%s%010X" % (UID_PREFIX.encode(), serial) for serial in range(start, stop)]
 
@@ -71,11 +72,11 @@ def weak_functions(chain_id: bytes) -> list[Callable[[bytes], bytes]]:
     return functions + [tagged_hasher(name) for name in _WEAK_NAMES]
 
 
-def search_chain(marks: Collection[bytes], chain_id: bytes, serial_bits: int) -> Search:
+def search_chain(marks: Collection[bytes], chain_id: bytes, serial_bits: int, part: int = 0, parts: int = 1) -> Search:
     wanted = set(marks) | {mark[1:] for mark in marks if len(mark) == 33}
     found: dict[int, str] = {}
     hashes, started = 0, time.process_time()
-    for uids in enumerate_uids(serial_bits):
+    for uids in enumerate_uids(serial_bits, part, parts):
         for function in weak_functions(chain_id):
             hashes += len(uids)
             for uid in uids:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from network.lab.privacy.attacks.ledger_view import LedgerView, VisitSeen, collect_marks, read_ledger
 from network.lab.privacy.attacks.trials import Labelled, Trial, draw_trials
 from network.lab.privacy.hospital.attacked_days import Played
+from network.lab.privacy.hospital.schemes import Scheme, make_schemes
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Chain, ordered visits, custodians' sizes; for judging, the trials."""
+    """Chain, ordered visits, custodians' sizes, the paper's schemes; for judging, the trials."""
 
     played: Played
     view: LedgerView
@@ -21,6 +22,7 @@ class Evidence:
     labels: tuple[Labelled, ...]
     matched: tuple[Trial, ...]
     free: tuple[Trial, ...]
+    schemes: dict[str, Scheme]
     seed: int
     boosting: bool
 
@@ -48,6 +50,7 @@ def gather(played: Played, *, seed: int, boosting: bool) -> Evidence:
         labels=tuple(labels),
         matched=tuple(draw_trials(labels, matched=True, seed=seed)),
         free=tuple(draw_trials(labels, matched=False, seed=seed)),
+        schemes=make_schemes(),
         seed=seed,
         boosting=boosting,
     )

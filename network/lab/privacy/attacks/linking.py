@@ -95,13 +95,6 @@ def by_size(sizes: Sequence[Sequence[int]]) -> Features:
     return features
 
 
-def joined(*parts: Features) -> Features:
-    def features(first: int, second: int) -> list[float]:
-        return [number for part in parts for number in part(first, second)]
-
-    return features
-
-
 def _size_shape(sizes: Sequence[int]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     logs = np.log(np.asarray(sizes, dtype=np.float64)) if sizes else np.zeros(1)
     return np.array([logs.mean(), logs.min(), logs.max(), np.median(logs), logs.std()])

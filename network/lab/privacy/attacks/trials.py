@@ -10,8 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from network.lab.privacy.attacks.learner import compare, learn
+from network.lab.privacy.attacks.learner import Floats, compare, learn
 from network.lab.privacy.scoring import Rate, grouped_rate
 
 TRIALS_A_PERSON_COUNT = 48
@@ -42,6 +43,15 @@ Features = Callable[[int, int], Sequence[float]]
 """Of two visits by number: what the attacker makes of the pair."""
 
 
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Of each trial: whose it is, and the features (trials, features) of the true and of the false pair."""
+
+    people: npt.NDArray[np.int64]
+    same: Floats
+    other: Floats
+
+
 def draw_trials(visits: Sequence[Labelled], *, matched: bool, seed: int) -> list[Trial]:
     rng = np.random.default_rng([seed, 0x7121A1, matched])
     own: dict[int, list[Labelled]] = defaultdict(list)
@@ -62,12 +72,24 @@ def draw_trials(visits: Sequence[Labelled], *, matched: bool, seed: int) -> list
     return trials
 
 
-def attack_trials(trials: Sequence[Trial], features: Features, *, seed: int, boosting: bool) -> Rate:
-    if not trials:
+def pairs_of(trials: Sequence[Trial], features: Features) -> Pairs:
+    return Pairs(
+        np.array([trial.person for trial in trials], dtype=np.int64),
+        np.array([features(trial.anchor, trial.same) for trial in trials], dtype=np.float64),
+        np.array([features(trial.anchor, trial.other) for trial in trials], dtype=np.float64),
+    )
+
+
+def join_pairs(*parts: Pairs) -> Pairs:
+    """All features of the same trials."""
+    return Pairs(parts[0].people, np.hstack([part.same for part in parts]), np.hstack([part.other for part in parts]))
+
+
+def attack_pairs(pairs: Pairs, *, seed: int, boosting: bool) -> Rate:
+    """Each half of the people is attacked by who learned on the other."""
+    people, same, other = pairs.people, pairs.same, pairs.other
+    if not len(people):
         return grouped_rate({}, 0.5, seed=seed)
-    same = np.array([features(trial.anchor, trial.same) for trial in trials], dtype=np.float64)
-    other = np.array([features(trial.anchor, trial.other) for trial in trials], dtype=np.float64)
-    people = np.array([trial.person for trial in trials], dtype=np.int64)
     half = np.isin(people, np.random.default_rng([seed, 0x4A1F]).permutation(np.unique(people))[::2])
     hits: dict[int, list[float]] = defaultdict(list)
     for judged in (half, ~half):

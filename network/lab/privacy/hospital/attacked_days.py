@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import random
 from collections.abc import Coroutine
 from dataclasses import dataclass, field
@@ -40,6 +41,7 @@ HOURS_SPREAD_MS = 2 * HOUR_MS
 STOLEN_ROBOTS_COUNT = 3
 TICK_S, LIMIT_S = 60, 400 * 86_400
 _PAUSE_BETWEEN_SESSIONS_MS = (15, 60)
+_MEMORY_FOLDER = Path("/dev/shm")  # noqa: S108 - in memory, and below a folder of our own
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,3 +246,12 @@ def play(population: Population, folder: Path, *, seed: int, at_once: bool = Fal
 
 def day_of(time_ms: int) -> int:
     return (time_ms - START_MS) // DAY_MS - 1
+
+
+def working_folder() -> str | None:
+    """Return an in-memory folder if there is one: fsync is costly."""
+    usable = _MEMORY_FOLDER.is_dir() and os.access(_MEMORY_FOLDER, os.W_OK)
+    if not usable:
+        return None
+    space = os.statvfs(_MEMORY_FOLDER)
+    return str(_MEMORY_FOLDER) if space.f_bavail * space.f_frsize > 2 * 1024**3 else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from click.testing import CliRunner
@@ -13,7 +13,7 @@ from network.cli.main import main
 from network.lab.privacy.attack_run import MUST_WIN, too_weak
 from network.lab.privacy.attacks import attacks_on_all
 from network.lab.privacy.attacks.attacks_on_all import attack_all_schemes
-from network.lab.privacy.attacks.trials import Features, Trial, attack_trials
+from network.lab.privacy.attacks.trials import Features, Pairs, Trial, pairs_of
 from network.lab.privacy.hospital.schemes import SCHEMES
 from network.lab.privacy.scoring import Rate
 from tests.unit.network.attack.conftest import SmallHospital
@@ -34,13 +34,14 @@ def test_an_attacker_who_was_blinded_is_told_to_be_too_weak(
 ) -> None:
     """The same linker attacks both: on the prototype it must win by the mark, so ours is not safe from a blind one."""
 
-    def blinded(trials: Sequence[Trial], _: Features, **how: Any) -> Rate:
-        return attack_trials(trials, lambda first, second: [0.0], **how)
+    def blinded(trials: Sequence[Trial], _: Features) -> Pairs:
+        return pairs_of(trials, lambda first, second: [0.0])
 
-    seeing, _ = attack_all_schemes(hospital.evidence, lambda _: None)
-    assert {"link_key", "link_all"}.isdisjoint(too_weak(seeing))
-    monkeypatch.setattr(attacks_on_all, "attack_trials", blinded)
-    blind, _ = attack_all_schemes(hospital.evidence, lambda _: None)
+    with ThreadPoolExecutor(1) as pool:
+        seeing, _ = attack_all_schemes(hospital.evidence, pool, lambda _: None)()
+        assert {"link_key", "link_all"}.isdisjoint(too_weak(seeing))
+        monkeypatch.setattr(attacks_on_all, "pairs_of", blinded)
+        blind, _ = attack_all_schemes(hospital.evidence, pool, lambda _: None)()
     assert {"link_key", "link_all"} <= set(too_weak(blind))
 
 

@@ -53,14 +53,25 @@ def test_a_scheduler_is_named_by_tls_or_on_this_machine(address: str) -> None:
         "scheduler.example:8786",
     ],
 )
-@pytest.mark.parametrize("command", ["sim run", "bench hiding", "bench matcher", "bench companions"])
+@pytest.mark.parametrize(
+    "command",
+    ["sim run", "bench hiding", "bench matcher", "bench companions", "privacy attack", "experiment run all --out new"],
+)
 def test_other_addresses_are_refused_before_anything_is_done(command: str, address: str) -> None:
     result = CliRunner().invoke(main, [*command.split(), "--on", address])
     assert result.exit_code == 2
     assert "--on" in result.output
 
 
-@pytest.mark.parametrize("typed", ["sim run --workers 2", "bench hiding --processes 2", "bench matcher --workers 1"])
+@pytest.mark.parametrize(
+    "typed",
+    [
+        "sim run --workers 2",
+        "bench hiding --processes 2",
+        "bench matcher --workers 1",
+        "privacy attack --processes 1",
+    ],
+)
 def test_a_number_of_processes_beside_a_cluster_is_refused(typed: str) -> None:
     result = CliRunner().invoke(main, [*typed.split(), "--on", "tls://scheduler.example:8786"])
     assert result.exit_code == 2
