@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib import resources
 
 import cv2
@@ -21,11 +21,12 @@ from clients.robot.hiding.moving.release_rule import NEAR_MIN_LOG_ODDS, TRACK_MI
 from clients.robot.hiding.moving.scan_match import ScanMatch
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
-from clients.robot.sensing.sensor_events import Depth
+from clients.robot.sensing.sensor_events import Depth, Mask
 from consensus.bounded_text import read_json_text
 
 MODEL_FILES = {"person": "person-model.json", "pair": "pair-model.json", "thing": "thing-model.json"}
 THING_MIN_LOG_ODDS = 3.0
+HARMLESS_MIN_LOG_ODDS = 4.0  # of a thing: it may stand beside or before a person who is shown
 RANGE_M = (1.0, 5.0)
 FREE_M = 0.3  # in plan, around a body that is shown
 NEARER_PX = 8
@@ -33,6 +34,7 @@ CRUMBS_MIN_PX = 3  # of quarter resolution
 BEHIND_MM = 350
 EDGE_PX = 1
 GROUND_LOST_MAX_COUNT = 10
+ODOMETRY = "odometry"  # why a frame is not shown: the camera saw another motion
 
 _FREE_CELLS = 2 * round(FREE_M / CELL_M) + 1
 _FREE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_FREE_CELLS, _FREE_CELLS))
@@ -88,6 +90,23 @@ class SeenBody:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Later:
+    motion: OwnMotion
+    rule: ReleaseRule
+    followed: int
+    at_ms: int
+    buffer_ms: int
+
+    def __call__(self) -> bool:
+        return not self.why_not()
+
+    def why_not(self) -> str:
+        if self.motion.is_doubted(self.at_ms, self.at_ms):
+            return ODOMETRY
+        return self.rule.why_not(self.followed, self.at_ms, self.buffer_ms) or ""
+
+
 @lru_cache(maxsize=1)
 def shipped_models() -> Models:
     def load(name: str) -> Trees:
@@ -134,11 +153,8 @@ class MovingHider:
             tuple(one.silhouette for one in people),
             len(people) < len(seen),
             lambda silhouette: encode_cutout(cut_body(depth, view, bodies[silhouette.label], self._focal_px)),
-            {one.body.label: partial(self._may_show, self._rule, one.followed, at_ms) for one in people},
+            {one.body.label: _Later(self._motion, self._rule, one.followed, at_ms, self._buffer_ms) for one in people},
         )
-
-    def _may_show(self, rule: ReleaseRule, followed: int, at_ms: int) -> bool:
-        return not self._motion.is_doubted(at_ms, at_ms) and rule.allows(followed, at_ms, self._buffer_ms)
 
     def look(self, depth: Depth, place: RobotPlace, at_ms: int) -> tuple[LevelView, list[SeenBody]]:
         """Return every body that could be a person by its size."""
@@ -146,10 +162,13 @@ class MovingHider:
         lost = self._plan.frames_without_ground_count > GROUND_LOST_MAX_COUNT
         bodies = measure_bodies(view, self._plan.focal_px)
         sighted = [self._sight(body, place) for body in bodies]
+        thing_odds = [self._models.thing.log_odds(body.cues) for body in bodies]
+        things = [body.label for body, odds in zip(bodies, thing_odds, strict=True) if odds >= HARMLESS_MIN_LOG_ODDS]
+        somebody = ~np.isin(np.arange(view.count + 1), things)
         seen = []
-        for body, one, number in zip(bodies, sighted, self._rule.step(sighted, at_ms), strict=True):
-            obstacle = "no-ground" if lost else _obstacle(view, body, one.person)
-            seen.append(SeenBody(body, number, one, self._models.thing.log_odds(body.cues), obstacle))
+        for body, one, odds, number in zip(bodies, sighted, thing_odds, self._rule.step(sighted, at_ms), strict=True):
+            obstacle = "no-ground" if lost else _obstacle(view, body, one.person, somebody)
+            seen.append(SeenBody(body, number, one, odds, obstacle))
         return view, seen
 
     def restart(self) -> None:
@@ -161,7 +180,8 @@ class MovingHider:
         return Sighted(*place.to_odometry(body.x_m, body.z_m), body.z_m, person, alone)
 
 
-def _obstacle(view: LevelView, body: Body, person_odds: float) -> str:
+def _obstacle(view: LevelView, body: Body, person_odds: float, somebody: Mask) -> str:
+    """`somebody`: by label, whether that may be anybody: what is certainly a thing is in nobody's way."""
     if person_odds <= NEAR_MIN_LOG_ODDS:
         return "unverified"
     if not RANGE_M[0] <= body.range_m <= RANGE_M[1] or body.nearest_m < RANGE_M[0] - 0.3:
@@ -169,17 +189,18 @@ def _obstacle(view: LevelView, body: Body, person_odds: float) -> str:
     left, _, width, _ = body.box
     if left <= EDGE_PX or left + width >= view.depth.shape[1] - EDGE_PX:
         return "cut-off"
-    return _beside(view, body)
+    return _beside(view, body, somebody)
 
 
-def _beside(view: LevelView, body: Body) -> str:
+def _beside(view: LevelView, body: Body, somebody: Mask) -> str:
     own = view.cells == body.label
     left, top, width, height = cv2.boundingRect(own.view(np.uint8))
     reach = _FREE_CELLS // 2
     rows = slice(max(0, top - reach), top + height + reach)
     columns = slice(max(0, left - reach), left + width + reach)
     near = np.asarray(cv2.dilate(own[rows, columns].view(np.uint8), _FREE)) > 0
-    if np.count_nonzero(near & (view.occupied[rows, columns] > 0) & ~own[rows, columns]) >= CRUMBS_MIN_PX:
+    near &= (view.occupied[rows, columns] > 0) & ~own[rows, columns] & somebody[view.cells[rows, columns]]
+    if np.count_nonzero(near) >= CRUMBS_MIN_PX:
         return "contact"
     x, y, width, height = body.box
     reach = NEARER_PX // STEP_PX
@@ -187,6 +208,6 @@ def _beside(view: LevelView, body: Body) -> str:
     labels = view.labels[rows, columns]
     mine = labels == body.label
     around = np.asarray(cv2.dilate(mine.view(np.uint8), _NEARER)) > 0
-    others = around & (labels > 0) & ~mine
+    others = around & (labels > 0) & ~mine & somebody[labels]
     nearer = others & (view.depth[rows, columns] < body.median_mm + BEHIND_MM)
     return "occluded" if np.count_nonzero(nearer) >= CRUMBS_MIN_PX else ""

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clients.robot.hiding.companion import Trees
+from clients.robot.hiding.moving.body_cues import BODY_CUES
 from clients.robot.hiding.moving.ground_plane import Ground
-from clients.robot.hiding.moving.moving_hider import MovingHider
+from clients.robot.hiding.moving.moving_hider import HARMLESS_MIN_LOG_ODDS, Models, MovingHider
 from clients.robot.hiding.moving.plan_bodies import ASIDE_M, PlanView
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.synthetic.driving.draws import draw_drive
@@ -56,3 +58,29 @@ def test_what_lies_on_the_edge_of_the_plan_is_looked_at_like_all_else() -> None:
     depth = np.zeros((480, 640), np.uint16)
     depth[240, 636] = 6_000
     assert view.look(depth).x[60, 159] == edge
+
+
+def by_height(low: float, tall: float) -> Trees:
+    """Log-odds of bodies up to 1.5 m, and of taller ones."""
+    feature, threshold = np.array([[BODY_CUES.index("top_m"), 0, 0]]), np.array([[1.5, 0.0, 0.0]])
+    left, right, value = np.array([[1, 1, 2]]), np.array([[2, 1, 2]]), np.array([[0.0, low, tall]])
+    return Trees(feature, threshold, left, right, value, first=0.0, depth=1, suspect=0.0, certain=0.0)
+
+
+@pytest.mark.parametrize(
+    ("thing_odds", "obstacle"), [(HARMLESS_MIN_LOG_ODDS, ""), (HARMLESS_MIN_LOG_ODDS - 0.1, "contact")]
+)
+@pytest.mark.parametrize("stands_m", [2.2, 1.7])
+def test_only_what_is_certainly_a_thing_may_stand_beside_or_before_a_person(
+    thing_odds: float, obstacle: str, stands_m: float
+) -> None:
+    models = Models(by_height(-4.0, 4.0), by_height(4.0, -4.0), by_height(thing_odds, -4.0))
+    hider = MovingHider(
+        (480, 640), 525.0, Ground.of_mount(1.2, 0.0), buffer_ms=BUFFER_MS, motion=OwnMotion(), models=models
+    )
+    depth = np.zeros((480, 640), np.uint16)
+    depth[110:470, 250:385] = 2_000  # up to 1.7 m, half a metre broad
+    depth[220:470, 388:470] = round(1000 * stands_m)
+    _, (first, second) = hider.look(depth, RobotPlace(0), 0)
+    person, thing = sorted((first, second), key=lambda one: -one.body.top_m)
+    assert (person.obstacle, thing.thing_odds) == (obstacle, thing_odds)
