@@ -169,7 +169,7 @@ def _join_cells(
     occupied[row, column] = 1
     count, cells = _components(occupied)
     place = row * _COLUMNS + column
-    areas = np.bincount(place, weights=pixel_m.flat[at] ** 2, minlength=occupied.size)
+    areas = np.asarray(np.bincount(place, weights=pixel_m.flat[at] ** 2, minlength=occupied.size), dtype=np.float64)
     dense = np.bincount(place, minlength=occupied.size).reshape(occupied.shape) >= DENSE_MIN_PX
     count = _part_at_strays(cells, count, dense, areas)
     labels: Labels = np.zeros(x.shape, dtype=np.int32)
