@@ -12,18 +12,26 @@ from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.sensing.sensor_events import Depth
 
 
+class AskedLater(Protocol):
+    """Whether a silhouette may be shown, asked once later frames have been seen too; and why not, empty if it may."""
+
+    def __call__(self) -> bool: ...
+
+    def why_not(self) -> str: ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPeople:
     """The people of one frame, placed in the odometry's frame.
 
-    `stray`: more than noise belongs to none of them. `may_show`: by a silhouette's label, what is asked once later frames
-    have been seen too; who is missing there may be shown at once.
+    `stray`: more than noise belongs to none of them. `may_show`: by a silhouette's label; who is missing there may be
+    shown at once.
     """
 
     silhouettes: tuple[Silhouette, ...]
     stray: bool
     cut: Callable[[Silhouette], EncodedCutout]
-    may_show: dict[int, Callable[[], bool]] = field(default_factory=dict)
+    may_show: dict[int, AskedLater] = field(default_factory=dict)
 
 
 class Hider(Protocol):

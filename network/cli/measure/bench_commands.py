@@ -527,7 +527,11 @@ def _table(told: Mapping[str, Any]) -> Table:
     table.add_column("figure")
     table.add_column("value", justify="right")
     for name, value in told["figures"].items():
-        table.add_row(name, str(value))
+        groups = value if isinstance(value, dict) and all(isinstance(part, dict) for part in value.values()) else {}
+        for group, part in groups.items():
+            table.add_row(f"{name}: {group}", ", ".join(f"{key} {figure}" for key, figure in part.items()))
+        if not groups:
+            table.add_row(name, str(value))
     table.add_section()
     for name, value in told["conditions"].items():
         table.add_row(name, str(value))

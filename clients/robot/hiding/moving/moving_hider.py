@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib import resources
 
 import cv2
@@ -33,6 +33,7 @@ CRUMBS_MIN_PX = 3  # of quarter resolution
 BEHIND_MM = 350
 EDGE_PX = 1
 GROUND_LOST_MAX_COUNT = 10
+ODOMETRY = "odometry"  # why a frame is not shown: the camera saw another motion
 
 _FREE_CELLS = 2 * round(FREE_M / CELL_M) + 1
 _FREE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_FREE_CELLS, _FREE_CELLS))
@@ -88,6 +89,23 @@ class SeenBody:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Later:
+    motion: OwnMotion
+    rule: ReleaseRule
+    followed: int
+    at_ms: int
+    buffer_ms: int
+
+    def __call__(self) -> bool:
+        return not self.why_not()
+
+    def why_not(self) -> str:
+        if self.motion.is_doubted(self.at_ms, self.at_ms):
+            return ODOMETRY
+        return self.rule.why_not(self.followed, self.at_ms, self.buffer_ms) or ""
+
+
 @lru_cache(maxsize=1)
 def shipped_models() -> Models:
     def load(name: str) -> Trees:
@@ -134,11 +152,8 @@ class MovingHider:
             tuple(one.silhouette for one in people),
             len(people) < len(seen),
             lambda silhouette: encode_cutout(cut_body(depth, view, bodies[silhouette.label], self._focal_px)),
-            {one.body.label: partial(self._may_show, self._rule, one.followed, at_ms) for one in people},
+            {one.body.label: _Later(self._motion, self._rule, one.followed, at_ms, self._buffer_ms) for one in people},
         )
-
-    def _may_show(self, rule: ReleaseRule, followed: int, at_ms: int) -> bool:
-        return not self._motion.is_doubted(at_ms, at_ms) and rule.allows(followed, at_ms, self._buffer_ms)
 
     def look(self, depth: Depth, place: RobotPlace, at_ms: int) -> tuple[LevelView, list[SeenBody]]:
         """Return every body that could be a person by its size."""

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from clients.robot.hiding.moving.ground_plane import Ground, Points, blend, fit_ground
 from clients.robot.hiding.moving.wall_lines import Wall, find_walls
 from clients.robot.sensing.depth_noise import depth_sigma_m
-from clients.robot.sensing.sensor_events import Depth
+from clients.robot.sensing.sensor_events import Depth, Mask
 
 Image = npt.NDArray[np.float32]
 Labels = npt.NDArray[np.int32]
@@ -24,6 +24,8 @@ FLOOR_M, FLOOR_PER_M = 0.04, 0.015  # how thick the floor looks, and more for ea
 AID_AREA_MAX_M2, AID_TOP_MAX_M = 0.17, 1.05  # a rollator, or knees
 AID_AHEAD_M, AID_GAP_M = 0.85, 0.35  # before a body, and from it
 AID_MIN_PX = 6
+DENSE_MIN_PX = 3  # in a cell: what is between two surfaces at an edge scatters thinner
+PIECE_MIN_M2 = 0.08
 ALONE_M = 1.2  # nearer to two bodies, it could be anybody's
 POLE_BREADTH_M = 0.16
 NOISE_SIGMAS = 2  # so far a measured place is taken to be off
@@ -82,7 +84,7 @@ class PlanView:
         at = np.flatnonzero(body)
         for wall in walls:
             at = at[~wall.covers(x.flat[at], z.flat[at], noise.flat[at])]
-        labels, cells, occupied, count = _join_cells(at, x, z)
+        labels, cells, occupied, count = _join_cells(at, x, z, ahead / np.float32(self.focal_px))
         view = LevelView(quarter, x, height, z, labels, cells, occupied, count, self.ground, tuple(walls))
         join_aids(view, self.focal_px)
         return view
@@ -157,16 +159,48 @@ def _rays(shape: tuple[int, int], focal_px: float) -> tuple[Image, Image]:
     return across.astype(np.float32)[None, :], down.astype(np.float32)[:, None]
 
 
-def _join_cells(at: npt.NDArray[np.int64], x: Image, z: Image) -> tuple[Labels, Labels, npt.NDArray[np.uint8], int]:
+def _join_cells(
+    at: npt.NDArray[np.int64], x: Image, z: Image, pixel_m: Image
+) -> tuple[Labels, Labels, npt.NDArray[np.uint8], int]:
+    """`pixel_m`: how broad what a pixel shows is."""
     column = ((x.flat[at] + np.float32(ASIDE_M)) / np.float32(CELL_M)).astype(np.int64)
     row = (z.flat[at] / np.float32(CELL_M)).astype(np.int64)
     occupied = np.zeros((_ROWS, _COLUMNS), dtype=np.uint8)
     occupied[row, column] = 1
+    count, cells = _components(occupied)
+    place = row * _COLUMNS + column
+    areas = np.asarray(np.bincount(place, weights=pixel_m.flat[at] ** 2, minlength=occupied.size), dtype=np.float64)
+    dense = np.bincount(place, minlength=occupied.size).reshape(occupied.shape) >= DENSE_MIN_PX
+    count = _part_at_strays(cells, count, dense, areas)
+    labels: Labels = np.zeros(x.shape, dtype=np.int32)
+    labels.flat[at] = cells[row, column]
+    return labels, cells, occupied, count - 1
+
+
+def _components(occupied: npt.NDArray[np.uint8]) -> tuple[int, Labels]:
+    """Cells that touch, grown by one, or by two far away."""
     grown = np.asarray(cv2.dilate(occupied, _NEAR_CELLS))
     far = round(FAR_CELLS_M / CELL_M)
     grown[far:] = np.asarray(cv2.dilate(occupied, _FAR_CELLS))[far:]
     count, joined = cv2.connectedComponents(grown, connectivity=8, ltype=cv2.CV_32S)
-    cells: Labels = np.asarray(joined, dtype=np.int32)
-    labels: Labels = np.zeros(x.shape, dtype=np.int32)
-    labels.flat[at] = cells[row, column]
-    return labels, cells, occupied, count - 1
+    return count, np.asarray(joined, dtype=np.int32)
+
+
+def _part_at_strays(cells: Labels, count: int, dense: Mask, areas: npt.NDArray[np.float64]) -> int:
+    """Part components whose large pieces touch by stray points only, each point to the nearest; return the new count.
+
+    In place. What is small stays with the piece that is nearest: it may be of somebody behind.
+    """
+    parts_count, parts = _components(dense.view(np.uint8))
+    seen_m2 = np.bincount(parts[dense], weights=areas.reshape(dense.shape)[dense], minlength=parts_count)
+    large = seen_m2 >= PIECE_MIN_M2
+    first = np.zeros(parts_count, dtype=np.int32)  # the component that a piece lies in
+    first[parts[dense]] = cells[dense]
+    for whole in np.flatnonzero(np.bincount(first[large], minlength=count) > 1):
+        pieces = np.flatnonzero(large & (first == whole))
+        own = cells == whole
+        away = [cv2.distanceTransform((~(dense & (parts == piece))).view(np.uint8), cv2.DIST_L2, 5) for piece in pieces]
+        numbers = np.array([whole, *range(count, count + pieces.size - 1)], dtype=np.int32)
+        cells[own] = numbers[np.argmin([part[own] for part in away], axis=0)]
+        count += pieces.size - 1
+    return count

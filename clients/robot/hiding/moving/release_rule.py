@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -30,6 +31,16 @@ SPEED_MS = 600  # measured over
 KEPT_MS = 60_000
 FORGET_EVERY_MS = 5_000
 _FAR = 1e6
+
+
+class Doubt(StrEnum):
+    """Why a body is not shown though nothing speaks against it in its frame."""
+
+    BRIEF = "brief"  # followed too briefly, or not seen then
+    IN_BUFFER = "doubt-in-buffer"  # a frame of the whole buffer speaks clearly against one person
+    NEARBY = "doubt-within-a-second"
+    POOLED = "weak-evidence"
+    HIDDEN = "somebody-hidden"  # who was seen close by, before or after
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,25 +99,26 @@ class ReleaseRule:
             one.alone.append(max(-LOG_ODDS_LIMIT, min(LOG_ODDS_LIMIT, body.alone)))
         return numbers
 
-    def allows(self, number: int, at_ms: int, buffer_ms: int) -> bool:
+    def why_not(self, number: int, at_ms: int, buffer_ms: int) -> Doubt | None:
+        """Return why a body may not be shown at that time; None: it may."""
         one = self._followed.get(number)
         if one is None:
-            return False
+            return Doubt.BRIEF
         first, end = bisect_left(one.times, at_ms - buffer_ms), bisect_right(one.times, at_ms + buffer_ms)
         times = np.array(one.times[first:end], dtype=np.float64)
-        if len(times) < FRAMES_MIN_COUNT or times[-1] - times[0] < FOLLOWED_MIN_MS:
-            return False
+        if len(times) < FRAMES_MIN_COUNT or times[-1] - times[0] < FOLLOWED_MIN_MS or at_ms not in times:
+            return Doubt.BRIEF
         away = np.abs(times - at_ms)
         weights = np.exp(-away / POOL_MS)
         person, alone = np.array(one.person[first:end]), np.array(one.alone[first:end])
         now = int(away.argmin())
-        return bool(
-            away[now] == 0
-            and np.minimum(person, alone).min() > TRACK_MIN_LOG_ODDS
-            and person[away <= NEAR_MS].min() > NEAR_MIN_LOG_ODDS
-            and all(float(weights @ odds) > POOL_MIN_LOG_ODDS * float(weights.sum()) for odds in (person, alone))
-            and not self._may_hide_another(number, one.places[first + now], at_ms)
-        )
+        if np.minimum(person, alone).min() <= TRACK_MIN_LOG_ODDS:
+            return Doubt.IN_BUFFER
+        if person[away <= NEAR_MS].min() <= NEAR_MIN_LOG_ODDS:
+            return Doubt.NEARBY
+        if any(float(weights @ odds) <= POOL_MIN_LOG_ODDS * float(weights.sum()) for odds in (person, alone)):
+            return Doubt.POOLED
+        return Doubt.HIDDEN if self._may_hide_another(number, one.places[first + now], at_ms) else None
 
     def _may_hide_another(self, number: int, place: tuple[float, float], at_ms: int) -> bool:
         """Tell whether anybody who is not seen at that time was, or will be, seen close by."""

@@ -42,7 +42,8 @@ class DriveFigures(Struct, kw_only=True):
     """`everybody`: each person in turn as the owner, by the moving hider; `end_to_end`: owners, with tags and matcher.
 
     `kept`: of frames in range, apart and wholly in the picture while the robot drives. `kept_end_to_end`: of owners' frames
-    in range and apart while it drives, `kept_standing` while it stands before.
+    in range and apart while it drives, `kept_standing` while it stands before. `withheld`: of `kept_end_to_end`, by reason;
+    `withheld_by_reason`: shares of `kept`'s frames, by what people have with them and reason.
     """
 
     scenes: int
@@ -54,6 +55,7 @@ class DriveFigures(Struct, kw_only=True):
     kept_by_aid: dict[str, float | None]
     frames_by_aid: dict[str, int]
     withheld: dict[str, int]
+    withheld_by_reason: dict[str, dict[str, float]]
 
 
 class MovingFigures(DriveFigures, kw_only=True):
@@ -111,6 +113,7 @@ def _figures_of(played: Sequence[DrivePlayed]) -> DriveFigures:
         kept_by_aid={aid or "none": kept_with(aid) for aid in ("", *aids)},
         frames_by_aid=dict(sorted(Counter(frame.aid or "none" for frame in whole).items())),
         withheld=_reasons(played),
+        withheld_by_reason=_reasons_by_aid(played),
     )
 
 
@@ -123,6 +126,20 @@ def _reasons(played: Sequence[DrivePlayed]) -> dict[str, int]:
         if (frame.number, frame.sequence) not in one.end_to_end.kept
     )
     return dict(sorted(counted.items()))
+
+
+def _reasons_by_aid(played: Sequence[DrivePlayed]) -> dict[str, dict[str, float]]:
+    counted: dict[str, Counter[str]] = {}
+    for one in played:
+        for frame in one.people:
+            if frame.counts and frame.whole and frame.driving:
+                reason = one.withheld_everybody.get((frame.number, frame.sequence), "")
+                for group in ("all", frame.aid or "none"):
+                    counted.setdefault(group, Counter())[reason] += 1
+    return {
+        group: {reason: round(n / counts.total(), 4) for reason, n in counts.most_common() if reason}
+        for group, counts in sorted(counted.items())
+    }
 
 
 def _shown(found: Sequence[Shown]) -> ShownFigures:

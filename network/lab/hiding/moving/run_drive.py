@@ -6,14 +6,15 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 import numpy as np
 
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS, FrameRedactor, KeptFrame, Output, WithheldFrame
-from clients.robot.hiding.hider import FoundPeople
-from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
+from clients.robot.hiding.hider import AskedLater, FoundPeople
+from clients.robot.hiding.moving.moving_hider import ODOMETRY, DrivingCamera, MovingHider
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.sensing.antenna_pairs import AntennaPair
@@ -32,6 +33,7 @@ RANGE_M, APART_M = (1.0, 5.0), 1.0
 CHILD_MAX_M = 1.35
 DRIVING_MPS, DRIVING_RADPS = 0.02, 0.02
 OBSTACLES = ("occluded", "contact")  # somebody or something is before or beside who could be shown
+NOT_FOUND = "not-found"  # no body, or one with a wall, furniture or somebody else
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +110,7 @@ class DrivePlayed:
     end_to_end: Shown = field(default_factory=Shown)
     everybody: Shown = field(default_factory=Shown)
     withheld: dict[tuple[int, int], str] = field(default_factory=dict)
+    withheld_everybody: dict[tuple[int, int], str] = field(default_factory=dict)
     frame_ms: list[float] = field(default_factory=list)
 
 
@@ -129,6 +132,19 @@ class Candidate:
         return most if 2 * int(counts[most]) > self.shown.size else None
 
 
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Level place before the camera of somebody whom the hider found, and why it does not show them then."""
+
+    right_m: float
+    ahead_m: float
+    withhold_reason: str
+    later: AskedLater
+
+    def why_not(self) -> str:
+        return self.withhold_reason or self.later.why_not()
+
+
 def run_drive(drive: Drive, seed: int, antenna_pairs: Sequence[AntennaPair] = ()) -> DrivePlayed:
     """Everybody's pictures are judged over the whole drive, owners' in all frames; times are the moving hider's."""
     renderer, played = DriveRenderer(drive), DrivePlayed(drive.stratum, seed)
@@ -140,6 +156,7 @@ def run_drive(drive: Drive, seed: int, antenna_pairs: Sequence[AntennaPair] = ()
     truths: dict[int, DriveTruth] = {}
     outputs: list[Output] = []
     candidates: list[Candidate] = []
+    seen: dict[int, list[_Found]] = {}
 
     def push_until(at_ms: float) -> None:
         while waiting and waiting[-1][0] <= at_ms:
@@ -156,12 +173,13 @@ def run_drive(drive: Drive, seed: int, antenna_pairs: Sequence[AntennaPair] = ()
         played.people += _people_in(drive, index, truth)
         push_until(at_ms)
         outputs += redactor.push_frame(Frame(at_ms, index, truth.depth))
-        candidates += _look(hider, motion.place_at(at_ms), drive, truth, index, played.frame_ms)
+        candidates += _look(hider, motion.place_at(at_ms), drive, truth, index, played.frame_ms, seen)
     push_until(math.inf)
     outputs += redactor.flush()
     for candidate in candidates:
         if candidate.may_show():
             played.everybody.add(candidate.shown, truths[candidate.sequence], None, candidate.sequence)
+    played.withheld_everybody = _why_not(drive, played, seen)
     for output in outputs:
         if isinstance(output, KeptFrame):
             truth = truths[output.sequence]
@@ -249,8 +267,15 @@ def _renditions(candidates: Sequence[Candidate], truths: Mapping[int, DriveTruth
 
 
 def _look(
-    hider: MovingHider, place: RobotPlace | None, drive: Drive, truth: DriveTruth, index: int, frame_ms: list[float]
+    hider: MovingHider,
+    place: RobotPlace | None,
+    drive: Drive,
+    truth: DriveTruth,
+    index: int,
+    frame_ms: list[float],
+    seen: dict[int, list[_Found]],
 ) -> list[Candidate]:
+    """Return what may be shown; `seen` takes up who is found at all, by frame."""
     began = time.thread_time()
     depth = depth_of(drive, truth)
     found = hider.find_people(depth, place, at_ms_of(drive, index))
@@ -258,7 +283,28 @@ def _look(
         return []
     cutouts = [(one, found.cut(one)) for one in found.silhouettes if not one.withhold_reason]
     frame_ms.append(1000 * (time.thread_time() - began))
+    seen[index] = [
+        _Found(one.right_m, one.ahead_m, one.withhold_reason, found.may_show[one.label]) for one in found.silhouettes
+    ]
     return [_candidate(found, one, out, truth, index) for one, out in cutouts]
+
+
+def _why_not(drive: Drive, played: DrivePlayed, seen: dict[int, list[_Found]]) -> dict[tuple[int, int], str]:
+    """By (person, frame) that counts and is not kept."""
+    reasons = {}
+    for one in played.people:
+        if not one.counts or not one.whole or (one.number, one.sequence) in played.everybody.kept:
+            continue
+        person = drive.scenario.people[one.number - 1]
+        place = drive.seen_from_robot(person, one.sequence / drive.scenario.frame_rate)
+        assert place is not None
+        away = [
+            (math.hypot(body.right_m - place[0], body.ahead_m - place[2]), body) for body in seen.get(one.sequence, [])
+        ]
+        nearest = [body for away_m, body in sorted(away, key=itemgetter(0)) if away_m <= APART_M / 2]
+        reason = (nearest[0].why_not() if nearest else "") or NOT_FOUND
+        reasons[one.number, one.sequence] = reason if one.sequence in seen else ODOMETRY
+    return reasons
 
 
 def _redactor_of(drive: Drive, antenna_pairs: Sequence[AntennaPair]) -> FrameRedactor:

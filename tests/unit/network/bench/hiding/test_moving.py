@@ -69,9 +69,11 @@ def test_shares_are_of_frames_that_count_and_goals_follow_from_them() -> None:
     played.everybody.kept = {(1, sequence) for sequence in range(4, 10)}
     played.end_to_end.kept = {(1, sequence) for sequence in range(6, 10)}
     played.withheld = {(1, sequence): "moved" for sequence in range(6)}
+    played.withheld_everybody = {(1, sequence): "contact" for sequence in range(4)}
     figures = summarise_drives([played])
     assert (figures.kept, figures.kept_end_to_end, figures.kept_standing) == (0.75, 0.5, 0.0)
     assert figures.withheld == {"moved": 4}
+    assert figures.withheld_by_reason == {"all": {"contact": 0.25}, "none": {"contact": 0.25}}
     assert (figures.frame_ms, figures.frame_p95_ms) == (6.0, 30.0)
     assert figures.goals["no scene shows anybody else"]
     assert not figures.goals["frame_p95_ms <= 15"]
@@ -83,6 +85,8 @@ def test_a_drive_goes_through_redactor_and_hider() -> None:
     played = run_drive(draw_drive(3, "past", judging=False, stands_s=0.0), 3)
     assert len({frame.sequence for frame in played.people}) > 20
     assert played.everybody.kept
+    counted = {(frame.number, frame.sequence) for frame in played.people if frame.counts and frame.whole}
+    assert set(played.withheld_everybody) == counted - played.everybody.kept, "each has a reason"
     assert played.everybody.foreign_share <= 0.001
     assert played.end_to_end.wrong == 0
     assert len(played.frame_ms) > 30
