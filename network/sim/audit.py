@@ -9,11 +9,12 @@ from consensus.primitives.encoding import decode, decode_value
 from consensus.records.placement import Placement
 from consensus.state.erasure import REQUEST
 from consensus.state.records import RECORD
-from network.sim.history import ChainAudit, CustodyAudit
+from network.sim.history import ChainAudit, CustodyAudit, History
 from node.custody.chain_facts import read_placement
 
 if TYPE_CHECKING:
-    from network.sim.world.sim_cluster import SimCluster
+    from collections.abc import Mapping, Sequence
+
     from network.sim.world.sim_node import SimNode
 
 
@@ -61,28 +62,27 @@ def audit_custody(node: SimNode) -> None:
     )
 
 
-def placement_of(cluster: SimCluster) -> Placement:
-    """By the newest block that an honest node has."""
-    with max(cluster.honest, key=lambda node: node.ledger_height).ledger.snapshot() as snapshot:
+def placement_of(nodes: Sequence[SimNode]) -> Placement:
+    """By the newest block that any of them has."""
+    with max(nodes, key=lambda node: node.ledger_height).ledger.snapshot() as snapshot:
         return read_placement(snapshot)
 
 
-def audit_chain(cluster: SimCluster) -> None:
-    """Who is to keep what in the end, and who has confirmed which erasure."""
-    node, placement = max(cluster.honest, key=lambda node: node.ledger_height), placement_of(cluster)
+def audit_chain(honest: Sequence[SimNode], numbers: Mapping[bytes, int], now: float, history: History) -> None:
+    """Who is to keep what in the end, and who has confirmed which erasure. `numbers`: of nodes, by custodian."""
+    node, placement = max(honest, key=lambda node: node.ledger_height), placement_of(honest)
     with node.ledger.snapshot() as snapshot:
         records = [record_id for (record_id,), row in RECORD.rows(snapshot) if row.status == "active"]
         erasures = [(erasure_id, row) for (erasure_id,), row in REQUEST.rows(snapshot)]
-    nodes = cluster.custodian_nodes
-    cluster.history.add(
+    history.add(
         ChainAudit(
-            cluster.now,
+            now,
             node.index,
-            tuple(sorted(nodes[key] for key in placement.rooms)),
+            tuple(sorted(numbers[key] for key in placement.rooms)),
             placement.count,
-            tuple((each, tuple(nodes[key] for key in placement.keepers(each))) for each in sorted(records)),
+            tuple((each, tuple(numbers[key] for key in placement.keepers(each))) for each in sorted(records)),
             tuple(
-                (each, tuple(row.records), tuple(sorted(nodes[key] for key in row.receipts)))
+                (each, tuple(row.records), tuple(sorted(numbers[key] for key in row.receipts)))
                 for each, row in sorted(erasures)
             ),
         )

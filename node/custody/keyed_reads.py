@@ -41,7 +41,7 @@ class KeyedReads:
             while self._waiting:
                 asked = self._waiting[:KEYS_AT_ONCE_MAX_COUNT]
                 try:
-                    found = await self._read(list({key for key, _ in asked}))
+                    found = await self._read(sorted({key for key, _ in asked}))
                 except Exception as error:  # noqa: BLE001 - whoever asked is told
                     _fail(asked, error)
                 else:

@@ -86,7 +86,7 @@ class SimCluster(SimWorld):
         for node in self.honest:
             node.note_faults()
             audit_custody(node)
-        audit_chain(self)
+        audit_chain(self.honest, self.custodian_nodes, self.now, self.history)
         heights = tuple(node.ledger_height for node in self.nodes)
         rounds = tuple(-1 if node.parts is None else node.parts.core.round for node in self.nodes)
         loop.end(self.owners)
@@ -147,7 +147,7 @@ class SimCluster(SimWorld):
 
     def _is_repaired(self) -> bool:
         """Of each final record's clip that a custodian has, its keepers by the newest block have theirs."""
-        placement = placement_of(self)
+        placement = placement_of(self.honest)
         held = {node.member: node.store.holdings() for node in self.honest if node.member in placement.rooms}
         gone = {record_id for each in held.values() for record_id in each.erased}
         kept = {key: {*each.confirmed, *each.staged} for key, each in held.items()}
@@ -158,7 +158,7 @@ class SimCluster(SimWorld):
         )
 
     def _owes_nothing(self) -> bool:
-        members = placement_of(self).rooms
+        members = placement_of(self.honest).rooms
         return not any(node.store.holdings().owed for node in self.honest if node.member in members)
 
     # Faults

@@ -160,7 +160,7 @@ def play_old_journal(seed: int) -> list[Violation]:
     return played(Plan(seed=seed, rounds=ROUNDS, faults=faults))
 
 
-OLD_JOURNAL = Schedule("old journal", play_old_journal, range(16))
+OLD_JOURNAL = Schedule("old journal", play_old_journal, range(20))
 
 
 # Liars

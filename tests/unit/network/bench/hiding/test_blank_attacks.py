@@ -223,7 +223,7 @@ def by_thread(monkeypatch: pytest.MonkeyPatch) -> None:
         with ThreadPoolExecutor(1) as executor:
             yield executor
 
-    def judge(seed: int, stratum: str, attacker: object) -> Judged:
+    def judge(seed: int, stratum: str, antennas: int, pairs: object, attacker: object) -> Judged:
         return Judged(DrivePlayed(stratum, seed), BlankReport([scored(0.9, 0.1)] if attacker else []))
 
     rng = np.random.default_rng(1)
