@@ -186,10 +186,15 @@ def _focal_lines(camera: CameraFigures) -> Iterator[str]:
 def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
     if driving is not None and not driving.places:
         yield (
-            "No place of odometry came, so nobody was kept at all: without it the robot does not know where it is. Is the "
-            "topic right?"
+            "No place of odometry came, so nobody was kept at all: a tag is bound only while odometry says that the robot "
+            "stands. Is the topic right?"
         )
         return
+    if driving is not None and driving.unplaced_readings:
+        yield (
+            f"{_count_of(driving.unplaced_readings, 'reading')} bound nobody: no odometry told in time whether the robot "
+            "stood then."
+        )
     if driving is not None and driving.keep:
         yield from _keeping_lines(driving)
     elif moved:

@@ -18,8 +18,9 @@ from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.moving.plan_bodies import camera_points
-from clients.robot.hiding.own_motion import MotionDetector, OwnMotion, RobotPlace, Spot
+from clients.robot.hiding.own_motion import OwnMotion, RobotPlace, Spot
 from clients.robot.hiding.standing_hider import StandingHider
+from clients.robot.hiding.standing_readings import StandingReadings
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
 from clients.robot.matching.match_evidence import MatchEvidence
 from clients.robot.matching.matcher import Matcher
@@ -96,7 +97,8 @@ class FrameRedactor:
     once, then `KeptFrame` or `WithheldFrame` per owner.
 
     With a `driving` camera, odometry has to say where the robot is. It hides before the empty scene only at the place where
-    that fitted first, and elsewhere without it, or not at all. `time_of_flight`: how the camera measures; what it sees
+    that fitted first, and elsewhere without it, or not at all. Tags are bound while the robot stands, at each place anew;
+    while it drives, only people whom it knew before are kept. `time_of_flight`: how the camera measures; what it sees
     between two surfaces is dropped first. `antenna_pairs` give readings bearings.
     """
 
@@ -121,7 +123,7 @@ class FrameRedactor:
         self._buffer_ms = max(buffer_ms, window_ms + lateness_ms + 1)
         self._tracker = Tracker()
         self._motion = OwnMotion() if driving is not None else None
-        self._moves = MotionDetector()
+        self._readings = StandingReadings(self._motion) if self._motion is not None else None
         self._mount: Ground | None = None
         self._blank_frames_count = 0
         self._blank_kept_count = 0
@@ -149,7 +151,7 @@ class FrameRedactor:
 
     def summarise_driving(self) -> DrivingFigures | None:
         """None if the robot is not one that drives."""
-        if self._motion is None or self._driving is None:
+        if self._motion is None or self._readings is None or self._driving is None:
             return None
         mount = self._mount
         return DrivingFigures(
@@ -158,6 +160,7 @@ class FrameRedactor:
             doubts=self._motion.doubts_count,
             frames=self._blank_frames_count,
             kept=self._blank_kept_count,
+            unplaced_readings=self._readings.unplaced_count,
             camera_height_m=None if mount is None else round(mount.height_m, 2),
             camera_pitch_deg=None if mount is None else round(math.degrees(mount.pitch), 1),
         )
@@ -176,7 +179,11 @@ class FrameRedactor:
     def push_sighting(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
         """Add a sighting of tag `alias`, weighed at the next frame; `known`: on the roster."""
         outputs = self.cover(alias, sighting, known=known)
-        self.matcher.add_sighting(alias, self._bearings.locate(alias, sighting), known=known)
+        sighting = self._bearings.locate(alias, sighting)
+        if self._readings is None:
+            self.matcher.add_sighting(alias, sighting, known=known)
+        else:
+            self._readings.push(alias, sighting, known=known)
         return outputs
 
     def cover(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
@@ -204,6 +211,8 @@ class FrameRedactor:
         else:
             self._newest_ms = frame.captured_at_ms
             self._find_people(seen, drop_flying_pixels(depth) if self._time_of_flight else depth)
+            if self._readings is not None:
+                self._readings.weigh(self.matcher, frame.captured_at_ms)
             self.matcher.advance(frame.captured_at_ms)
         self._seen[frame.sequence] = seen
         return [*before, *self._queue_decided(decided)]
@@ -220,6 +229,8 @@ class FrameRedactor:
                     self._home = Spot(place)
                 seen.blank = hider.is_blank
                 self._blank_frames_count += hider.is_blank
+                if self._motion is not None and not hider.is_blank:
+                    self._motion.confirm(at_ms)
                 self._follow(seen, found)
                 return
         seen.moved = True
@@ -235,8 +246,6 @@ class FrameRedactor:
         if self._motion is None:
             return None
         place = self._motion.place_at(at_ms)
-        if self._moves.has_moved(place):
-            self.matcher.note_moved(at_ms)
         if place is not None:
             if self._placed_by_ms is not None and not self._motion.is_continuous(self._placed_by_ms, at_ms):
                 self._lose_everybody()
@@ -290,7 +299,8 @@ class FrameRedactor:
         self._lose_everybody()
         if self._motion is not None:
             self._motion.restart()
-            self._moves = MotionDetector()
+        if self._readings is not None:
+            self._readings.restart()
         return outputs
 
     def _queue_decided(self, decided: list[Decision]) -> list[Output]:
@@ -338,7 +348,8 @@ class FrameRedactor:
         elif not seen.tracks:
             reason = WithholdReason.MERGED if seen.merged else WithholdReason.NO_SILHOUETTE
         elif due:
-            reason = self._why_unbound(alias, seen)
+            driving = self._motion is not None and not self._motion.stands(seen.captured_at_ms)
+            reason = WithholdReason.MOVED if driving else self._why_unbound(alias, seen)
         if reason is None:
             return None
         evidence: MatchEvidence | MergedEvidence | None = None

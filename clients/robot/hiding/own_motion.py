@@ -16,6 +16,7 @@ GAP_MAX_MS = 250  # between two samples, for a place between them to be known
 AHEAD_MAX_MS = 200  # of the newest sample: so far its speed is taken to last
 SPEED_MAX_MPS, TURN_MAX_RADPS = 2.5, math.radians(180)
 STANDS_MPS, STANDS_RADPS = 0.02, math.radians(1.0)
+STANDS_WITHIN_MS = 300
 SPOT_M, SPOT_RAD = 0.05, math.radians(2.0)  # a camera so close looks at the same scene
 DOUBTS_MAX_COUNT = 1_000
 
@@ -64,20 +65,6 @@ class Spot:
         return is_there
 
 
-class MotionDetector:
-    """Tells when the robot has left the spot where it was."""
-
-    def __init__(self) -> None:
-        self._spot: Spot | None = None
-
-    def has_moved(self, place: RobotPlace | None) -> bool:
-        """In time order; also where nobody knows where it is."""
-        if place is not None and self._spot is not None and self._spot.holds(place):
-            return False
-        was_known, self._spot = self._spot is not None, None if place is None else Spot(place)
-        return was_known or place is None
-
-
 class OwnMotion:
     """The robot's places over the last minute. A jump is a step that is faster than it can drive or turn."""
 
@@ -91,6 +78,7 @@ class OwnMotion:
         self._places: list[RobotPlace] = []
         self._broken_ms: list[int] = []
         self._doubts: deque[tuple[int, int]] = deque(maxlen=DOUBTS_MAX_COUNT)
+        self._confirmed_ms = -math.inf
 
     def add(self, place: RobotPlace) -> None:
         """Samples may come in any order; a second one for the same time is dropped."""
@@ -110,11 +98,16 @@ class OwnMotion:
             del self._places[:keep]
             del self._broken_ms[: bisect_left(self._broken_ms, self._places[0].at_ms)]
 
+    def confirm(self, at_ms: int) -> None:
+        """The camera saw until then what it would see if the odometry is right."""
+        self._confirmed_ms = at_ms
+
     def doubt(self, first_ms: int, last_ms: int) -> None:
         """The camera saw between that the odometry is wrong. Nobody is followed past the end."""
         self.doubts_count += 1
         self._doubts.append((first_ms, last_ms))
         insort(self._broken_ms, last_ms + 1)
+        self._confirmed_ms = last_ms
 
     def is_doubted(self, first_ms: int, last_ms: int) -> bool:
         return any(first_ms <= end and begin <= last_ms for begin, end in self._doubts)
@@ -147,6 +140,18 @@ class OwnMotion:
         last = bisect_left(self._places, last_ms, key=lambda kept: kept.at_ms)
         around = self._places[max(0, first - 1) : last + 1]
         return all(after.at_ms - before.at_ms <= GAP_MAX_MS for before, after in pairwise(around))
+
+    def stands(self, at_ms: int) -> bool | None:
+        """Tell whether the robot stood for a while before and after; None where that is not known (yet)."""
+        around = (at_ms - STANDS_WITHIN_MS, at_ms, at_ms + STANDS_WITHIN_MS)
+        first, middle, last = map(self.place_at, around)
+        if first is None or middle is None or last is None or not self.is_continuous(first.at_ms, last.at_ms):
+            return None
+        if self._confirmed_ms < last.at_ms:
+            return None
+        if self.is_doubted(first.at_ms, last.at_ms):
+            return False
+        return _stands(first, middle) and _stands(middle, last)  # who turns back is where they were, for a moment
 
 
 def _turned(before: RobotPlace, after: RobotPlace) -> float:

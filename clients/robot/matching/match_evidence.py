@@ -16,9 +16,8 @@ READINGS_MIN_COUNT = 4
 # The distances by themselves must fit a person three times as well as a bearer who is not in the picture. Without that
 # antennas alone would bind, and that a tag is before the robot is also true of a person just outside the picture.
 DISTANCE_LOG_ODDS_MIN = 1.1
-# Of distances and bearings together, for a robot that drives: wherever it stops, somebody may be beside its picture, and
-# as it goes on, distances to them and to whom it sees change alike.
-STOPPED_CUES_LOG_ODDS_MIN, DRIVEN_CUES_LOG_ODDS_MIN = 3.0, 4.0
+# Of distances and bearings together, for a robot that drives: wherever it stops, somebody may be beside its picture.
+DRIVING_CUES_LOG_ODDS_MIN = 3.0
 _RIVAL_WITHIN = 5.0  # log-odds: a rival this close to the best is what stands in the way
 _CONTRADICTS_BELOW = -2.3  # log-odds of the distances: an absent bearer explains them ten times as well
 _SPREAD_SIGMAS = 3.0

@@ -7,7 +7,7 @@ unfollowed person at similar range may be the bearer. Bearings, where there are 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -18,9 +18,8 @@ from clients.robot.matching.likelihood import BEARINGS, DISTANCES, Belief, Filte
 from clients.robot.matching.match_evidence import (
     BIND_LOG_ODDS,
     DISTANCE_LOG_ODDS_MIN,
-    DRIVEN_CUES_LOG_ODDS_MIN,
+    DRIVING_CUES_LOG_ODDS_MIN,
     READINGS_MIN_COUNT,
-    STOPPED_CUES_LOG_ODDS_MIN,
     MatchEvidence,
 )
 from clients.robot.matching.tracking import NEAREST_RANGE_MS, Track
@@ -149,6 +148,16 @@ class _Tag:
         self.decided_until_ms = self.readings[self.weighed - 1].middle_ms
         del self.readings[:gone]
         self.slots = {slot: reading for slot, reading in self.slots.items() if reading.middle_ms >= first_ms}
+        self._begin_with_bindings()
+
+    def forget_evidence(self) -> None:
+        """Drop all readings; bindings stay until contradicted."""
+        if self.readings:
+            self.decided_until_ms = self.readings[-1].middle_ms
+        self.readings, self.slots = [], {}
+        self._begin_with_bindings()
+
+    def _begin_with_bindings(self) -> None:
         self.weighed = 0
         self.scores = {number: _TrackScore(bound=True) for number, old in self.scores.items() if old.bound}
         self.checkpoints = [(0, dict(self.scores))]
@@ -163,8 +172,7 @@ class Matcher:
     """Each tag's readings by alias, and its bearer's track; of a robot that `drives`, on better evidence."""
 
     def __init__(self, *, drives: bool = False) -> None:
-        self._drives = drives
-        self._moved_ms: list[int] = []
+        self._cues_min = DRIVING_CUES_LOG_ODDS_MIN if drives else -math.inf
         self._tags: dict[str, _Tag] = {}
         self._tracks: dict[int, Track] = {}
         self._waiting: set[str] = set()
@@ -178,10 +186,6 @@ class Matcher:
         # From the frame before, so that a reading between the two counts the same whether it comes in time or late.
         after_ms = at_ms - NEAREST_RANGE_MS if self._now_ms is None else min(self._now_ms, at_ms - 1)
         self._clouds.append(_UntrackedInterval(after_ms, at_ms + NEAREST_RANGE_MS, tuple(ranges)))
-
-    def note_moved(self, at_ms: int) -> None:
-        """Record that the robot is elsewhere than before. In time order, before `advance` to that time."""
-        self._moved_ms.append(at_ms)
 
     def add_track(self, track: Track) -> None:
         self._tracks[track.number] = track
@@ -271,7 +275,7 @@ class Matcher:
             distance_log_odds=every.distance_ratio,
             bearings=every.bearings,
             bearing_log_odds=every.bearing_ratio,
-            cues_log_odds_min=self._cues_min(tag, tag.heard_ms),
+            cues_log_odds_min=self._cues_min,
             spread_m=math.sqrt(max(0.0, every.gap_m2_sum / compared - (every.gap_m_sum / compared) ** 2)),
             range_m=every.range_m_sum / compared,
             delay_ms=_find_delay_ms(tag.readings, self._tracks[best]) if odds < 0 and best in self._tracks else None,
@@ -280,7 +284,6 @@ class Matcher:
     def forget_before(self, at_ms: int) -> None:
         horizon = at_ms - EVIDENCE_MS
         del self._clouds[: bisect_left(self._clouds, horizon - LET_GO_MS, key=lambda cloud: cloud.until_ms)]
-        del self._moved_ms[: bisect_left(self._moved_ms, horizon - LET_GO_MS)]
         gone = [n for n, track in self._tracks.items() if track.seen_ms < horizon]
         for number in gone:
             del self._tracks[number]
@@ -288,6 +291,12 @@ class Matcher:
             tag.forget_tracks(gone)
             if tag.heard_ms < horizon:
                 self._drop(alias)
+
+    def forget_evidence(self) -> None:
+        """Weigh what comes from now on by itself; bindings stay until contradicted."""
+        for tag in self._tags.values():
+            tag.forget_evidence()
+        self._waiting.clear()
 
     def _is_bound(self, alias: str, number: int) -> bool:
         tag = self._tags.get(alias)
@@ -340,18 +349,10 @@ class Matcher:
             place += 1
         return found
 
-    def _cues_min(self, tag: _Tag, at_ms: int) -> float:
-        if not self._drives:
-            return -math.inf
-        first_ms = tag.readings[0].middle_ms if tag.readings else at_ms
-        moved = bisect_right(self._moved_ms, first_ms) != bisect_right(self._moved_ms, at_ms)
-        return DRIVEN_CUES_LOG_ODDS_MIN if moved else STOPPED_CUES_LOG_ODDS_MIN
-
     def _decide(self, tag: _Tag, at_ms: int) -> None:
         tracks = [track for track in self._tracks.values() if track.began_ms <= at_ms and track.number in tag.scores]
         every = {track.number: tag.scores[track.number].every.ratio() for track in tracks}
         sure = {track.number: tag.scores[track.number].sure.ratio() for track in tracks}
-        cues_min = self._cues_min(tag, at_ms)
         for track in tracks:
             score = tag.scores[track.number]
             if score.every.compared < READINGS_MIN_COUNT:
@@ -361,7 +362,7 @@ class Matcher:
             bound = score.bound
             if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
                 bound = bound and odds >= UNBIND_LOG_ODDS
-                speak = score.every.speaks(cues_min) and score.sure.speaks(cues_min)
+                speak = score.every.speaks(self._cues_min) and score.sure.speaks(self._cues_min)
                 if odds >= BIND_LOG_ODDS and speak:
                     surely = _log_odds(sure[track.number], [sure[number] for number in rivals])
                     bound = bound or surely >= BIND_LOG_ODDS

@@ -380,7 +380,7 @@ def hiding(as_json: bool, moving: bool, antennas: str, on: str, learning_scenes:
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0), help="What is drawn.")
 @click.option("--workers", default=None, type=click.IntRange(1, 64), help="Processes at once (all cores).")
 @with_cluster("workers")
-@click.option("--moving", is_flag=True, help="Of a robot that drives.")
+@click.option("--moving", is_flag=True, help="Of a robot that drives; also if it counted every reading.")
 @command_output
 def matcher_command(tracks: int, seed: int, workers: int | None, on: str, moving: bool, as_json: bool) -> None:
     """Measure how often the robot would take a tag's bearer for somebody else, and how much it withholds.

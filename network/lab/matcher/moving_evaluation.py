@@ -1,4 +1,7 @@
-"""How often a robot that drives takes a tag's bearer for somebody else, and whom it keeps, on drawn drives."""
+"""How often a robot that drives takes a tag's bearer for somebody else, and whom it keeps, on drawn drives.
+
+Two rules over the same tracks: the robot's own, and that every reading counts, also while it drives.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,10 @@ import numpy as np
 
 from clients.robot.hiding.frame_redactor import BUFFER_DEFAULT_MS
 from clients.robot.hiding.hider import in_odometry
-from clients.robot.hiding.own_motion import MotionDetector, OwnMotion
+from clients.robot.hiding.moving.scan_match import CHECK_EVERY_MS
+from clients.robot.hiding.own_motion import OwnMotion
 from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.hiding.standing_readings import StandingReadings
 from clients.robot.matching.matcher import Matcher
 from clients.robot.matching.tracking import Tracker
 from network.bench.conditions import measure_conditions
@@ -43,8 +48,8 @@ TAG = "tag"
 
 
 @dataclass(slots=True)
-class Bound:
-    """What came of a tag. `wrong`: at any time it was bound to somebody else; `kept`: frames that show the bearer."""
+class Ruled:
+    """What a rule came to. `wrong`: at any time the tag was bound to somebody else; `kept`: frames that show the bearer."""
 
     wrong: bool = False
     kept: dict[bool, int] = field(default_factory=lambda: {False: 0, True: 0})
@@ -61,7 +66,8 @@ class MovingOutcome:
     bearer: Bearer
     in_view: dict[bool, int]
     ahead_unseen: bool
-    bound: Bound
+    standing: Ruled
+    every: Ruled
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +81,7 @@ class _Follower:
     """Counts what is bound, and what a redactor would keep once a frame has waited its time."""
 
     def __init__(self, bearer: int) -> None:
-        self.matcher, self.came = Matcher(drives=True), Bound()
+        self.matcher, self.ruled = Matcher(drives=True), Ruled()
         self._bearer = bearer
         self._frames: deque[_Frame] = deque()
         self._numbers: set[int] = set()
@@ -89,52 +95,59 @@ class _Follower:
         while self._frames[0].at_ms <= frame.at_ms - BUFFER_DEFAULT_MS:
             self._keep(self._frames.popleft())
 
-    def finish(self) -> Bound:
+    def finish(self) -> Ruled:
         self.matcher.finish()
         self._look()
         for frame in self._frames:
             self._keep(frame)
-        return self.came
+        return self.ruled
 
     def _look(self) -> None:
         bound = {number for number in self._numbers if self.matcher.bound_track(TAG, [number]) is not None}
         frames = list(self._frames) if bound != self._bound else [self._frames[-1]]
         self._bound = bound
         others = (frame.shows[number] != self._bearer for frame in frames for number in bound & frame.shows.keys())
-        self.came.wrong |= any(others)
+        self.ruled.wrong |= any(others)
 
     def _keep(self, frame: _Frame) -> None:
         number = self.matcher.bound_track(TAG, list(frame.shows))
         if number is not None and frame.shows[number] == self._bearer:
-            self.came.kept[frame.driving] += 1
+            self.ruled.kept[frame.driving] += 1
 
 
-def play_moving(drawn: MovingDraw) -> Bound:
-    motion, moves, tracker, follower = OwnMotion(), MotionDetector(), Tracker(), _Follower(drawn.bearer)
+def play_moving(drawn: MovingDraw) -> tuple[Ruled, Ruled]:
+    """Return what comes of the robot's rule, and of the rule that every reading counts."""
+    motion, tracker = OwnMotion(), Tracker()
+    waiting = StandingReadings(motion)
+    followers = standing, every = _Follower(drawn.bearer), _Follower(drawn.bearer)
     places, readings = deque(drawn.places), deque(drawn.readings)
     for index in range(0, TRACK_MS // FRAME_EVERY_MS + 1, SEEN_EVERY):
         at_ms = index * FRAME_EVERY_MS
         while places and places[0][0] <= at_ms:
             motion.add(places.popleft()[1])
         while readings and readings[0].middle_ms <= at_ms:
-            follower.matcher.add_sighting(TAG, readings.popleft())
+            waiting.push(TAG, readings[0])
+            every.matcher.add_sighting(TAG, readings.popleft())
         shows: dict[int, int] = {}
         place = motion.place_at(at_ms)
-        if moves.has_moved(place):
-            follower.matcher.note_moved(at_ms)
         if place is not None:
             seen = [in_odometry(silhouette, place) for silhouette in silhouettes(drawn, index)]
             tracks = tracker.step(seen, at_ms)
             unfollowed = [one.range_m for one, track in zip(seen, tracks, strict=True) if track is None]
             unfollowed += tracker.hidden_ranges
-            for one, track in zip(seen, tracks, strict=True):
-                if track is not None:
-                    follower.matcher.add_track(track)
-                    shows[track.number] = one.label
-            if unfollowed:
-                follower.matcher.note_unfollowed(at_ms, unfollowed)
-        follower.advance(_Frame(at_ms, bool(drawn.driving[index]), shows))
-    return follower.finish()
+            for follower in followers:
+                for one, track in zip(seen, tracks, strict=True):
+                    if track is not None:
+                        follower.matcher.add_track(track)
+                        shows[track.number] = one.label
+                if unfollowed:
+                    follower.matcher.note_unfollowed(at_ms, unfollowed)
+        if at_ms % CHECK_EVERY_MS == 0:
+            motion.confirm(at_ms)
+        waiting.weigh(standing.matcher, at_ms)
+        for follower in followers:
+            follower.advance(_Frame(at_ms, bool(drawn.driving[index]), shows))
+    return standing.finish(), every.finish()
 
 
 def silhouettes(drawn: MovingDraw, index: int) -> list[Silhouette]:
@@ -159,7 +172,7 @@ def judge_moving(group: str, drawn: MovingDraw) -> MovingOutcome:
     in_view = {moves: int(np.count_nonzero(seen & (driving == moves))) for moves in (False, True)}
     unseen = ~seen & ~driving & (np.abs(drawn.bearings[drawn.bearer, ::SEEN_EVERY]) <= FRONT_UNTIL_DEG)
     ahead_unseen = bool(np.count_nonzero(unseen) * SEEN_EVERY * FRAME_EVERY_MS >= AHEAD_UNSEEN_MS)
-    return MovingOutcome(group, drawn.story, drawn.setting.bearer, in_view, ahead_unseen, play_moving(drawn))
+    return MovingOutcome(group, drawn.story, drawn.setting.bearer, in_view, ahead_unseen, *play_moving(drawn))
 
 
 def case_of(group: str, number: int) -> tuple[Setting, Story]:
@@ -202,12 +215,14 @@ def moving_headline(outcomes: Sequence[MovingOutcome]) -> dict[str, float]:
     """`wrong_owner`: the goal, as of a robot that stands without who is in front but beside the picture at the start."""
     goal = [o for o in outcomes if o.group in GOAL_GROUPS and o.bearer != "aside"]
     figures: dict[str, float] = {"tracks": len(outcomes), **_both(goal, "_owner")}
-    figures |= _wrong("wrong_owner_ahead_unseen", [o for o in goal if o.ahead_unseen])
-    figures |= _wrong("wrong_owner_never_ahead_unseen", [o for o in goal if not o.ahead_unseen])
-    figures |= _wrong("wrong_aside", [o for o in outcomes if o.bearer == "aside"])
+    figures |= _wrong("wrong_owner_ahead_unseen", [o.standing for o in goal if o.ahead_unseen])
+    figures |= _wrong("wrong_owner_never_ahead_unseen", [o.standing for o in goal if not o.ahead_unseen])
+    figures |= _wrong("wrong_aside", [o.standing for o in outcomes if o.bearer == "aside"])
     for group in MOVING_GROUPS:
         mine = [o for o in outcomes if o.group == group and o.bearer != "aside"]
-        figures |= _wrong(f"wrong_{group.replace('-', '_')}", mine)
+        name = group.replace("-", "_")
+        figures |= _wrong(f"wrong_{name}", [o.standing for o in mine])
+        figures |= _wrong(f"every_wrong_{name}", [o.every for o in mine])
     return figures
 
 
@@ -225,14 +240,22 @@ def moving_strata(outcomes: Sequence[MovingOutcome]) -> list[Stratum]:
 
 
 def _both(outcomes: Sequence[MovingOutcome], name: str = "") -> dict[str, float]:
-    figures = _wrong(f"wrong{name}", outcomes)
+    figures = _wrong(f"wrong{name}", [o.standing for o in outcomes]) | _kept(
+        "", outcomes, [o.standing for o in outcomes]
+    )
+    figures |= _wrong(f"every_wrong{name}", [o.every for o in outcomes])
+    return figures | _kept("every_", outcomes, [o.every for o in outcomes])
+
+
+def _wrong(name: str, ruled: Sequence[Ruled]) -> dict[str, float]:
+    return wrong_figures(name, [one.wrong for one in ruled])
+
+
+def _kept(name: str, outcomes: Sequence[MovingOutcome], ruled: Sequence[Ruled]) -> dict[str, float]:
+    figures: dict[str, float] = {}
     for driving, when in ((False, "standing"), (True, "driving")):
         of = sum(o.in_view[driving] for o in outcomes)
         if of:
-            kept = sum(o.bound.kept[driving] for o in outcomes)
-            figures |= {f"kept_{when}_rate": round(kept / of, 5), f"kept_{when}_of": of}
+            kept = sum(one.kept[driving] for one in ruled)
+            figures |= {f"{name}kept_{when}_rate": round(kept / of, 5), f"{name}kept_{when}_of": of}
     return figures
-
-
-def _wrong(name: str, outcomes: Sequence[MovingOutcome]) -> dict[str, float]:
-    return wrong_figures(name, [o.bound.wrong for o in outcomes])

@@ -15,6 +15,9 @@ class DrivingFigures(Answer, frozen=True, kw_only=True):
     doubts: Annotated[Count, doc("How often the camera saw that the odometry was wrong")]
     frames: Annotated[Count, doc("Frames in which people were looked for without the empty scene")]
     kept: Annotated[Count, doc("Pictures of these that show their owner, without the room")]
+    unplaced_readings: Annotated[
+        Count, doc("Readings that bound nobody: it was not known whether the robot stood then")
+    ]
     camera_height_m: Annotated[
         float | None, doc("Of the camera above the floor; null if the empty scene shows no floor: then none is kept")
     ]

@@ -71,7 +71,9 @@ class ScanMatch:
         right = before is None or self._agree(before, scan)
         if before is None or not right or _is_far(before.place, place):
             self._before = scan
-        if before is not None and not right:
+        if before is None or right:
+            self._motion.confirm(at_ms)
+        else:
             last_ms = before.place.at_ms if checked_ms is None else checked_ms
             self._motion.doubt(max(last_ms, at_ms - COMPARED_MS), at_ms)
         return right

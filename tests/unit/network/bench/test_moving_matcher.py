@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from clients.robot.hiding.own_motion import STANDS_MPS, OwnMotion, RobotPlace
+from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.sensing.sensor_events import Facing, Sighting
 from network.cli.measure.bench_commands import bench
 from network.lab.matcher.matcher_draws import TIMES_S, TRACK_MS, Array, Bearer, Setting
@@ -32,8 +32,8 @@ from network.lab.matcher.moving_evaluation import (
     MOVING_BEARERS,
     MOVING_GROUPS,
     SEEN_EVERY,
-    Bound,
     MovingOutcome,
+    Ruled,
     case_of,
     judge_moving,
     judge_moving_matcher,
@@ -136,12 +136,11 @@ def test_each_story_drives_as_its_name_says_and_odometry_tells_so() -> None:
         for arrives_ms, place in drawn.places:
             assert 0 < arrives_ms - place.at_ms < 100
             motion.add(place)
-        for index in range(10, TRACK_MS // 100 - 10, 5):
-            before, after = motion.place_at(100 * index - 500), motion.place_at(100 * index + 500)
-            assert before is not None
-            assert after is not None
-            if not drawn.driving[index - 5 : index + 6].any():
-                assert math.hypot(after.x_m - before.x_m, after.z_m - before.z_m) <= STANDS_MPS
+        motion.confirm(TRACK_MS)
+        stood = [motion.stands(at_ms) for at_ms in range(1_000, TRACK_MS - 1_000, 500)]
+        around = [drawn.driving[index - 5 : index + 6] for index in range(10, TRACK_MS // 100 - 10, 5)]
+        assert all(told for told, moves in zip(stood, around, strict=True) if not moves.any())
+        assert not any(told for told, moves in zip(stood, around, strict=True) if moves.all())
 
 
 def ward(
@@ -169,29 +168,31 @@ def drives_past(at_s: Array) -> Array:
     return np.asarray(0.4 * np.clip(at_s - 4.0, 0.0, 8.0))
 
 
-def test_a_bearer_beside_the_picture_who_comes_nearer_like_who_is_in_it_is_taken_for_them() -> None:
-    """The range to both shrinks alike, and the bearer is heard in front: nothing tells them apart but bearings."""
+def test_counting_every_reading_takes_a_bearer_beside_the_picture_for_whom_the_robot_drives_towards() -> None:
+    """The range to both shrinks alike, and the bearer is heard in front. So readings on the way count for nothing."""
     drawn = ward([(2.8, 4.2), (0.0, 5.0)], drives_past, list(range(5_000, 12_000, 200)))
     assert not drawn.in_view[0].any()
-    came = play_moving(drawn)
-    assert came.wrong
-    assert came.kept == {False: 0, True: 0}
+    standing, every = play_moving(drawn)
+    assert every.wrong
+    assert not standing.wrong
+    assert standing.kept == {False: 0, True: 0}
 
 
-def test_who_is_bound_is_kept_on_the_way_and_before() -> None:
-    drawn = ward([(0.0, 5.6), (1.0, 3.6)], drives_past, list(range(0, 9_000, 200)))
+def test_who_is_bound_while_the_robot_stands_is_kept_on_the_way() -> None:
+    drawn = ward([(0.0, 5.6), (1.0, 3.6)], drives_past, list(range(0, 4_000, 200)))
     outcome = judge_moving("facing", drawn)
-    assert not outcome.bound.wrong
+    assert not outcome.standing.wrong
     assert outcome.in_view[False] + outcome.in_view[True] == FRAMES_COUNT
-    assert outcome.bound.kept[True] == outcome.in_view[True] > 30
-    assert outcome.bound.kept[False] >= outcome.in_view[False] - 1, "the first frame came before any odometry"
+    assert outcome.standing.kept[True] == outcome.in_view[True] > 30
+    assert outcome.standing.kept[False] >= outcome.in_view[False] - 1, "the first frame came before any odometry"
 
 
 def test_somebody_else_bound_for_a_moment_counts_as_wrong_whenever_it_is() -> None:
-    drawn = ward([(0.0, 5.6), (1.0, 3.6)], drives_past, list(range(0, 9_000, 200)))
-    came = play_moving(replace(drawn, bearer=1))
-    assert came.wrong
-    assert came.kept == {False: 0, True: 0}
+    drawn = ward([(0.0, 5.6), (1.0, 3.6)], drives_past, list(range(0, 4_000, 200)))
+    standing, every = play_moving(replace(drawn, bearer=1))
+    assert standing.wrong
+    assert every.wrong
+    assert standing.kept == {False: 0, True: 0}
 
 
 def test_who_was_before_a_standing_robot_but_not_in_its_picture_is_counted_apart() -> None:
@@ -199,7 +200,7 @@ def test_who_was_before_a_standing_robot_but_not_in_its_picture_is_counted_apart
     behind = judge_moving("facing", ward([(0.0, -4.0), (0.0, 5.0)], drives_past, []))
     assert beside.ahead_unseen
     assert not behind.ahead_unseen
-    outcomes = [replace(beside, bound=Bound(wrong=True)), behind]
+    outcomes = [replace(beside, standing=Ruled(wrong=True)), behind]
     figures = moving_headline(outcomes)
     assert figures["wrong_owner_ahead_unseen_count"] == figures["wrong_owner_ahead_unseen_of"] == 1
     assert figures["wrong_owner_never_ahead_unseen_count"] == 0
@@ -209,7 +210,9 @@ def test_one_in_five_hundred_wrong_misses_the_goal_unless_they_stood_beside_the_
     def outcome(
         *, wrong: bool, group: str = "facing", bearer: Bearer = "present", story: Story = "greet"
     ) -> MovingOutcome:
-        return MovingOutcome(group, story, bearer, {False: 10, True: 20}, False, Bound(wrong, {False: 5, True: 5}))
+        return MovingOutcome(
+            group, story, bearer, {False: 10, True: 20}, False, Ruled(wrong, {False: 5, True: 5}), Ruled()
+        )
 
     good = [outcome(wrong=False)] * 499
     assert moving_headline([*good, outcome(wrong=True)])["wrong_owner_rate"] == 0.002
@@ -217,6 +220,7 @@ def test_one_in_five_hundred_wrong_misses_the_goal_unless_they_stood_beside_the_
     assert moving_headline([*good, outcome(wrong=True, group="outliers")])["wrong_owner_rate"] == 0
     figures = moving_headline(good)
     assert (figures["kept_standing_rate"], figures["kept_driving_rate"]) == (0.5, 0.25)
+    assert figures["every_kept_driving_rate"] == 0
 
 
 def test_the_figures_do_not_depend_on_the_number_of_processes() -> None:

@@ -1,4 +1,4 @@
-"""Where the robot was, by what its wheels say: between samples, across gaps and jumps."""
+"""Where the robot was, by what its wheels say: between samples, across gaps and jumps, and whether it stood."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clients.robot.hiding.own_motion import KEPT_MS, SAMPLES_MAX_COUNT, MotionDetector, OwnMotion, RobotPlace
+from clients.robot.hiding.own_motion import KEPT_MS, SAMPLES_MAX_COUNT, OwnMotion, RobotPlace
 
 
 def driven(*places: RobotPlace) -> OwnMotion:
     motion = OwnMotion()
     for place in places:
         motion.add(place)
+    motion.confirm(60_000)
     return motion
 
 
@@ -61,6 +62,7 @@ def test_a_jump_breaks_what_was_continuous(jump: RobotPlace) -> None:
     assert not motion.is_continuous(2_500, 3_500)
     assert motion.is_continuous(3_100, 3_900)
     assert motion.place_at(3_050) is None
+    assert motion.stands(3_000) is None
 
 
 def test_a_jump_is_noticed_also_by_a_sample_that_comes_late_and_is_older_than_all() -> None:
@@ -85,14 +87,15 @@ def test_numbers_that_are_none_are_not_taken() -> None:
     assert place.x_m == 0.0
 
 
-def test_a_robot_has_moved_once_its_camera_looks_at_another_scene_or_nobody_knows() -> None:
-    moves = MotionDetector()
-    creeping = [RobotPlace(100 * step, 0.0, 0.02 * step) for step in range(7)]
-    assert [moves.has_moved(place) for place in creeping] == [False, False, False, True, False, False, True]
-    assert moves.has_moved(None)
-    assert not moves.has_moved(RobotPlace(1_000)), "that it was unknown has been told"
-    drifting = [RobotPlace(1_000 + 1_000 * step, 0.01 * step) for step in range(20)]
-    assert not any(moves.has_moved(place) for place in drifting)
+def test_it_stands_only_if_it_did_before_and_after() -> None:
+    stop = [RobotPlace(at_ms, 0.0, 1.5) for at_ms in range(3_100, 5_000, 100)]
+    motion = driven(*straight(), *stop)
+    assert motion.stands(2_000) is False
+    assert motion.stands(3_100) is False
+    assert motion.stands(4_000) is True
+    assert motion.stands(4_900) is None
+    turning = driven(*(RobotPlace(at_ms, yaw=at_ms / 5_000) for at_ms in range(0, 2_000, 100)))
+    assert turning.stands(1_000) is False
 
 
 def test_a_place_before_the_robot_is_known_in_the_odometrys_frame() -> None:
@@ -108,10 +111,14 @@ def test_a_storm_of_samples_is_held_in_bounded_memory() -> None:
     assert len(motion._places) <= SAMPLES_MAX_COUNT
 
 
-def test_nobody_is_followed_past_a_moment_at_which_the_camera_disagreed() -> None:
+def test_nobody_is_said_to_stand_before_the_camera_has_agreed_or_while_it_disagrees() -> None:
     motion = driven(*(RobotPlace(at_ms) for at_ms in range(0, 10_000, 100)))
+    motion.confirm(3_000)
+    assert motion.stands(2_700) is True
+    assert motion.stands(2_800) is None
     motion.doubt(4_000, 5_000)
-    assert [motion.is_doubted(at_ms, at_ms) for at_ms in (3_900, 4_000, 5_000, 5_100)] == [False, True, True, False]
+    motion.confirm(9_000)
+    assert [motion.stands(at_ms) for at_ms in (3_600, 3_700, 5_300, 5_400)] == [True, False, None, True]
     assert motion.is_continuous(0, 5_000)
     assert not motion.is_continuous(5_000, 5_100)
 
@@ -134,4 +141,12 @@ def test_a_clock_that_is_set_back_leaves_nothing_of_before() -> None:
     assert not motion.is_doubted(0, 3_000)
     for place in straight(mps=0.0):
         motion.add(place)
-    assert motion.is_continuous(0, 3_000)
+    assert motion.stands(1_000) is None, "the camera has not agreed yet"
+    motion.confirm(2_000)
+    assert motion.stands(1_000) is True
+
+
+def test_a_robot_that_turns_back_does_not_stand_where_it_does() -> None:
+    """A moment before and after it is at the same place."""
+    there_and_back = [RobotPlace(at_ms, 0.0, -0.0005 * abs(at_ms - 1_500)) for at_ms in range(0, 3_001, 100)]
+    assert driven(*there_and_back).stands(1_500) is False

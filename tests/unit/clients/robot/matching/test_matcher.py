@@ -402,22 +402,6 @@ def test_a_robot_that_drives_wants_more_than_three_seconds_of_one_equal_distance
     assert bind([walking], worn_by(walking, rng), drives=True).bound_track("tag", [2]) == 2
 
 
-@pytest.mark.parametrize(("moved_ms", "bound"), [(0, True), (100, False), (1_000, False), (9_000, True)])
-def test_evidence_from_before_and_after_a_move_of_the_robot_has_to_be_better(
-    monkeypatch: pytest.MonkeyPatch, moved_ms: int, *, bound: bool
-) -> None:
-    monkeypatch.setattr("clients.robot.matching.matcher.DRIVEN_CUES_LOG_ODDS_MIN", 1_000.0)
-    walking = walker(1, 2.5, seconds=30.0)
-    matcher = Matcher(drives=True)
-    matcher.add_track(walking)
-    matcher.note_moved(moved_ms)
-    for heard in worn_by(walking, np.random.default_rng(3)):
-        if heard.middle_ms <= 10_000:
-            matcher.add_sighting("tag", heard)
-    matcher.advance(30_000)
-    assert (matcher.bound_track("tag", [1]) == 1) == bound
-
-
 def test_bearings_alone_bind_nobody() -> None:
     rng = np.random.default_rng(1)
     shown = at_bearing(walker(1, 2.5), 5.0)

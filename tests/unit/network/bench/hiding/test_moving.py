@@ -11,7 +11,7 @@ import pytest
 from clients.robot.synthetic.camera import CameraPose
 from clients.robot.synthetic.driving.draws import DriveStratum, draw_drive
 from clients.robot.synthetic.driving.drive_render import DriveTruth
-from clients.robot.synthetic.driving.odometry import FAULTS, Fault
+from clients.robot.synthetic.driving.odometry import FAULTS, Fault, fault_window
 from network.lab.hiding.moving.drive_figures import summarise_drives
 from network.lab.hiding.moving.run_drive import DrivePlayed, PersonFrame, Shown, run_drive
 from network.lab.hiding.scenes import with_antennas
@@ -121,3 +121,7 @@ def test_whatever_the_odometry_says_nobody_else_is_shown(
     assert shown.foreign_share <= 0.001
     if stratum == "past" and not faults:
         assert len(shown.kept) > 60, "there is somebody to lose"
+    if "jump" in faults:
+        begin_s, _ = fault_window(drive.scenario.seed, "jump", drive.scenario.frame_count / drive.scenario.frame_rate)
+        late = [sequence for _, sequence in shown.kept if sequence > (begin_s + 1) * drive.scenario.frame_rate]
+        assert not late, "after a jump nobody is known, and on the way nobody is bound again"

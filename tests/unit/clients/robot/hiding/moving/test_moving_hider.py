@@ -39,6 +39,7 @@ def test_a_frame_is_given_up_when_the_room_moves_otherwise_than_said(share_said:
     assert bool(given_up) == (share_said != 1.0)
     for at_ms in given_up:
         assert motion.is_doubted(at_ms, at_ms)
+        assert motion.stands(at_ms) is not True
         assert not any(may_show() for may_show in asked.get(at_ms - 200, []))
     assert not motion.is_doubted(0, 1_000 - 500), "while it stood, nothing was wrong"
 

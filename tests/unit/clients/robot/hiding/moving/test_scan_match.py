@@ -85,9 +85,10 @@ HONEST = [stands, ahead(0.4), ahead(-0.2), turning(20), lambda s: RobotPlace(0, 
 
 
 @pytest.mark.parametrize("moves", HONEST)
-def test_honest_odometry_is_believed(moves: Callable[[float], RobotPlace]) -> None:
+def test_honest_odometry_is_believed_until_the_last_comparison(moves: Callable[[float], RobotPlace]) -> None:
     motion = drive(moves, moves)
     assert not motion.is_doubted(0, ENDS_MS)
+    assert motion._confirmed_ms >= ENDS_MS - 600
 
 
 @pytest.mark.parametrize(
@@ -143,6 +144,7 @@ def test_after_a_restart_nothing_of_before_is_compared_with() -> None:
     assert scans.agrees(view_from(RobotPlace(0), ROOM + CUPBOARDS), [], RobotPlace(50_000))
     scans.restart()
     assert scans.agrees(view_from(RobotPlace(0, 0.0, 0.5), ROOM + CUPBOARDS), [], RobotPlace(1_000))
+    assert motion._confirmed_ms == 1_000
     assert not motion.is_doubted(0, 60_000)
 
 
