@@ -71,6 +71,14 @@ def test_a_backup_names_no_file_outside_of_its_node(config: NodeConfig, tmp_path
         assert not (tmp_path / "anew").exists()
 
 
+def with_settings(config: NodeConfig, tmp_path: Path, before: str, after: str) -> Path:
+    """A backup whose settings were changed."""
+    out = tmp_path / "backup"
+    back_up(config, out, with_keys=True)
+    forged(out, "node/node.toml", (out / "node" / "node.toml").read_text().replace(before, after))
+    return out
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -88,10 +96,7 @@ def test_a_changed_backup_hands_no_credentials_of_this_host_to_a_database(
     config: NodeConfig, tmp_path: Path, options: str
 ) -> None:
     """The driver asks the cloud that it runs in for a token, or reads one, and gives it to whatever server is named."""
-    out = tmp_path / "backup"
-    back_up(config, out, with_keys=True)
-    text = (out / "node" / "node.toml").read_text()
-    forged(out, "node/node.toml", text.replace('store = "sqlite"', f'store = "mongodb://h/db?{options}"'))
+    out = with_settings(config, tmp_path, 'store = "sqlite"', f'store = "mongodb://h/db?{options}"')
     with pytest.raises(BlockRobotError, match=r"^CONFIGURATION_INVALID: .*(outside of the node|which no backup holds)"):
         restored_from(out, tmp_path)
     assert not (tmp_path / "anew").exists()
@@ -244,10 +249,7 @@ def test_settings_that_open_a_restored_node_are_shown(config: NodeConfig, tmp_pa
 def test_a_changed_backup_that_names_no_real_place_is_refused(
     config: NodeConfig, tmp_path: Path, place: str, said: str
 ) -> None:
-    out = tmp_path / "backup"
-    back_up(config, out, with_keys=True)
-    text = (out / "node" / "node.toml").read_text()
-    forged(out, "node/node.toml", text.replace("[custody]\n", f"[custody]\n{place}\n"))
+    out = with_settings(config, tmp_path, "[custody]\n", f"[custody]\n{place}\n")
     with pytest.raises(BlockRobotError, match=f"^CONFIGURATION_INVALID: .*{said}"):
         restored_from(out, tmp_path)
     assert not (tmp_path / "anew").exists()
