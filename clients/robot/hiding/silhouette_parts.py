@@ -11,6 +11,7 @@ from clients.robot.sensing.sensor_events import Depth, Mask
 STEP_MIN_M, STEP_PER_M2 = 0.07, 0.012  # a larger step of depth between neighbours separates parts; noise grows so
 PART_MIN_PX, PART_MIN_SHARE = 4, 0.002
 HEADS_M = 0.35  # below the top
+FARTHEST_SHARE = 0.98  # of the largest part's pixels are as near; the others may be stray
 
 PART_CUES = (
     "parts_count",
@@ -35,9 +36,7 @@ def measure_parts(inside: Mask, depth: Depth, focal_px: float) -> list[float]:
     total = int(np.count_nonzero(inside))
     middle = float(np.median(z[inside]))
     pixel = middle / focal_px
-    joined = inside.astype(np.uint8)
-    joined[_nearer_side_of_steps(inside, z, max(STEP_MIN_M, STEP_PER_M2 * middle**2))] = 0
-    count, labels, boxes, centres = cv2.connectedComponentsWithStats(joined, connectivity=4)
+    count, labels, boxes, centres = cv2.connectedComponentsWithStats(_cut_at_steps(inside, z, middle), connectivity=4)
     if count < 3:  # the rest, and one part at most
         return [0.0] * len(PART_CUES)
     sizes = boxes[:, cv2.CC_STAT_AREA].astype(np.float64)
@@ -65,6 +64,21 @@ def measure_parts(inside: Mask, depth: Depth, focal_px: float) -> list[float]:
     lower_px, wide_px = boxes[one, cv2.CC_STAT_TOP], boxes[one, cv2.CC_STAT_WIDTH]
     cues += (sizes[one] * pixel**2, -gaps[one], lower_px * pixel, wide_px * pixel) if one else (0.0,) * 4
     return [float(cue) for cue in cues]
+
+
+def find_farthest_mm(inside: Mask, depth: Depth) -> int:
+    """Return how far away the largest part of a non-empty silhouette reaches: what is farther is behind it."""
+    z = depth.astype(np.float32) / np.float32(1000)
+    joined = _cut_at_steps(inside, z, float(np.median(z[inside])))
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(joined, connectivity=4)
+    largest = labels == 1 + int(boxes[1:, cv2.CC_STAT_AREA].argmax()) if len(boxes) > 1 else inside
+    return int(np.quantile(depth[largest], FARTHEST_SHARE))
+
+
+def _cut_at_steps(inside: Mask, z: npt.NDArray[np.float32], middle_m: float) -> npt.NDArray[np.uint8]:
+    joined = inside.astype(np.uint8)
+    joined[_nearer_side_of_steps(inside, z, max(STEP_MIN_M, STEP_PER_M2 * middle_m**2))] = 0
+    return joined
 
 
 def _nearer_side_of_steps(inside: Mask, z: npt.NDArray[np.float32], step_m: float) -> Mask:

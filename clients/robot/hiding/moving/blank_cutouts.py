@@ -1,4 +1,4 @@
-"""Cuts one body out of the whole frame, onto nothing: only what lies in its own cells of the plan."""
+"""Cuts one body out of the whole frame, onto nothing: what lies in its own cells of the plan and not behind it."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from clients.robot.hiding.moving.plan_bodies import (
     STEP_PX,
     LevelView,
 )
+from clients.robot.hiding.silhouette_parts import find_farthest_mm
 from clients.robot.sensing.depth_noise import depth_sigma_m
 from clients.robot.sensing.sensor_events import Depth, Mask
 
@@ -25,6 +26,7 @@ Ray = npt.NDArray[np.float32]
 MARGIN_PX = 4
 FEET_M = 0.03
 SLACK_MM = 2.0  # of rounding
+BEHIND_MIN_MM = 100  # what is so far behind a person's largest part may be of somebody else
 PIECE_MIN_PX = 24  # at full resolution, joined to what was found at a quarter of it
 
 
@@ -55,13 +57,15 @@ def cut_body(depth: Depth, view: LevelView, body: Body, focal_px: float) -> Cuto
 
 
 def _as_far(pixels: Depth, view: LevelView, body: Body, across: Ray, down: Ray, ahead: Ray) -> Mask:
-    """Tell which pixels are as far away as the body's cells, roughly: more than lie in them, and all of these."""
+    """Tell which pixels are as far away as the body's cells, roughly, and not behind its largest part."""
     own = np.flatnonzero((view.cells == body.label).any(axis=1))
     share = np.add.outer(down[[0, -1]] * ahead[1] + ahead[2], across[[0, -1]] * ahead[0])  # of depth that leads ahead
-    if share.min() <= 0:
-        return pixels > 0
-    low = int(max(1, 1000 * CELL_M * own[0] / share.max() - SLACK_MM))
-    high = int(min(65_535, 1000 * CELL_M * (own[-1] + 1) / share.min() + SLACK_MM))
+    left, top, width, height = body.box
+    behind = find_farthest_mm(body.inside, view.depth[top : top + height, left : left + width]) + BEHIND_MIN_MM
+    low, high = 1, behind
+    if share.min() > 0:
+        low = int(max(low, 1000 * CELL_M * own[0] / share.max() - SLACK_MM))
+        high = int(min(high, 1000 * CELL_M * (own[-1] + 1) / share.min() + SLACK_MM))
     return np.asarray(cv2.inRange(pixels, low, high)) > 0
 
 
