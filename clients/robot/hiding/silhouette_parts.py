@@ -12,6 +12,7 @@ STEP_MIN_M, STEP_PER_M2 = 0.07, 0.012  # a larger step of depth between neighbou
 PART_MIN_PX, PART_MIN_SHARE = 4, 0.002
 HEADS_M = 0.35  # below the top
 FARTHEST_SHARE = 0.98  # of the largest part's pixels are as near; the others may be stray
+BEHIND_MIN_MM = 100  # what is so far behind a person's largest part may be of somebody else
 
 PART_CUES = (
     "parts_count",
@@ -66,13 +67,20 @@ def measure_parts(inside: Mask, depth: Depth, focal_px: float) -> list[float]:
     return [float(cue) for cue in cues]
 
 
-def find_farthest_mm(inside: Mask, depth: Depth) -> int:
-    """Return how far away the largest part of a non-empty silhouette reaches: what is farther is behind it."""
+def shows_head_behind(inside: Mask, depth: Depth, focal_px: float) -> bool:
+    """Tell whether beside the head of a non-empty silhouette something is seen that lies behind all of the person."""
+    pixel = float(np.median(depth[inside])) / 1000 / focal_px
+    heads = slice(0, max(1, round(HEADS_M / pixel)))
+    return int(np.count_nonzero(inside[heads] & (depth[heads] > find_behind_mm(inside, depth)))) >= PART_MIN_PX
+
+
+def find_behind_mm(inside: Mask, depth: Depth) -> int:
+    """Return how far away what is not of the largest part of a non-empty silhouette, but behind it, begins."""
     z = depth.astype(np.float32) / np.float32(1000)
     joined = _cut_at_steps(inside, z, float(np.median(z[inside])))
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(joined, connectivity=4)
     largest = labels == 1 + int(boxes[1:, cv2.CC_STAT_AREA].argmax()) if len(boxes) > 1 else inside
-    return int(np.quantile(depth[largest], FARTHEST_SHARE))
+    return int(np.quantile(depth[largest], FARTHEST_SHARE)) + BEHIND_MIN_MM
 
 
 def _cut_at_steps(inside: Mask, z: npt.NDArray[np.float32], middle_m: float) -> npt.NDArray[np.uint8]:

@@ -17,7 +17,6 @@ from clients.robot.hiding.moving.plan_bodies import (
     STEP_PX,
     LevelView,
 )
-from clients.robot.hiding.silhouette_parts import find_farthest_mm
 from clients.robot.sensing.depth_noise import depth_sigma_m
 from clients.robot.sensing.sensor_events import Depth, Mask
 
@@ -26,7 +25,6 @@ Ray = npt.NDArray[np.float32]
 MARGIN_PX = 4
 FEET_M = 0.03
 SLACK_MM = 2.0  # of rounding
-BEHIND_MIN_MM = 100  # what is so far behind a person's largest part may be of somebody else
 PIECE_MIN_PX = 24  # at full resolution, joined to what was found at a quarter of it
 
 
@@ -60,9 +58,7 @@ def _as_far(pixels: Depth, view: LevelView, body: Body, across: Ray, down: Ray, 
     """Tell which pixels are as far away as the body's cells, roughly, and not behind its largest part."""
     own = np.flatnonzero((view.cells == body.label).any(axis=1))
     share = np.add.outer(down[[0, -1]] * ahead[1] + ahead[2], across[[0, -1]] * ahead[0])  # of depth that leads ahead
-    left, top, width, height = body.box
-    behind = find_farthest_mm(body.inside, view.depth[top : top + height, left : left + width]) + BEHIND_MIN_MM
-    low, high = 1, behind
+    low, high = 1, body.behind_mm(view)
     if share.min() > 0:
         low = int(max(low, 1000 * CELL_M * own[0] / share.max() - SLACK_MM))
         high = int(min(high, 1000 * CELL_M * (own[-1] + 1) / share.min() + SLACK_MM))

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from clients.robot.hiding.companion import CUES, Floats, measure
 from clients.robot.hiding.moving.plan_bodies import CELL_M, LevelView
+from clients.robot.hiding.silhouette_parts import find_behind_mm, shows_head_behind
 from clients.robot.sensing.sensor_events import Mask
 
 PIXELS_MIN_COUNT = 40
@@ -52,6 +53,19 @@ class Body:
     median_mm: int
     pixels_count: int
     cues: Floats
+
+    def shows_head_behind(self, view: LevelView, focal_px: float) -> bool:
+        return shows_head_behind(self.inside, view.depth[self.rows_and_columns], focal_px)
+
+    def behind_mm(self, view: LevelView) -> int:
+        """Return how far away what may be of somebody behind begins."""
+        return find_behind_mm(self.inside, view.depth[self.rows_and_columns])
+
+    @property
+    def rows_and_columns(self) -> tuple[slice, slice]:
+        """Its box in the view."""
+        left, top, width, height = self.box
+        return slice(top, top + height), slice(left, left + width)
 
 
 def measure_bodies(view: LevelView, focal_px: float) -> list[Body]:

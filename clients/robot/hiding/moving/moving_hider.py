@@ -17,7 +17,13 @@ from clients.robot.hiding.moving.blank_cutouts import cut_body
 from clients.robot.hiding.moving.body_cues import BODY_CUES, Body, measure_bodies
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.plan_bodies import CELL_M, STEP_PX, LevelView, PlanView
-from clients.robot.hiding.moving.release_rule import NEAR_MIN_LOG_ODDS, TRACK_MIN_LOG_ODDS, ReleaseRule, Sighted
+from clients.robot.hiding.moving.release_rule import (
+    LOG_ODDS_LIMIT,
+    NEAR_MIN_LOG_ODDS,
+    TRACK_MIN_LOG_ODDS,
+    ReleaseRule,
+    Sighted,
+)
 from clients.robot.hiding.moving.scan_match import ScanMatch
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
@@ -35,6 +41,7 @@ EDGE_PX = 1
 GROUND_LOST_MAX_COUNT = 10
 ODOMETRY = "odometry"  # why a frame is not shown: the camera saw another motion
 
+_HEAD_BEHIND = BODY_CUES.index("behind_head_share")
 _FREE_CELLS = 2 * round(FREE_M / CELL_M) + 1
 _FREE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_FREE_CELLS, _FREE_CELLS))
 _NEARER = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * NEARER_PX // STEP_PX + 1, 2 * NEARER_PX // STEP_PX + 1))
@@ -160,7 +167,7 @@ class MovingHider:
         view = self._plan.look(depth)
         lost = self._plan.frames_without_ground_count > GROUND_LOST_MAX_COUNT
         bodies = measure_bodies(view, self._plan.focal_px)
-        sighted = [self._sight(body, place) for body in bodies]
+        sighted = [self._sight(body, view, place) for body in bodies]
         seen = []
         for body, one, number in zip(bodies, sighted, self._rule.step(sighted, at_ms), strict=True):
             obstacle = "no-ground" if lost else _obstacle(view, body, one.person)
@@ -171,8 +178,10 @@ class MovingHider:
         self._rule = ReleaseRule()
         self._scans.restart()
 
-    def _sight(self, body: Body, place: RobotPlace) -> Sighted:
+    def _sight(self, body: Body, view: LevelView, place: RobotPlace) -> Sighted:
         person, alone = self._models.person.log_odds(body.cues), -self._models.pair.log_odds(body.cues)
+        if body.cues[_HEAD_BEHIND] > 0 and body.shows_head_behind(view, self._plan.focal_px):
+            alone = -LOG_ODDS_LIMIT  # arms of who stands there may be around the other
         return Sighted(*place.to_odometry(body.x_m, body.z_m), body.z_m, person, alone)
 
 

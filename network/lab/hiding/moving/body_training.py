@@ -25,7 +25,7 @@ from network.bench.processes import worker_pool
 from network.lab.hiding.companion_training import boost
 from network.lab.hiding.moving.samples import Kind, draw_samples
 
-TRAINING_SEED, DRIVES_DEFAULT_COUNT = 6_000, 900
+TRAINING_SEED, DRIVES_DEFAULT_COUNT = 6_000, 2_400
 EVERY_FRAMES = 3
 DIGITS = 5
 # What is hardest to tell is drawn more often.

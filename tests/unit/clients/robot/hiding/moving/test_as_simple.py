@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from clients.robot.hiding.companion import Table, trees_of
-from clients.robot.hiding.moving.blank_cutouts import BEHIND_MIN_MM, FEET_M, MARGIN_PX, _joined, cut_body
+from clients.robot.hiding.moving.blank_cutouts import FEET_M, MARGIN_PX, _joined, cut_body
 from clients.robot.hiding.moving.body_cues import BODY_CUES, Body
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import MODEL_FILES, MovingHider, shipped_models
@@ -26,7 +26,6 @@ from clients.robot.hiding.moving.plan_bodies import (
 )
 from clients.robot.hiding.moving.wall_lines import BIN_M, NEAR_M, Wall
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
-from clients.robot.hiding.silhouette_parts import find_farthest_mm
 from clients.robot.sensing.depth_noise import depth_sigma_m
 from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.driving.draws import DriveStratum, draw_drive
@@ -65,8 +64,7 @@ def cut(depth: Depth, view: LevelView, body: Body, focal_px: float) -> Depth:
     own[own] = view.cells[row, column] == body.label
     for wall in view.walls:
         own &= ~covers(wall, x, z, NOISE_SIGMAS * depth_sigma_m(ahead))
-    left, top, width, height = body.box
-    own &= pixels <= find_farthest_mm(body.inside, view.depth[top : top + height, left : left + width]) + BEHIND_MIN_MM
+    own &= pixels <= body.behind_mm(view)
     return np.where(_joined(own.view(np.uint8), body, x0, y0), pixels, np.uint16(0))
 
 

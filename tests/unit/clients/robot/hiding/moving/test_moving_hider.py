@@ -10,10 +10,12 @@ import pytest
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import MovingHider
 from clients.robot.hiding.moving.plan_bodies import ASIDE_M, PlanView
+from clients.robot.hiding.moving.release_rule import LOG_ODDS_LIMIT
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 from clients.robot.synthetic.driving.draws import draw_drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer
 from clients.robot.synthetic.scenario_bag import drive_odometry
+from tests.unit.clients.robot.hiding.moving.boards import EYE_M, FOCAL_PX, PERSON_M, SLIVER, STRAYS_M, draw
 
 BUFFER_MS, ENDS_MS = 2_000, 7_000
 
@@ -56,3 +58,13 @@ def test_what_lies_on_the_edge_of_the_plan_is_looked_at_like_all_else() -> None:
     depth = np.zeros((480, 640), np.uint16)
     depth[240, 636] = 6_000
     assert view.look(depth).x[60, 159] == edge
+
+
+@pytest.mark.parametrize(("low_m", "high_m", "two"), [(1.4, 1.7, True), (0.4, 0.9, False)])
+def test_a_head_behind_a_person_speaks_for_two_whatever_the_models_say(low_m: float, high_m: float, two: bool) -> None:
+    left_right, _, ahead_m = SLIVER
+    mount = Ground.of_mount(EYE_M, 0.0)
+    hider = MovingHider((480, 640), FOCAL_PX, mount, buffer_ms=BUFFER_MS, motion=OwnMotion())
+    depth = draw(PERSON_M, (left_right, (low_m, high_m), ahead_m), strays_m=STRAYS_M)
+    (seen,) = hider.look(depth, RobotPlace(0), 0)[1]
+    assert (seen.sighted.alone == -LOG_ODDS_LIMIT) == two
