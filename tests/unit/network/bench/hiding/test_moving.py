@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
 
 from clients.robot.synthetic.camera import CameraPose
 from clients.robot.synthetic.driving.draws import DriveStratum, draw_drive
+from clients.robot.synthetic.driving.drive import Drive
 from clients.robot.synthetic.driving.drive_render import DriveTruth
 from clients.robot.synthetic.driving.odometry import FAULTS, Fault, fault_window
 from network.lab.hiding.moving.drive_figures import summarise_drives
@@ -125,3 +126,43 @@ def test_whatever_the_odometry_says_nobody_else_is_shown(
         begin_s, _ = fault_window(drive.scenario.seed, "jump", drive.scenario.frame_count / drive.scenario.frame_rate)
         late = [sequence for _, sequence in shown.kept if sequence > (begin_s + 1) * drive.scenario.frame_rate]
         assert not late, "after a jump nobody is known, and on the way nobody is bound again"
+
+
+@dataclass(frozen=True, slots=True)
+class KnockedDrive(Drive):
+    """Halfway somebody knocks against the camera, which looks elsewhere from then on."""
+
+    knocked_pitch: float = 0.0
+    knocked_roll: float = 0.0
+
+    @property
+    def knocked_s(self) -> float:
+        return 8.0 + (self.scenario.frame_count / self.scenario.frame_rate - 8.0) / 2
+
+    def camera_pose(self, at_s: float) -> CameraPose:
+        pose = Drive.camera_pose(self, at_s)
+        if at_s < self.knocked_s:
+            return pose
+        return replace(pose, pitch=pose.pitch + self.knocked_pitch, roll=pose.roll + self.knocked_roll)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("faults", [(), FAULTS], ids=["honest", "all-faults"])
+@pytest.mark.parametrize(("pitch", "roll"), [(math.radians(15), 0.0), (0.0, math.radians(15)), (math.radians(3), 0.0)])
+def test_a_camera_that_is_knocked_askew_on_the_way_shows_nobody_else(
+    pitch: float, roll: float, faults: tuple[Fault, ...]
+) -> None:
+    drawn = replace(draw_drive(2, "past", judging=False, stands_s=8.0), faults=faults)
+    drive = KnockedDrive(
+        **{part.name: getattr(drawn, part.name) for part in fields(drawn)}, knocked_pitch=pitch, knocked_roll=roll
+    )
+    played = run_drive(drive, 2)
+    for shown in (played.end_to_end, played.everybody):
+        assert shown.wrong == 0
+        assert shown.foreign_share <= 0.001
+    last = max(frame.sequence for frame in played.people)
+    late = [sequence for _, sequence in played.everybody.kept if sequence > drive.knocked_s * drive.scenario.frame_rate]
+    if pitch > math.radians(4):
+        assert not [sequence for sequence in late if sequence > last - 5], "where the floor is lost, so is everybody"
+    elif not faults:
+        assert late, "a camera that is a little askew finds the floor again"
