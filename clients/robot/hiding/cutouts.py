@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from clients.robot.hiding.background import PNG_LEVEL, Background
 from clients.robot.hiding.segmentation import DEPTH_EDGE_MM, Segmented, Silhouette, foreground_of
+from clients.robot.hiding.silhouette_parts import find_behind_mm
 from clients.robot.sensing.sensor_events import Depth
 from consensus.errors import BlockRobotError
 
@@ -64,7 +65,7 @@ def encode_cutout(out: Cutout) -> EncodedCutout:
 
 
 def extract_cutout(depth: Depth, background: Background, segmented: Segmented, silhouette: Silhouette) -> Cutout:
-    """Edges are regrown by 3 px into foreground. A depth step separates a person behind who is too small for a label."""
+    """Edges are regrown by 3 px into foreground. Nothing behind the largest part is shown: it may be somebody else's."""
     assert segmented.labels is not None
     left, top, width, height = silhouette.box
     x0, y0 = max(0, 2 * left - 4), max(0, 2 * top - 4)
@@ -79,9 +80,10 @@ def extract_cutout(depth: Depth, background: Background, segmented: Segmented, s
     mask = np.asarray(cv2.dilate(own, _REGROW))
     faint = (background.threshold[box] * np.float32(FAINT_SHARE)).astype(np.uint16)
     mask = np.asarray(cv2.bitwise_and(mask, foreground_of(pixels, background.depth[box], faint)))
-    low, high = silhouette.median_mm - BODY_DEPTH_MM, silhouette.median_mm + BODY_DEPTH_MM
-    mask = np.asarray(cv2.bitwise_and(mask, cv2.inRange(pixels, max(low, 1), high)))
     half = pixels[::2, ::2]
+    low = silhouette.median_mm - BODY_DEPTH_MM
+    high = min(silhouette.median_mm + BODY_DEPTH_MM, find_behind_mm(inside, half))
+    mask = np.asarray(cv2.bitwise_and(mask, cv2.inRange(pixels, max(low, 1), high)))
     nearest = np.asarray(cv2.erode(np.where(inside, half, _FARTHEST_MM), _BESIDE), dtype=np.uint16)
     farthest = np.asarray(cv2.dilate(np.where(inside, half, np.uint16(0)), _BESIDE), dtype=np.uint16)
     low_mm = _enlarge(np.maximum(nearest, STEP_MM) - STEP_MM, size, pixels.shape)

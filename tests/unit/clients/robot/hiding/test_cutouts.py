@@ -68,6 +68,23 @@ def test_nothing_is_there_of_a_wall_that_somebody_leans_against() -> None:
     assert set(np.unique(out.pixels)) == {0, NEAR_MM}
 
 
+@pytest.mark.parametrize("columns", [2, 8])
+def test_nothing_is_there_of_who_shows_right_behind_within_the_owners_silhouette(
+    background: Background, columns: int
+) -> None:
+    depth = np.full((120, 160), ROOM_MM, np.uint16)
+    depth[TOP:BOTTOM, 40:60] = NEAR_MM
+    depth[60:BOTTOM, 60 : 60 + columns] = NEAR_MM + 300
+    labels = np.zeros((60, 80), np.int32)
+    labels[TOP // 2 : BOTTOM // 2, 20 : (60 + columns) // 2] = OWNER
+    labels[TOP // 2 : 30, 30:] = 0
+    box = (20, TOP // 2, 10 + columns // 2, (BOTTOM - TOP) // 2)
+    owner = Silhouette(OWNER, box, 0.0, 2.0, 2.0, NEAR_MM, "", ahead_m=2.0, right_m=0.0)
+    out = extract_cutout(depth, background, Segmented((owner,), labels), owner)
+    assert set(np.unique(out.pixels)) == {0, NEAR_MM}
+    assert np.count_nonzero(out.pixels) == 20 * (BOTTOM - TOP)
+
+
 def test_nothing_is_there_of_what_stands_a_step_behind(background: Background) -> None:
     """It is a body's depth away at most, in no silhouette of its own, and still not of this person."""
     whole = cut_beside(background, 60, NEAR_MM + 500, 0)
