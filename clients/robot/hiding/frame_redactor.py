@@ -98,7 +98,8 @@ class FrameRedactor:
 
     With a `driving` camera, odometry has to say where the robot is. It hides before the empty scene only at the place where
     that fitted first, and elsewhere without it, or not at all. Tags are bound while the robot stands, at each place anew;
-    while it drives, only people whom it knew before are kept. `time_of_flight`: how the camera measures; what it sees
+    while it drives, only people whom it knew before are kept. Who looks like two people without the empty
+    scene is not shown before it either. `time_of_flight`: how the camera measures; what it sees
     between two surfaces is dropped first. `antenna_pairs` give readings bearings.
     """
 
@@ -137,13 +138,15 @@ class FrameRedactor:
 
     def use_focal_px(self, focal_px: float) -> None:
         self._hiders: list[Hider] = [StandingHider(self._background, focal_px)]
+        self._second_look: MovingHider | None = None
         if self._driving is not None and self._driving.keeps:
             self._hiders = [StandingHider(self._background, focal_px, RANGE_M[1])]  # beyond, steps of depth are coarse
             self._mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
         if self._mount is not None and self._motion is not None:
             shape = self._background.shape
             buffer_ms, motion = self._buffer_ms, self._motion
-            self._hiders.append(MovingHider(shape, focal_px, self._mount, buffer_ms=buffer_ms, motion=motion))
+            self._second_look = MovingHider(shape, focal_px, self._mount, buffer_ms=buffer_ms, motion=motion)
+            self._hiders.append(self._second_look)
 
     def push_odometry(self, odometry: Odometry) -> None:
         """Dropped if the robot is not one that drives. In any order."""
@@ -232,6 +235,8 @@ class FrameRedactor:
                 self._blank_frames_count += hider.is_blank
                 if self._motion is not None and not hider.is_blank:
                     self._motion.confirm(at_ms)
+                if self._second_look is not None and place is not None and not hider.is_blank:
+                    found = self._second_look.doubt(found, depth, place, at_ms)
                 self._follow(seen, found)
                 return
         seen.moved = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import resources
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from clients.robot.hiding.companion import Table, Trees, trees_of
 from clients.robot.hiding.cutouts import encode_cutout
-from clients.robot.hiding.hider import FoundPeople
+from clients.robot.hiding.hider import AskedLater, FoundPeople
 from clients.robot.hiding.moving.blank_cutouts import cut_body
 from clients.robot.hiding.moving.body_cues import BODY_CUES, Body, measure_bodies
 from clients.robot.hiding.moving.ground_plane import Ground
@@ -39,6 +39,7 @@ CRUMBS_MIN_PX = 3  # of quarter resolution
 BEHIND_MM = 350
 EDGE_PX = 1
 GROUND_LOST_MAX_COUNT = 10
+SAME_BODY_M = 0.6  # between where two ways of hiding see somebody
 ODOMETRY = "odometry"  # why a frame is not shown: the camera saw another motion
 
 _HEAD_BEHIND = BODY_CUES.index("behind_head_share")
@@ -113,6 +114,20 @@ class _Later:
         return self.rule.why_not(self.followed, self.at_ms, self.buffer_ms) or ""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _OneByOne:
+    rule: ReleaseRule
+    followed: int
+    at_ms: int
+    buffer_ms: int
+
+    def __call__(self) -> bool:
+        return not self.why_not()
+
+    def why_not(self) -> str:
+        return "merged" if self.rule.speaks_for_two(self.followed, self.at_ms, self.buffer_ms) else ""
+
+
 @lru_cache(maxsize=1)
 def shipped_models() -> Models:
     def load(name: str) -> Trees:
@@ -161,6 +176,20 @@ class MovingHider:
             lambda silhouette: encode_cutout(cut_body(depth, view, bodies[silhouette.label], self._focal_px)),
             {one.body.label: _Later(self._motion, self._rule, one.followed, at_ms, self._buffer_ms) for one in people},
         )
+
+    def doubt(self, found: FoundPeople, depth: Depth, place: RobotPlace, at_ms: int) -> FoundPeople:
+        """Return whom another way found in that frame; who looks like two people here is not to be shown."""
+        _, seen = self.look(depth, place, at_ms)
+        may_show: dict[int, AskedLater] = {}
+        for one in found.silhouettes:
+            away = [
+                (float(np.hypot(body.body.x_m - one.right_m, body.body.z_m - one.ahead_m)), body.followed)
+                for body in seen
+            ]
+            near_m, followed = min(away, default=(np.inf, 0))
+            if near_m <= SAME_BODY_M:
+                may_show[one.label] = _OneByOne(self._rule, followed, at_ms, self._buffer_ms)
+        return replace(found, may_show=may_show)
 
     def look(self, depth: Depth, place: RobotPlace, at_ms: int) -> tuple[LevelView, list[SeenBody]]:
         """Return every body that could be a person by its size."""

@@ -7,11 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clients.robot.hiding.companion import Trees
+from clients.robot.hiding.cutouts import EncodedCutout
+from clients.robot.hiding.hider import FoundPeople
 from clients.robot.hiding.moving.ground_plane import Ground
-from clients.robot.hiding.moving.moving_hider import MovingHider
+from clients.robot.hiding.moving.moving_hider import Models, MovingHider
 from clients.robot.hiding.moving.plan_bodies import ASIDE_M, PlanView
 from clients.robot.hiding.moving.release_rule import LOG_ODDS_LIMIT
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
+from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.driving.draws import draw_drive
 from clients.robot.synthetic.driving.drive_render import DriveRenderer
 from clients.robot.synthetic.scenario_bag import drive_odometry
@@ -60,11 +65,48 @@ def test_what_lies_on_the_edge_of_the_plan_is_looked_at_like_all_else() -> None:
     assert view.look(depth).x[60, 159] == edge
 
 
-@pytest.mark.parametrize(("low_m", "high_m", "two"), [(1.4, 1.7, True), (0.4, 0.9, False)])
-def test_a_head_behind_a_person_speaks_for_two_whatever_the_models_say(low_m: float, high_m: float, two: bool) -> None:
+def always(log_odds: float) -> Trees:
+    one = np.zeros(1, dtype=np.int64)
+    return Trees(one, one, np.zeros(1), one, one, np.array([log_odds]), 0.0, 0, 0.0, 0.0)
+
+
+def head_behind(low_m: float, high_m: float) -> Depth:
     left_right, _, ahead_m = SLIVER
+    return draw(PERSON_M, (left_right, (low_m, high_m), ahead_m), strays_m=STRAYS_M)
+
+
+@pytest.fixture
+def hider() -> MovingHider:
+    """It is sure of each body that it is one person, whatever the body."""
+    models = Models(person=always(3.0), pair=always(-3.0), thing=always(-3.0))
     mount = Ground.of_mount(EYE_M, 0.0)
-    hider = MovingHider((480, 640), FOCAL_PX, mount, buffer_ms=BUFFER_MS, motion=OwnMotion())
-    depth = draw(PERSON_M, (left_right, (low_m, high_m), ahead_m), strays_m=STRAYS_M)
-    (seen,) = hider.look(depth, RobotPlace(0), 0)[1]
-    assert (seen.sighted.alone == -LOG_ODDS_LIMIT) == two
+    return MovingHider((480, 640), FOCAL_PX, mount, buffer_ms=BUFFER_MS, motion=OwnMotion(), models=models)
+
+
+@pytest.mark.parametrize(("low_m", "high_m", "two"), [(1.4, 1.7, True), (0.4, 0.9, False)])
+def test_a_head_behind_a_person_speaks_for_two_whatever_the_models_say(
+    hider: MovingHider, low_m: float, high_m: float, two: bool
+) -> None:
+    (seen,) = hider.look(head_behind(low_m, high_m), RobotPlace(0), 0)[1]
+    assert seen.sighted.alone == (-LOG_ODDS_LIMIT if two else 3.0)
+
+
+def test_of_whom_another_way_found_those_who_look_like_two_here_are_not_shown(hider: MovingHider) -> None:
+    def found_by_another_way(at_ms: int, depth: Depth) -> FoundPeople:
+        person, elsewhere = (
+            Silhouette(label, (0, 0, 1, 1), right_m, 2.0, 2.0, 2_000, "", ahead_m=2.0, right_m=right_m)
+            for label, right_m in ((7, 0.0), (8, 2.0))
+        )
+        found = FoundPeople((person, elsewhere), False, lambda one: EncodedCutout(one.label, 0, 1, 1, b""))
+        return hider.doubt(found, depth, RobotPlace(at_ms), at_ms)
+
+    before = found_by_another_way(0, draw(PERSON_M)).may_show
+    assert before.keys() == {7}, "of whom there is no body here, nothing is said"
+    assert before[7]()
+    two = found_by_another_way(1_000, head_behind(1.4, 1.7)).may_show
+    assert not two[7]()
+    assert not before[7](), "somebody who was seen behind them later may have been there"
+    long_after = found_by_another_way(1_000 + 2 * BUFFER_MS, draw(PERSON_M)).may_show
+    assert long_after[7]()
+    hider.restart()
+    assert long_after[7](), "what was seen before is not forgotten by who asks"
