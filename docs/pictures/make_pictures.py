@@ -18,7 +18,7 @@ from clients.robot.sensing.sensor_events import Depth, Frame, Sighting
 from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import Scenario, published_run_1
 from clients.robot.synthetic.tag_readings import Reading, readings
-from clients.sdk.pictures.rendition_picture import colourise, compose
+from clients.sdk.pictures.rendition_picture import colourise, compose_on, decode_depth_png
 
 OUT = Path(__file__).parent / "renditions.png"
 SHOWN_FRAME = 279  # 9.3 s into the run: patient A, patient B and the visitor are all in the picture
@@ -75,12 +75,12 @@ def main() -> None:
     renderer = Renderer(scenario)
     empty = [renderer.empty_frame(index) for index in range(EMPTY_FRAMES_COUNT)]
     shown, kept = hide(scenario, renderer, empty)
-    background = empty_bank(empty)[0].png
+    room = decode_depth_png(empty_bank(empty)[0].png)
     panels = [panel(shown, "what the camera saw")]
     for alias, title in (("patient-a", "what patient A sees"), ("patient-b", "what patient B sees")):
         cutout = kept[alias].cutout
         panels.append(
-            panel(compose(background, cutout.x, cutout.y, cutout.width, cutout.height, cutout.pixels_png), title)
+            panel(compose_on(room, cutout.x, cutout.y, cutout.width, cutout.height, cutout.pixels_png), title)
         )
     gap = np.full((panels[0].shape[0], GAP_PX, 3), 255, dtype=np.uint8)
     whole = np.hstack([panels[0], gap, panels[1], gap, panels[2]])

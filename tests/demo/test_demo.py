@@ -16,6 +16,7 @@ import pytest
 from network.bench.fresh_network import find_base_port
 from network.cli.measure.demo_commands import MARK, OWN_FILES
 from network.run_folder import reserved_folder
+from tests.demo.fewer_frames import with_fewer_frames
 from tests.ui.reading_reports import look_all_ways, pictures_in, print_on_a4, watched_page
 
 DEMO_TIMEOUT_S = 480
@@ -31,10 +32,10 @@ class DemoRun:
     answer: dict[str, Any]
 
 
-def start_demo(home: Path, out: Path, *arguments: str) -> subprocess.Popen[bytes]:
+def start_demo(home: Path, out: Path, *arguments: str, module: str = "network.cli.main") -> subprocess.Popen[bytes]:
     """Start `blockrobot demo --json`."""
     ports = str(find_base_port(4))
-    command = [sys.executable, "-m", "network.cli.main", "demo", "--json", "--out", str(out), "--base-port", ports]
+    command = [sys.executable, "-m", module, "demo", "--json", "--out", str(out), "--base-port", ports]
     return subprocess.Popen(
         [*command, *arguments],
         env={**os.environ, "BLOCKROBOT_HOME": str(home)},
@@ -63,6 +64,25 @@ def read_demo(demo: subprocess.Popen[bytes]) -> tuple[int, dict[str, Any]]:
 def run_demo(home: Path, out: Path, *arguments: str) -> tuple[int, dict[str, Any]]:
     """Run `blockrobot demo --json` and return its exit code and its one object."""
     return read_demo(start_demo(home, out, *arguments))
+
+
+def require_whole_story(run: DemoRun, frames_count: int) -> None:
+    """Every check held, no frame is lost, and what the demonstration leaves is as it says."""
+    out, code, answer = run.out, run.code, run.answer
+    assert failed_checks(answer) == []
+    assert (code, answer["ok"], answer["nodes"], answer["store"]) == (0, True, 4, "sqlite")
+    frames = answer["frames"]
+    assert frames["published"] == frames_count
+    assert frames["lost"] == 0
+    assert frames["covered"] == frames["kept"] + frames["withheld"]
+    assert frames["withheld"] <= 0.3 * frames["covered"]
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "data:image/png;base64," in report
+    assert json.loads((out / "summary.json").read_text(encoding="utf-8")) == answer
+    with reserved_folder(out, MARK, OWN_FILES):  # it knows all that it wrote as its own
+        pass
+    activities = {json.loads(line)["activity"] for line in (out / "events.jsonl").read_text().splitlines()}
+    assert {"IMAGE_RETRIEVE", "RFID_RETRIEVE", "IMAGE_PAIRED", "BLOCKCHAIN_TRANSACTION"} <= activities
 
 
 def failed_checks(answer: dict[str, Any]) -> list[str]:
@@ -105,22 +125,15 @@ def embedded(home: Path, tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
 
 @pytest.mark.smoke
 @pytest.mark.timeout(DEMO_TIMEOUT_S + ENDING_TIMEOUT_S + 20)
+def test_the_whole_story_holds_with_fewer_frames(home: Path, tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    code, answer = read_demo(start_demo(home, out, module="tests.demo.fewer_frames"))
+    require_whole_story(DemoRun(out, code, answer), with_fewer_frames().frame_count)
+
+
+@pytest.mark.timeout(DEMO_TIMEOUT_S + ENDING_TIMEOUT_S + 20)
 def test_the_whole_story_holds_on_embedded_parts(embedded: DemoRun) -> None:
-    out, code, answer = embedded.out, embedded.code, embedded.answer
-    assert failed_checks(answer) == []
-    assert (code, answer["ok"], answer["nodes"], answer["store"]) == (0, True, 4, "sqlite")
-    frames = answer["frames"]
-    assert frames["published"] == 1500
-    assert frames["lost"] == 0
-    assert frames["covered"] == frames["kept"] + frames["withheld"]
-    assert frames["withheld"] <= 0.3 * frames["covered"]
-    report = (out / "report.html").read_text(encoding="utf-8")
-    assert "data:image/png;base64," in report
-    assert json.loads((out / "summary.json").read_text(encoding="utf-8")) == answer
-    with reserved_folder(out, MARK, OWN_FILES):  # it knows all that it wrote as its own
-        pass
-    activities = {json.loads(line)["activity"] for line in (out / "events.jsonl").read_text().splitlines()}
-    assert {"IMAGE_RETRIEVE", "RFID_RETRIEVE", "IMAGE_PAIRED", "BLOCKCHAIN_TRANSACTION"} <= activities
+    require_whole_story(embedded, 1500)
 
 
 @pytest.mark.system_packages

@@ -13,7 +13,6 @@ from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import siegelslopes
 
 from clients.robot.sensing.antenna_pairs import PAIRED_WITHIN_MS, AntennaPair
 from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, RSSI_UNKNOWN_DBM, Sighting
@@ -112,6 +111,8 @@ def _bearing_at(at_ms: int, times: list[int], bearings: list[float]) -> float | 
 
 
 def _fit(first: tuple[str, int], second: int, at_deg: Floats, contrast_db: Floats) -> AntennaPair | None:
+    from scipy.stats import siegelslopes  # noqa: PLC0415 - takes half of the start of every robot's command
+
     slope, offset = (float(value) for value in siegelslopes(contrast_db, at_deg))
     sigma_db = float(np.std(contrast_db - offset - slope * at_deg, ddof=2))
     error = sigma_db / (float(np.std(at_deg)) * math.sqrt(at_deg.size))

@@ -20,17 +20,14 @@ from consensus.records.png import COLOUR, COLOUR_WITH_ALPHA, DEPTH, SIDE_MAX_PX,
 
 PNG_MAX_BYTES = 16 * 1024 * 1024
 PNG_LEVEL = 2  # two thirds of level 3's time, 7 % more bytes
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+"""Without a filter: half the time, and a third fewer bytes of pictures in distance colours."""
 PREVIEW_COLUMNS = 8
 PREVIEW_MAX_PIXELS = 64 * 1024 * 1024
 
 
-def compose(empty_png: bytes, x: int, y: int, width: int, height: int, pixels_png: bytes) -> Depth:
-    """Return depth (uint16 mm); the box's 0 pixels show the empty frame. Raises RENDITION_CORRUPTED."""
-    return compose_on(decode_depth_png(empty_png), x, y, width, height, pixels_png)
-
-
 def compose_on(empty: Depth, x: int, y: int, width: int, height: int, pixels_png: bytes) -> Depth:
-    """As `compose`; `empty` is not modified."""
+    """Return depth (uint16 mm); the box's 0 pixels show `empty`, which is not modified. Raises RENDITION_CORRUPTED."""
     picture = empty.copy()
     pixels = decode_depth_png(pixels_png)
     if pixels.shape != (height, width):
@@ -116,7 +113,7 @@ def encode_colour_png(pixels: npt.NDArray[np.uint8]) -> bytes:
 
 
 def _encode(image: npt.NDArray[np.uint8] | Depth) -> bytes:
-    done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
+    done, data = cv2.imencode(".png", image, _PNG)
     if not done:
         raise BlockRobotError("FRAME_INVALID", "The picture could not be written as PNG.")
     return data.tobytes()

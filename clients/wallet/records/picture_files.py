@@ -14,7 +14,7 @@ from clients.sdk.new_files import require_own_folder, write_private
 from clients.sdk.pictures.depth_colours import Depth, colour_pixels
 from clients.sdk.pictures.picture_names import is_picture_name, name_picture
 from clients.sdk.pictures.rendition_files import own_depth, own_pixels, sense_file
-from clients.sdk.pictures.rendition_picture import colourise, compose
+from clients.sdk.pictures.rendition_picture import colourise, compose_on, decode_depth_png
 from clients.wallet.records.viewing import FrameView, RecordView, RecordViewer
 from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG16, ENCODING_PNG_RGBA, Rendition
 
@@ -47,7 +47,7 @@ async def write_frames(
     folder = out / record_id.hex()
     require_own_folder(folder)
     written = []
-    backgrounds: dict[bytes, bytes | None] = {}
+    backgrounds: dict[bytes, Depth | None] = {}
     for frame in frames:
         rendition = frame.rendition
         if rendition is None or not rendition.pixels:
@@ -61,7 +61,8 @@ async def write_frames(
                 seen(frame.index + 1, rendition.captured_at_ms, partial(_open, data), False)
             continue
         if rendition.background_id not in backgrounds:
-            backgrounds[rendition.background_id] = await background(rendition)
+            empty_png = await background(rendition)
+            backgrounds[rendition.background_id] = None if empty_png is None else decode_depth_png(empty_png)
         depth = _compose(backgrounds[rendition.background_id], rendition)
         for suffix, data in (("png", colourise(depth)), ("depth.png", own_pixels(rendition))):
             written.append(folder / name_picture(frame.index, rendition.sequence, suffix))
@@ -71,11 +72,11 @@ async def write_frames(
     return written
 
 
-def _compose(background: bytes | None, rendition: Rendition) -> Depth:
-    if background is None:
+def _compose(empty: Depth | None, rendition: Rendition) -> Depth:
+    if empty is None:
         return own_depth(rendition)
     box = (rendition.x, rendition.y, rendition.box_width, rendition.box_height)
-    return compose(background, *box, rendition.pixels)
+    return compose_on(empty, *box, rendition.pixels)
 
 
 def _open(data: bytes) -> Image.Image:

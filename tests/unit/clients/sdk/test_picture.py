@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clients.sdk.pictures.picture_guard import PNG_SIGNATURE
-from clients.sdk.pictures.rendition_picture import colourise, compose, decode_depth_png, encode_depth_png
+from clients.sdk.pictures.rendition_picture import colourise, compose_on, decode_depth_png, encode_depth_png
 from consensus.errors import BlockRobotError
 
 EMPTY = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64) + 1_000
@@ -20,7 +20,7 @@ OWNER = np.array([[0, 5_000, 0], [5_001, 5_002, 5_003]], dtype=np.uint16)
 
 
 def test_the_owner_stands_in_the_empty_frame_and_nothing_else_changes() -> None:
-    picture = compose(encode_depth_png(EMPTY), 10, 20, 3, 2, encode_depth_png(OWNER))
+    picture = compose_on(EMPTY, 10, 20, 3, 2, encode_depth_png(OWNER))
     expected = EMPTY.copy()
     expected[20, 11] = 5_000
     expected[21, 10:13] = (5_001, 5_002, 5_003)
@@ -30,7 +30,7 @@ def test_the_owner_stands_in_the_empty_frame_and_nothing_else_changes() -> None:
 @pytest.mark.parametrize(("x", "y", "width", "height"), [(62, 0, 3, 2), (0, 47, 3, 2), (-1, 0, 3, 2), (0, 0, 2, 3)])
 def test_a_box_that_does_not_fit_is_corrupted(x: int, y: int, width: int, height: int) -> None:
     with pytest.raises(BlockRobotError, match="RENDITION_CORRUPTED"):
-        compose(encode_depth_png(EMPTY), x, y, width, height, encode_depth_png(OWNER))
+        compose_on(EMPTY, x, y, width, height, encode_depth_png(OWNER))
 
 
 @given(st.integers(0, 10_000), st.integers(1, 255))

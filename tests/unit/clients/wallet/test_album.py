@@ -7,10 +7,12 @@ import itertools
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 from rich.console import Console
 
+from clients.sdk.pictures.depth_colours import colour_pixels
 from clients.wallet.cli.group_options import complete_profiles, complete_records
 from clients.wallet.commands.view_commands import _print_views
 from clients.wallet.ledger.wallet import RecordEntry
@@ -142,6 +144,21 @@ def test_an_animation_keeps_the_pace_within_what_one_can_see() -> None:
             moving.seek(number)
             pauses.append(moving.info["duration"])
     assert pauses == [40, 200, 1000, 1000]
+
+
+def test_an_animation_of_depth_shows_the_colours_of_its_pictures() -> None:
+    depth = np.tile(np.linspace(400, 8_000, 240).astype(np.uint16), (180, 1))
+    colours = [colour_pixels(np.roll(depth, 60 * turn, axis=1))[..., ::-1] for turn in range(4)]
+    tiles = [
+        contact_sheet.Tile("", 40 * turn, Image.fromarray(each), is_depth=True) for turn, each in enumerate(colours)
+    ]
+    with Image.open(BytesIO(draw_animation(tiles))) as moving:
+        assert moving.n_frames == len(tiles)
+        for turn, each in enumerate(colours):
+            moving.seek(turn)
+            shown = np.asarray(moving.convert("RGB"), dtype=np.int16)[:180]
+            assert np.abs(shown - each).mean() < 4
+            assert np.abs(shown - each).max() < 32
 
 
 async def test_a_terminal_gets_a_strip_and_a_file_gets_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
