@@ -264,12 +264,38 @@ async def test_a_session_token_goes_with_the_keys_and_nothing_of_this_machine(
     async def answer(request: web.Request) -> web.Response:
         names = ("Authorization", "X-Amz-Security-Token", "User-Agent")
         given.append(tuple(request.headers[name].partition("/")[0] for name in names))
-        return web.Response(text=page())
+        return web.Response(text="" if request.method == "PUT" else page())
 
     async with S3Blobs(place) as blobs:
-        liar.lies["list"] = answer
+        liar.lies |= dict.fromkeys(("list", "put", "get"), answer)
         assert await names_of(blobs) == []
-    assert given == [("AWS4-HMAC-SHA256 Credential=one", "three", "blockrobot")]
+        await blobs.put("one", b"1")
+        assert await blobs.get("one", MIB)
+    assert given == [("AWS4-HMAC-SHA256 Credential=one", "three", "blockrobot")] * 3
+
+
+async def test_a_blob_is_put_and_read_by_one_request_and_by_more_only_after_a_failure(
+    liar: Liar, place: ClipsPlace
+) -> None:
+    """And by none that first waits until the server has asked for the content."""
+    answers: list[tuple[int, str]] = []
+    waits: list[bool] = []
+
+    async def answer(request: web.Request) -> web.Response:
+        waits.append("Expect" in request.headers)
+        status, text = answers.pop(0)
+        return web.Response(text=text, status=status)
+
+    well, busy, cut = (200, ""), (503, ""), (200, "<Error><Code>InternalError</Code></Error>")
+    async with S3Blobs(place) as blobs:
+        liar.lies |= dict.fromkeys(("put", "get"), answer)
+        for answers in ([well], [busy, well], [busy, busy, well], [cut, well], [(204, ""), well]):
+            waits.clear()
+            await blobs.put("one", b"1")
+            assert (answers, waits[0]) == ([], False)
+        for answers in ([(200, "clip")], [busy, (200, "clip")], [(204, ""), (200, "clip")]):
+            assert await blobs.get("one", MIB) == b"clip"
+            assert answers == []
 
 
 async def test_a_folder_that_is_anothers_loses_nothing(tmp_path: Path) -> None:
