@@ -37,6 +37,7 @@ CALL_MAX_S = 120.0
 LISTING_MAX_S = 3_600.0
 """Waiting for all pages of the bucket's names."""
 TRIES_MAX_COUNT = 3
+"""By the library; keeping and reading a blob is tried once before."""
 CONNECTIONS_MAX_COUNT = 16
 ANSWER_MAX_BYTES = 2 << 20
 """Of all but a blob: a page has up to 1,000 keys of up to 1,024 bytes, and some 350 bytes more for each."""
