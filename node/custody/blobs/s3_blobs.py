@@ -156,7 +156,7 @@ class S3Blobs:
     ) -> None:
         await self._stack.aclose()
 
-    def _make_session(self, **options: Any) -> _BoundedSession:
+    def _make_session(self, **options: Any) -> Any:
         self._http = _BoundedSession(**options)
         return self._http
 
