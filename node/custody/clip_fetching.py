@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import structlog
@@ -19,13 +18,16 @@ from node.custody.stores.custody_store import BlockEffects, CustodyStore, Record
 if TYPE_CHECKING:
     from consensus.records.placement import Placement
 
-FETCH_AT_ONCE_COUNT = 256
+FETCH_AT_ONCE_COUNT = 1_024
+"""Between two of these rounds nothing is under way."""
 FETCHES_IN_FLIGHT_COUNT = 4
+INSTALLS_IN_FLIGHT_COUNT = 2
+"""For one of them keys are made, while the one before it is written."""
 INSTALL_AT_ONCE_MAX_BYTES = 3 * 1024 * 1024
 """With the clip that comes last, what a database takes as one transaction."""
 MISSING_READ_COUNT = 10_000
 PLACED_AT_ONCE_COUNT = 256
-_ROOM_BYTES = FETCHES_IN_FLIGHT_COUNT * (INSTALL_AT_ONCE_MAX_BYTES + CLIP_SIZE_MAX_BYTES)
+_ROOM_BYTES = (FETCHES_IN_FLIGHT_COUNT + INSTALLS_IN_FLIGHT_COUNT) * (INSTALL_AT_ONCE_MAX_BYTES + CLIP_SIZE_MAX_BYTES)
 
 log = structlog.get_logger(__name__)
 
@@ -88,25 +90,37 @@ class ClipFetcher:
         return count
 
     async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
-        """Fetch up to 256 missing clips, newest first, in turns; return those installed.
+        """Fetch up to 1,024 missing clips, newest first, in turns; return those installed.
 
         Their keepers are asked first, of these who answered fastest. While some are fetched, those before them are
         stored, many at once.
         """
         due, fetched = iter(await self._choose_missing()), list[ClipDownload]()
+        installs, turns = list[asyncio.Task[int]](), asyncio.Semaphore(INSTALLS_IN_FLIGHT_COUNT)
+
+        async def install(batch: Sequence[ClipDownload]) -> int:
+            try:
+                return await self._install(batch)
+            finally:
+                turns.release()
+
+        async def fetch() -> None:
+            async for batch in self._fetch_in_turn(due, peers, fetched):
+                await turns.acquire()
+                installs.append(group.create_task(install(batch)))
+
         try:
             async with asyncio.TaskGroup() as group:
-                fetching = partial(self._fetch_in_turn, due, peers, fetched)
-                works = [group.create_task(fetching()) for _ in range(FETCHES_IN_FLIGHT_COUNT)]
+                for _ in range(FETCHES_IN_FLIGHT_COUNT):
+                    group.create_task(fetch())
         except BaseExceptionGroup as errors:
             raise errors.exceptions[0] from None
-        return sum(work.result() for work in works) + await self._install(fetched)
+        return sum(work.result() for work in installs) + await self._install(fetched)
 
     async def _fetch_in_turn(
         self, due: Iterator[RecordFacts], peers: Sequence[PeerCustodian], fetched: list[ClipDownload]
-    ) -> int:
-        """Returns how many it installed; the last ones, too few for a batch, stay in `fetched`."""
-        installed = 0
+    ) -> AsyncIterator[list[ClipDownload]]:
+        """Batches to be installed; the last ones, too few for one, stay in `fetched`."""
         for facts in due:
             if not self._has_room(_ROOM_BYTES):
                 log.warning("clips_not_fetched", code="DISK_RESERVE_REACHED")
@@ -115,8 +129,7 @@ class ClipFetcher:
                 fetched.append(clip)
             if sum(len(frame.ciphertext) for clip in fetched for frame in clip.frames) >= INSTALL_AT_ONCE_MAX_BYTES:
                 batch, fetched[:] = fetched[:], []
-                installed += await self._install(batch)
-        return installed
+                yield batch
 
     async def _install(self, fetched: Sequence[ClipDownload]) -> int:
         if not fetched:

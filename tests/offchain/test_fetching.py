@@ -9,7 +9,8 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload, FrameDownload
-from node.custody.clip_fetching import FETCH_AT_ONCE_COUNT, FETCHES_IN_FLIGHT_COUNT
+from node.custody import clip_fetching
+from node.custody.clip_fetching import FETCHES_IN_FLIGHT_COUNT, INSTALLS_IN_FLIGHT_COUNT
 from node.custody.stores.custody_store import RecordFacts
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
@@ -20,6 +21,13 @@ from tests.offchain.small_chain import (
     record_clip,
     recorded,
 )
+
+AT_ONCE_COUNT = 32
+
+
+@pytest.fixture(autouse=True)
+def few_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clip_fetching, "FETCH_AT_ONCE_COUNT", AT_ONCE_COUNT)
 
 
 class Peer:
@@ -72,7 +80,7 @@ async def test_a_missed_upload_is_fetched_from_another_custodian(opened: Custodi
 async def test_clips_that_nobody_has_do_not_keep_older_ones_from_being_fetched(opened: CustodianHarness) -> None:
     clip = record_clip()
     await opened.follow(recorded(clip))
-    await opened.follow(*(recorded(record_clip()) for _ in range(FETCH_AT_ONCE_COUNT + 1)))
+    await opened.follow(*(recorded(record_clip()) for _ in range(AT_ONCE_COUNT + 1)))
     peer = Peer(held_by_peer(clip))
     assert [await opened.custodian.fetch_missing([peer]) for _ in range(2)] == [0, 1]
 
@@ -108,13 +116,13 @@ def choose_of_all(missing: list[RecordFacts], asked_for: set[bytes]) -> list[byt
     names = [facts.record_id for facts in missing]
     if not set(names) - asked_for:
         asked_for.clear()
-    chosen = [name for name in names if name not in asked_for][:FETCH_AT_ONCE_COUNT]
+    chosen = [name for name in names if name not in asked_for][:AT_ONCE_COUNT]
     asked_for.update(chosen)
     return chosen
 
 
 async def test_each_batch_asks_for_what_the_simple_version_would(opened: CustodianHarness) -> None:
-    clips = [record_clip() for _ in range(3 * FETCH_AT_ONCE_COUNT)]
+    clips = [record_clip() for _ in range(3 * AT_ONCE_COUNT)]
     for first in range(0, len(clips), 8):
         await opened.follow(*(recorded(clip) for clip in clips[first : first + 8]))
     peer, asked_for = NotedPeer(*(held_by_peer(clip) for clip in clips[::3])), set[bytes]()
@@ -128,7 +136,7 @@ async def test_each_batch_asks_for_what_the_simple_version_would(opened: Custodi
 async def test_a_batch_costs_the_same_however_much_is_missing(
     opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clips = [record_clip() for _ in range(3 * FETCH_AT_ONCE_COUNT)]
+    clips = [record_clip() for _ in range(3 * AT_ONCE_COUNT)]
     await opened.follow(*(recorded(clip) for clip in clips))
     peer, read_all, limits = Peer(*(held_by_peer(clip) for clip in clips)), opened.store.missing, list[int]()
 
@@ -138,8 +146,35 @@ async def test_a_batch_costs_the_same_however_much_is_missing(
 
     monkeypatch.setattr(opened.store, "missing", read_noted)
     fetched = [await opened.custodian.fetch_missing([peer]) for _ in range(4)]
-    assert fetched == [FETCH_AT_ONCE_COUNT] * 3 + [0]
-    assert limits == [FETCH_AT_ONCE_COUNT] * 4
+    assert fetched == [AT_ONCE_COUNT] * 3 + [0]
+    assert limits == [AT_ONCE_COUNT] * 4
+
+
+async def test_while_batches_are_stored_as_many_clips_as_ever_are_fetched_and_no_more(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clip_fetching, "INSTALL_AT_ONCE_MAX_BYTES", 1)
+    clips = [record_clip() for _ in range(AT_ONCE_COUNT)]
+    await opened.follow(*(recorded(clip) for clip in clips))
+    peer, can_store = NotedPeer(*(held_by_peer(clip) for clip in clips)), asyncio.Event()
+    install = opened.custodian.install_checked
+    storing: list[int] = []
+
+    async def install_held(fetched: list[ClipDownload]) -> int:
+        storing.append(len(fetched))
+        await can_store.wait()
+        return await install(fetched)
+
+    monkeypatch.setattr(opened.custodian, "install_checked", install_held)
+    fetching = asyncio.create_task(opened.custodian.fetch_missing([peer]))
+    while len(storing) < INSTALLS_IN_FLIGHT_COUNT:
+        await opened.store.checkpoint()
+    for _ in range(AT_ONCE_COUNT):  # turns of the event loop, in which nothing more begins
+        await asyncio.sleep(0)
+    assert len(storing) == INSTALLS_IN_FLIGHT_COUNT
+    assert len(peer.asked) == FETCHES_IN_FLIGHT_COUNT + INSTALLS_IN_FLIGHT_COUNT
+    can_store.set()
+    assert await fetching == len(clips)
 
 
 async def test_a_false_clip_from_a_peer_is_not_installed(opened: CustodianHarness) -> None:

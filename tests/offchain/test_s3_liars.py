@@ -264,12 +264,27 @@ async def test_a_session_token_goes_with_the_keys_and_nothing_of_this_machine(
     async def answer(request: web.Request) -> web.Response:
         names = ("Authorization", "X-Amz-Security-Token", "User-Agent")
         given.append(tuple(request.headers[name].partition("/")[0] for name in names))
-        return web.Response(text=page())
+        return web.Response(text="" if request.method == "PUT" else page())
 
     async with S3Blobs(place) as blobs:
-        liar.lies["list"] = answer
+        liar.lies |= dict.fromkeys(("list", "put", "get"), answer)
         assert await names_of(blobs) == []
-    assert given == [("AWS4-HMAC-SHA256 Credential=one", "three", "blockrobot")]
+        await blobs.put("one", b"1")
+        assert await blobs.get("one", MIB)
+    assert given == [("AWS4-HMAC-SHA256 Credential=one", "three", "blockrobot")] * 3
+
+
+async def test_no_blob_waits_until_the_server_has_asked_for_its_content(liar: Liar, place: ClipsPlace) -> None:
+    waits: list[bool] = []
+
+    async def answer(request: web.Request) -> web.Response:
+        waits.append("Expect" in request.headers)
+        return web.Response()
+
+    async with S3Blobs(place) as blobs:
+        liar.lies["put"] = answer
+        await blobs.put("one", b"1")
+    assert waits == [False]
 
 
 async def test_a_folder_that_is_anothers_loses_nothing(tmp_path: Path) -> None:

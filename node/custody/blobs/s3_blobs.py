@@ -20,6 +20,7 @@ from aiobotocore.config import AioConfig
 from aiobotocore.httpsession import AIOHTTPSession
 from aiobotocore.session import get_session
 from botocore.exceptions import ClientError, HTTPClientError
+from botocore.handlers import add_expect_header
 
 from consensus.errors import BlockRobotError
 from node.clips_place import ClipsPlace, invalid_place
@@ -134,6 +135,8 @@ class S3Blobs:
                 **keys,
             )
             self._client = await self._stack.enter_async_context(client)
+            # A clip is small: to wait for `100 Continue` before it is sent costs more than to send it in vain.
+            self._client.meta.events.unregister("before-call.s3", add_expect_header)
         try:
             await self._require_erasable()
         except BaseException:

@@ -26,7 +26,7 @@ from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.records.placement import Placement
 from consensus.records.png import check_depth_png
 from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
-from consensus.state.identity import CUSTODIAN, ROOM
+from consensus.state.identity import CUSTODIAN, ROOM, RoomRow
 from consensus.state.records import EMPTY_FRAME
 from consensus.state.settings import read_quotas
 from node.custody.block_effects import only_records
@@ -386,8 +386,13 @@ class CustodyCoordinator:
                 self._wake_outbox.clear()
 
     async def _submit_due(self) -> None:
+        """Nothing while the chain knows no such custodian: this node's own pool would refuse it, again and again."""
+        with self._ledger.snapshot() as snapshot:
+            room, is_custodian = ROOM.at(snapshot, self._key.public_key), CUSTODIAN.has(snapshot, self._key.public_key)
+        if not is_custodian:
+            return
         now_ms = self._clock()
-        await self._declare_room(now_ms)
+        await self._declare_room(room, now_ms)
         rows = {row.key: row for row in await self._custodian.ready_outbox(OUTBOX_BATCH_COUNT)}
         self._forget_submissions(rows, now_ms)
         due = [row for row in rows.values() if self._is_due(row, now_ms)]
@@ -424,12 +429,10 @@ class CustodyCoordinator:
             submission.valid_until_ms > now_ms + OUTBOX_LIFETIME_MS
         )  # signed while this clock was ahead of the others
 
-    async def _declare_room(self, now_ms: int) -> None:
+    async def _declare_room(self, row: RoomRow | None, now_ms: int) -> None:
         """Where the chain says otherwise; the contract takes it once a day."""
-        with self._ledger.snapshot() as snapshot:
-            row, is_custodian = ROOM.at(snapshot, self._key.public_key), CUSTODIAN.has(snapshot, self._key.public_key)
         declared_gib, due_ms = (0, 0) if row is None else (row.gib, row.time + DAY_MS)
-        if not is_custodian or declared_gib == self._room_gib or now_ms < max(due_ms, self._room_pending_until_ms):
+        if declared_gib == self._room_gib or now_ms < max(due_ms, self._room_pending_until_ms):
             return
         transaction = self._sign("identity", "declare_room", [self._room_gib], now_ms + OUTBOX_LIFETIME_MS)
         [result] = await self._pool.submit([transaction.wire])

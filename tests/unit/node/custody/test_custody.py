@@ -37,6 +37,7 @@ from node.storage.memory_store import MemoryStore
 
 KEY = PrivateKey(sha256(b"custodian"))
 ROW = OutboxRow("receipt", bytes(32), 0, "erasure", "receipt", encode_value([bytes(32), 1]), 1)
+IS_CUSTODIAN = {CUSTODIAN.key(KEY.public_key): CUSTODIAN.encode(CustodianRow("node-1", "ward"))}
 PROOF = FinalityProof(b"", b"", QuorumCertificate(epoch=0, round=0, block_id=b"", votes=()))
 
 
@@ -106,6 +107,7 @@ class Rig:
         monkeypatch.setattr("node.custody.coordination.custody_coordinator.RETRY_MS", 0)
         self.now_ms = 1_000_000
         self.custodian, self.pool, self.ledger = ScriptedCustodian(), Pool(), MemoryStore()
+        self.ledger._tables.state.apply(IS_CUSTODIAN)
         self.feed = FinalityFeed(-1)
         custodians = tuple(SimpleNamespace(name=name, custodian_key=name.encode()) for name in ("node-1", "node-2"))
         self.custody = CustodyCoordinator(
@@ -121,7 +123,7 @@ class Rig:
         )
 
     async def finalize(
-        self, height: int, *receipts: Receipt, writes: Mapping[bytes, bytes] = MappingProxyType({})
+        self, height: int, *receipts: Receipt, writes: Mapping[bytes, bytes | None] = MappingProxyType({})
     ) -> None:
         block = _block(height)
         position = await self.ledger.commit(
@@ -207,6 +209,19 @@ async def test_what_is_owed_is_signed_by_the_custodian_and_submitted_again_only_
     await rig.custody._submit_due()
     assert len(rig.pool.wires) == 2
     assert rig.pool.wires[0] != rig.pool.wires[1]
+
+
+async def test_one_that_is_no_custodian_of_the_chain_signs_nothing_and_owes_it_still_when_it_is_one_again(
+    rig: Rig,
+) -> None:
+    """Its own node's pool refuses what it signs: it signed all that it owed anew each second."""
+    rig.custody._room_gib = 4_000
+    await rig.finalize(0, writes=dict.fromkeys(IS_CUSTODIAN))
+    await rig.custody._submit_due()
+    assert rig.pool.wires == []
+    await rig.finalize(1, writes=IS_CUSTODIAN)
+    await rig.custody._submit_due()
+    assert [decode_transaction(wire).body.entry for wire in rig.pool.wires] == ["declare_room", "receipt"]
 
 
 async def test_another_word_in_the_place_of_one_that_was_settled_waits_for_nothing(rig: Rig) -> None:
@@ -462,15 +477,12 @@ def room_calls(rig: Rig) -> list[list[Any]]:
 async def test_a_custodian_declares_the_room_of_its_configuration_once_a_day(rig: Rig) -> None:
     rig.custody._room_gib = 4_000
     await rig.custody._submit_due()
-    assert room_calls(rig) == [], "it is no custodian of the chain yet"
-    await rig.finalize(0, writes={CUSTODIAN.key(KEY.public_key): CUSTODIAN.encode(CustodianRow("node-1", "ward"))})
-    await rig.custody._submit_due()
     await rig.custody._submit_due()
     assert room_calls(rig) == [[4_000]]
     rig.now_ms += OUTBOX_LIFETIME_MS
     await rig.custody._submit_due()
     assert room_calls(rig) == [[4_000]] * 2, "the first never became final"
-    await rig.finalize(1, writes={ROOM.key(KEY.public_key): ROOM.encode(RoomRow(4_000, rig.now_ms))})
+    await rig.finalize(0, writes={ROOM.key(KEY.public_key): ROOM.encode(RoomRow(4_000, rig.now_ms))})
     rig.now_ms += OUTBOX_LIFETIME_MS
     await rig.custody._submit_due()
     rig.custody._room_gib = 0
