@@ -6,7 +6,7 @@ missing rule that is caught, and not something else.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import pytest
@@ -23,7 +23,7 @@ class Schedule:
 
     name: str
     play: Play
-    seeds: range
+    seeds: Sequence[int]
 
 
 @dataclass(frozen=True)

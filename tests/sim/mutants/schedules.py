@@ -108,7 +108,9 @@ def play_custody(seed: int) -> list[Violation]:
         return played(plan)
 
 
-CUSTODY = Schedule("custody", play_custody, (0, 3))  # with all rules on they settle within seconds, others within a minute
+CUSTODY = Schedule(
+    "custody", play_custody, (0, 3)
+)  # with all rules on they settle within seconds, others within a minute
 
 
 # Journals that are all there is

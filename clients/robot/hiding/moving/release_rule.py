@@ -100,15 +100,13 @@ class ReleaseRule:
         return numbers
 
     def speaks_for_two(self, number: int, at_ms: int, buffer_ms: int) -> bool:
-        """Tell whether a frame of the buffer, or those around that time together, speak for two people."""
+        """Tell whether the frames around that time, weighted over the buffer, do not speak for one person."""
         one = self._followed.get(number)
         if one is None:
             return True
         first, end = bisect_left(one.times, at_ms - buffer_ms), bisect_right(one.times, at_ms + buffer_ms)
-        alone = np.array(one.alone[first:end])
         weights = np.exp(-np.abs(np.array(one.times[first:end], dtype=np.float64) - at_ms) / POOL_MS)
-        pooled = float(weights @ alone) / max(float(weights.sum()), 1e-9)
-        return alone.size == 0 or float(alone.min()) <= TRACK_MIN_LOG_ODDS or pooled <= POOL_MIN_LOG_ODDS
+        return float(weights @ np.array(one.alone[first:end])) <= POOL_MIN_LOG_ODDS * float(weights.sum())
 
     def why_not(self, number: int, at_ms: int, buffer_ms: int) -> Doubt | None:
         """Return why a body may not be shown at that time; None: it may."""
