@@ -137,10 +137,11 @@ class FrameRedactor:
         self._forgot_ms = 0
 
     def use_focal_px(self, focal_px: float) -> None:
-        self._hiders: list[Hider] = [StandingHider(self._background, focal_px)]
+        keeps = self._driving is not None and self._driving.keeps
+        range_max_m = RANGE_M[1] if keeps else math.inf  # beyond, steps of depth are coarse
+        self._hiders: list[Hider] = [StandingHider(self._background, focal_px, range_max_m)]
         self._second_look: MovingHider | None = None
         if self._driving is not None and self._driving.keeps:
-            self._hiders = [StandingHider(self._background, focal_px, RANGE_M[1])]  # beyond, steps of depth are coarse
             self._mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
         if self._mount is not None and self._motion is not None:
             shape = self._background.shape

@@ -15,7 +15,8 @@ from clients.robot.sensing.sensor_events import Depth
 class AskedLater(Protocol):
     """Whether a silhouette may be shown, asked once later frames have been seen too; and why not, empty if it may."""
 
-    def __call__(self) -> bool: ...
+    def __call__(self) -> bool:
+        return not self.why_not()
 
     def why_not(self) -> str: ...
 

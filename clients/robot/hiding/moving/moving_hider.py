@@ -98,15 +98,12 @@ class SeenBody:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Later:
+class _Later(AskedLater):
     motion: OwnMotion
     rule: ReleaseRule
     followed: int
     at_ms: int
     buffer_ms: int
-
-    def __call__(self) -> bool:
-        return not self.why_not()
 
     def why_not(self) -> str:
         if self.motion.is_doubted(self.at_ms, self.at_ms):
@@ -115,14 +112,11 @@ class _Later:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _OneByOne:
+class _OneByOne(AskedLater):
     rule: ReleaseRule
     followed: int
     at_ms: int
     buffer_ms: int
-
-    def __call__(self) -> bool:
-        return not self.why_not()
 
     def why_not(self) -> str:
         return "merged" if self.rule.speaks_for_two(self.followed, self.at_ms, self.buffer_ms) else ""
