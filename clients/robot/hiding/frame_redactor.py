@@ -237,7 +237,7 @@ class FrameRedactor:
                 if self._motion is not None and not hider.is_blank:
                     self._motion.confirm(at_ms)
                 if self._second_look is not None and place is not None and not hider.is_blank:
-                    found = self._second_look.doubt(found, depth, place, at_ms)
+                    found = self._second_look.look_again(found, depth, place, at_ms)
                 self._follow(seen, found)
                 return
         seen.moved = True

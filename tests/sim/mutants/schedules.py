@@ -108,9 +108,8 @@ def play_custody(seed: int) -> list[Violation]:
         return played(plan)
 
 
-CUSTODY = Schedule(
-    "custody", play_custody, (0, 3)
-)  # with all rules on they settle within seconds, others within a minute
+CUSTODY = Schedule("custody", play_custody, (0, 3))
+"""Seeds that settle within ten seconds with all rules on; not all do."""
 
 
 # Journals that are all there is

@@ -112,7 +112,7 @@ class _Later(AskedLater):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _OneByOne(AskedLater):
+class _SecondLook(AskedLater):
     rule: ReleaseRule
     followed: int
     at_ms: int
@@ -171,7 +171,7 @@ class MovingHider:
             {one.body.label: _Later(self._motion, self._rule, one.followed, at_ms, self._buffer_ms) for one in people},
         )
 
-    def doubt(self, found: FoundPeople, depth: Depth, place: RobotPlace, at_ms: int) -> FoundPeople:
+    def look_again(self, found: FoundPeople, depth: Depth, place: RobotPlace, at_ms: int) -> FoundPeople:
         """Return whom another way found in that frame; who looks like two people here is not to be shown."""
         _, seen = self.look(depth, place, at_ms)
         may_show: dict[int, AskedLater] = {}
@@ -182,7 +182,7 @@ class MovingHider:
             ]
             near_m, followed = min(away, default=(np.inf, 0))
             if near_m <= SAME_BODY_M:
-                may_show[one.label] = _OneByOne(self._rule, followed, at_ms, self._buffer_ms)
+                may_show[one.label] = _SecondLook(self._rule, followed, at_ms, self._buffer_ms)
         return replace(found, may_show=may_show)
 
     def look(self, depth: Depth, place: RobotPlace, at_ms: int) -> tuple[LevelView, list[SeenBody]]:

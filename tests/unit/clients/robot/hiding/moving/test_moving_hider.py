@@ -98,7 +98,7 @@ def test_of_whom_another_way_found_those_who_look_like_two_here_are_not_shown(hi
             for label, right_m in ((7, 0.0), (8, 2.0))
         )
         found = FoundPeople((person, elsewhere), False, lambda one: EncodedCutout(one.label, 0, 1, 1, b""))
-        return hider.doubt(found, depth, RobotPlace(at_ms), at_ms)
+        return hider.look_again(found, depth, RobotPlace(at_ms), at_ms)
 
     before = found_by_another_way(0, draw(PERSON_M)).may_show
     assert before.keys() == {7}, "of whom there is no body here, nothing is said"
