@@ -61,7 +61,8 @@ class ClipFetcher:
         _waited_s: dict[str, float]
         _member: bytes
         _writing: asyncio.Lock
-        _placed: Placement | None
+        _placed_by: Placement | None
+        _placed_up_to: bytes | None
         _find_placement: Callable[[], Placement]
 
         async def _settle_missing(self, missing: Sequence[RecordFacts]) -> None: ...
@@ -73,21 +74,30 @@ class ClipFetcher:
 
         What is here stays, whoever is to keep it. Returns how many changed; cut off, it is done again.
         """
-        placement, after, count = self._find_placement(), b"", 0
-        while placement != self._placed:
+        count = 0
+        async with self._writing:
+            self._newest_placement()
+        while self._placed_up_to is not None:
             async with self._writing:
+                placement, after = self._newest_placement(), self._placed_up_to or b""
                 absent = await self._store.absent(after, PLACED_AT_ONCE_COUNT)
                 clips = await self._store.clips([facts.record_id for facts in absent])
                 await self._settle_missing([facts for facts in absent if facts.record_id in clips])
                 left = [facts for facts in absent if facts.record_id not in clips]
                 moved = [now for facts in left if (now := place(facts, self._member, placement)) != facts]
                 await self._store.apply(BlockEffects(missing=tuple(moved)))
+                self._placed_up_to = absent[-1].record_id if absent else None
             count += len(moved)
-            if absent:
-                after = absent[-1].record_id
-            else:
-                self._placed = placement
         return count
+
+    def _newest_placement(self) -> Placement:
+        """While writing only. Where it is another than before, whatever is absent is to be sorted again, also if it is soon
+        the old one again: what came meanwhile was sorted otherwise.
+        """
+        placement = self._find_placement()
+        if placement != self._placed_by:
+            self._placed_by, self._placed_up_to = placement, b""
+        return placement
 
     async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
         """Fetch up to 1,024 missing clips, newest first, in turns; return those installed.

@@ -87,7 +87,8 @@ class Custodian(ShareService, ClipFetcher):
         self._writing = asyncio.Lock()
         self._allocating = asyncio.Lock()
         self._find_placement = find_placement or (lambda: Placement.even([member], 0))
-        self._placed: Placement | None = None
+        self._placed_by: Placement | None = None
+        self._placed_up_to: bytes | None = None  # of what is absent, the last record that was sorted; None: all were
         self._point: Checkpoint | None = None
         self._asked_for: set[bytes] = set()
         self._waited_s: dict[str, float] = {}
@@ -277,9 +278,8 @@ class Custodian(ShareService, ClipFetcher):
     # Upkeep
 
     def reconciliation(self, facts: ChainFacts) -> Reconciliation:
-        placement = (
-            self._find_placement()
-        )  # the newest, as for blocks: what `follow_placement` has sorted is not undone
+        """While writing only."""
+        placement = self._newest_placement()  # as for blocks: what `follow_placement` has sorted is not undone
         return Reconciliation(self._store, self._eraser, self._shares, self._member, placement, facts)
 
     def is_keeper(self, placement: Placement, record_id: bytes) -> bool:
@@ -350,7 +350,7 @@ class Custodian(ShareService, ClipFetcher):
                 del due[: max(taken, 1)]
 
     def _applier(self, *blocks: FinalizedEvents) -> BlockApplier:
-        return BlockApplier(self._store, self._eraser, self._shares, self._member, self._find_placement(), blocks)
+        return BlockApplier(self._store, self._eraser, self._shares, self._member, self._newest_placement(), blocks)
 
     async def _record_together(self, blocks: Sequence[FinalizedEvents]) -> int:
         """Write what the first blocks record, if that is all that is due by the last of them; return how many."""

@@ -12,6 +12,7 @@ from consensus.state.identity import CUSTODIANS
 from consensus.state.settings import CUSTODY_COPIES, QUOTA
 from node.custody.clip_fetching import PLACED_AT_ONCE_COUNT
 from node.custody.stores.copying import copy_store
+from node.custody.stores.custody_store import RecordFacts
 from node.custody.stores.sqlite_store import SqliteStore
 from tests.offchain.desk import CustodyHarness
 from tests.offchain.desk import Peer as HelpfulPeer
@@ -143,6 +144,37 @@ async def test_a_long_list_is_sorted_to_its_end_once(placed: CustodianHarness) -
     assert await placed.custodian.follow_placement() == others
     assert await placed.custodian.follow_placement() == 0
     assert (await placed.store.counts()).missing == len(clips)
+
+
+async def test_what_came_while_others_were_to_keep_it_is_sorted_anew_when_all_is_as_before(
+    placed: CustodianHarness,
+) -> None:
+    placed.placement = OF_TWO
+    await placed.custodian.follow_placement()
+    placed.placement = OF_THREE
+    clip = clip_of(kept_here=False)
+    await placed.follow(recorded(clip))
+    placed.placement = OF_TWO
+    assert await placed.custodian.follow_placement() == 1
+    assert await missing(placed) == [clip.record_id]
+
+
+async def test_a_change_while_a_long_list_is_sorted_begins_it_anew(
+    placed: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips = [record_clip(1) for _ in range(PLACED_AT_ONCE_COUNT + 9)]
+    await placed.follow(*(recorded(clip) for clip in clips))
+    read, placed.placement = placed.store.absent, OF_TWO
+
+    async def absent(after: bytes, limit: int) -> list[RecordFacts]:
+        if after:
+            placed.placement = OF_THREE
+        return await read(after, limit)
+
+    monkeypatch.setattr(placed.store, "absent", absent)
+    await placed.custodian.follow_placement()
+    mine = sum(OF_THREE.is_keeper(CUSTODIAN, clip.record_id) for clip in clips)
+    assert (await placed.store.counts()).missing == mine
 
 
 async def test_keepers_are_asked_before_who_answered_faster(placed: CustodianHarness) -> None:
