@@ -410,12 +410,14 @@ class CustodyCoordinator:
             self._submitted[row.key] = _Submission(row, transaction.txid, transaction.body.valid_until_ms, refusals)
 
     def _forget_submissions(self, owed: Mapping[tuple[str, bytes, int], OutboxRow], now_ms: int) -> None:
-        """Also those of an earlier row with the key of one that is owed: of a request's releases keys come again."""
+        """Also those of an earlier row with the key of one that is owed: a request's releases and reports of what expired
+        come again.
+        """
         self._submitted = {
             key: submission
             for key, submission in self._submitted.items()
             if (key in owed or submission.refusals or submission.valid_until_ms > now_ms)
-            and owed.get(key, submission.row).arguments == submission.row.arguments
+            and _is_same(owed.get(key, submission.row), submission.row)
         }
         others = [key for key in self._submitted if key not in owed]
         for key in others[: max(0, len(self._submitted) - SUBMISSIONS_KEPT_MAX_COUNT)]:
@@ -504,6 +506,10 @@ class CustodyCoordinator:
                 if count:
                     log.info("clips_fetched", count=count)
                     self._wake_outbox.set()
+
+
+def _is_same(row: OutboxRow, submitted: OutboxRow) -> bool:
+    return (row.arguments, row.height) == (submitted.arguments, submitted.height)
 
 
 @dataclass(frozen=True, slots=True)

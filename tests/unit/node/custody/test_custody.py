@@ -224,10 +224,16 @@ async def test_one_that_is_no_custodian_of_the_chain_signs_nothing_and_owes_it_s
     assert [decode_transaction(wire).body.entry for wire in rig.pool.wires] == ["declare_room", "receipt"]
 
 
-async def test_another_word_in_the_place_of_one_that_was_settled_waits_for_nothing(rig: Rig) -> None:
-    """A clip that is fetched later is released by a row of the same key as one before: it was owed for a minute."""
+@pytest.mark.parametrize(
+    "later",
+    [
+        pytest.param(replace(ROW, arguments=encode_value([b"later"])), id="of a clip that is fetched later"),
+        pytest.param(replace(ROW, height=ROW.height + 1), id="the same again, since a custodian was removed"),
+    ],
+)
+async def test_another_word_in_the_place_of_one_that_was_settled_waits_for_nothing(rig: Rig, later: OutboxRow) -> None:
+    """Their keys are the same: it was owed for a minute."""
     await rig.custody._submit_due()
-    later = replace(ROW, arguments=encode_value([b"later"]))
     rig.custodian.rows = [later]
     for _ in range(2):
         await rig.custody._submit_due()
