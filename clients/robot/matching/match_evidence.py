@@ -18,7 +18,7 @@ READINGS_MIN_COUNT = 4
 DISTANCE_LOG_ODDS_MIN = 1.1
 # Of distances and bearings together, for a robot that drives: wherever it stops, somebody may be beside its picture.
 DRIVING_CUES_LOG_ODDS_MIN = 3.0
-_RIVAL_WITHIN = 5.0  # log-odds: a rival this close to the best is what stands in the way
+RIVAL_WITHIN = 5.0  # log-odds: a rival this close to the best is what stands in the way
 _CONTRADICTS_BELOW = -2.3  # log-odds of the distances: an absent bearer explains them ten times as well
 _SPREAD_SIGMAS = 3.0
 _UNIT_MIN_DECADES = 0.8
@@ -150,7 +150,7 @@ class MatchEvidence:
             (self.delay_ms is not None, Obstacle.DELAYED),
             (self.is_off or self.distance_log_odds < _CONTRADICTS_BELOW, Obstacle.OFF),
             (self.log_odds >= BIND_LOG_ODDS and self.is_vague, Obstacle.VAGUE),
-            (rival is not None and self.log_odds - rival < _RIVAL_WITHIN, Obstacle.RIVAL),
+            (rival is not None and self.log_odds - rival < RIVAL_WITHIN, Obstacle.RIVAL),
             (self.front > 0, Obstacle.UNDECIDED),
         )
         return next((obstacle for holds, obstacle in found if holds), Obstacle.NO_FACING)

@@ -20,6 +20,7 @@ from clients.robot.matching.match_evidence import (
     DISTANCE_LOG_ODDS_MIN,
     DRIVING_CUES_LOG_ODDS_MIN,
     READINGS_MIN_COUNT,
+    RIVAL_WITHIN,
     MatchEvidence,
 )
 from clients.robot.matching.tracking import NEAREST_RANGE_MS, Track
@@ -76,12 +77,13 @@ _NOTHING = _Evidence()
 
 
 class _TrackScore(NamedTuple):
-    """A tag's evidence: all readings, and with everybody followed."""
+    """A tag's evidence: all readings, and with everybody followed. `carried`: bound by evidence that was let go since."""
 
     every: _Evidence = _NOTHING
     sure: _Evidence = _NOTHING
     odds: float | None = None
     bound: bool = False
+    carried: bool = False
 
 
 _TrackScores = dict[int, _TrackScore]
@@ -159,7 +161,9 @@ class _Tag:
 
     def _begin_with_bindings(self) -> None:
         self.weighed = 0
-        self.scores = {number: _TrackScore(bound=True) for number, old in self.scores.items() if old.bound}
+        self.scores = {
+            number: _TrackScore(bound=True, carried=True) for number, old in self.scores.items() if old.bound
+        }
         self.checkpoints = [(0, dict(self.scores))]
 
     def forget_tracks(self, numbers: Sequence[int]) -> None:
@@ -169,9 +173,14 @@ class _Tag:
 
 
 class Matcher:
-    """Each tag's readings by alias, and its bearer's track; of a robot that `drives`, on better evidence."""
+    """Each tag's readings by alias, and its bearer's track.
+
+    Of a robot that `drives`, on better evidence: wherever it stops, the bearer may be beside its picture, as far away as
+    somebody in it.
+    """
 
     def __init__(self, *, drives: bool = False) -> None:
+        self._drives = drives
         self._cues_min = DRIVING_CUES_LOG_ODDS_MIN if drives else -math.inf
         self._tags: dict[str, _Tag] = {}
         self._tracks: dict[int, Track] = {}
@@ -227,8 +236,8 @@ class Matcher:
         mine = [number for number in present if self._is_bound(alias, number)]
         if len(mine) != 1:
             return None
-        shared = any(self._is_bound(other, mine[0]) for other in self._tags if other != alias)
-        return None if shared else mine[0]
+        rivals = [other for other in self._tags if other != alias]
+        return None if any(self._competes(other, alias, mine[0], present) for other in rivals) else mine[0]
 
     def is_elsewhere(self, alias: str, at_ms: int) -> bool:
         """Whether the bearer is known but out of view."""
@@ -303,6 +312,15 @@ class Matcher:
         score = tag.scores.get(number) if tag is not None else None
         return score is not None and score.bound
 
+    def _competes(self, other: str, alias: str, number: int, present: Sequence[int]) -> bool:
+        """Whether the bearer of another tag may be that track, to which this one is bound."""
+        if self._is_bound(other, number):
+            return True
+        rival, mine = (self._tags[each].scores.get(number, _TrackScore()).odds for each in (other, alias))
+        if not self._drives or rival is None or any(self._is_bound(other, seen) for seen in present):
+            return False
+        return rival >= max(BIND_LOG_ODDS, (BIND_LOG_ODDS if mine is None else mine) - RIVAL_WITHIN)
+
     def _make_room(self, *, known: bool) -> bool:
         """Evict the longest-silent stranger's tag, or for a roster tag a roster one; its owner is withheld, never shown."""
         order = {alias: (tag.known, tag.heard_ms, alias) for alias, tag in self._tags.items()}
@@ -361,9 +379,9 @@ class Matcher:
             odds = _log_odds(every[track.number], [every[number] for number in rivals])
             bound = score.bound
             if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
-                bound = bound and odds >= UNBIND_LOG_ODDS
-                speak = score.every.speaks(self._cues_min) and score.sure.speaks(self._cues_min)
-                if odds >= BIND_LOG_ODDS and speak:
+                speaks = score.every.speaks(self._cues_min)
+                bound = bound and odds >= UNBIND_LOG_ODDS and (speaks or score.carried or not self._drives)
+                if odds >= BIND_LOG_ODDS and speaks and score.sure.speaks(self._cues_min):
                     surely = _log_odds(sure[track.number], [sure[number] for number in rivals])
                     bound = bound or surely >= BIND_LOG_ODDS
             tag.scores[track.number] = score._replace(odds=odds, bound=bound)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clients.robot.matching.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, Obstacle
-from clients.robot.matching.matcher import TAGS_MAX_COUNT, Matcher
+from clients.robot.matching.matcher import TAGS_MAX_COUNT, UNBIND_LOG_ODDS, Matcher
 from clients.robot.matching.tracking import Track
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M as SIGMA_MAX_M
 from clients.robot.sensing.sensor_events import Facing, Sighting
@@ -419,3 +419,65 @@ def test_a_bearing_that_is_none_counts_as_a_reading_without(bearing_deg: float |
     plain = worn_by(shown, rng)
     wrong = [replace(one, bearing_deg=bearing_deg, bearing_sigma_deg=sigma_deg) for one in plain]
     assert bind([shown], wrong).log_odds("tag") == bind([shown], plain).log_odds("tag")
+
+
+@pytest.mark.parametrize("seed", [1, 7])
+def test_a_robot_that_drives_lets_go_of_whom_the_distances_no_longer_speak_for(seed: int) -> None:
+    """One odd reading bound the tag of somebody beside the picture, and the next ones took that back in vain."""
+    rng, shown = np.random.default_rng(seed), walker(1, 2.5, seconds=40)
+    heard = worn_by(shown, rng)
+    matcher, verdicts = bind([shown], heard[:16], drives=True), []
+    assert matcher.bound_track("tag", [1]) == 1
+    for sighting in heard[16:]:
+        matcher.add_sighting("tag", replace(sighting, distance_m=float(rng.uniform(0.5, 5.5))))
+        matcher.advance(sighting.middle_ms)
+        evidence = matcher.explain("tag", [1])
+        assert evidence is not None
+        assert evidence.log_odds > UNBIND_LOG_ODDS
+        verdicts.append(evidence.is_vague)
+        assert (matcher.bound_track("tag", [1]) is None) == evidence.is_vague
+    assert any(verdicts)
+
+
+def test_what_was_bound_before_the_robot_drove_on_stays_bound_until_it_is_contradicted() -> None:
+    shown = walker(1, 2.5, seconds=30)
+    heard = worn_by(shown, np.random.default_rng(1))
+    matcher = bind([shown], heard[:24], drives=True)
+    matcher.forget_evidence()
+    for sighting in heard[24:34]:
+        matcher.add_sighting("tag", sighting)
+        matcher.advance(sighting.middle_ms)
+        assert matcher.bound_track("tag", [1]) == 1
+    for sighting in heard[34:50]:
+        matcher.add_sighting("tag", replace(sighting, distance_m=9.0))
+        matcher.advance(sighting.middle_ms)
+    assert matcher.bound_track("tag", [1]) is None
+
+
+def test_a_robot_that_drives_leaves_it_open_who_is_there_while_two_tags_fit_one_person_alike() -> None:
+    """The other's bearer may be behind that person, or beside the picture as far away."""
+    rng, shown, other = np.random.default_rng(2), walker(1, 2.5, swing_m=0.1, seconds=40), walker(2, 4.5, seconds=40)
+    matcher = bind([shown], worn_by(shown, rng), drives=True)
+    assert matcher.bound_track("tag", [1]) == 1
+    for sighting in worn_by(shown, rng)[:6]:
+        matcher.add_sighting("other", sighting)
+    matcher.finish()
+    assert matcher.bound_track("tag", [1]) is None
+    matcher.add_track(other)
+    for sighting in worn_by(other, rng)[6:]:
+        matcher.add_sighting("other", sighting)
+    matcher.finish()
+    assert matcher.bound_track("tag", [1, 2]) == 1, "whoever is seen elsewhere is not there"
+    assert matcher.bound_track("other", [1, 2]) == 2
+
+
+def test_of_two_tags_the_one_that_fits_by_far_better_is_bound() -> None:
+    rng, shown = np.random.default_rng(0), walker(1, 2.5, swing_m=0.3, seconds=40)
+    matcher = bind([shown], worn_by(shown, rng), drives=True)
+    for sighting in worn_by(shown, rng)[:10]:
+        matcher.add_sighting("other", sighting)
+    matcher.finish()
+    evidence = matcher.explain("other", [1])
+    assert evidence is not None
+    assert evidence.log_odds >= BIND_LOG_ODDS
+    assert matcher.bound_track("tag", [1]) == 1
