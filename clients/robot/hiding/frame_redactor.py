@@ -16,7 +16,7 @@ from clients.robot.hiding.flying_pixels import drop_flying_pixels
 from clients.robot.hiding.hider import FoundPeople, Hider
 from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
-from clients.robot.hiding.moving.moving_hider import RANGE_M, DrivingCamera, MovingHider
+from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.moving.plan_bodies import camera_points
 from clients.robot.hiding.own_motion import OwnMotion, RobotPlace, Spot
 from clients.robot.hiding.standing_hider import StandingHider
@@ -138,10 +138,9 @@ class FrameRedactor:
 
     def use_focal_px(self, focal_px: float) -> None:
         keeps = self._driving is not None and self._driving.keeps
-        range_max_m = RANGE_M[1] if keeps else math.inf  # beyond, steps of depth are coarse
-        self._hiders: list[Hider] = [StandingHider(self._background, focal_px, range_max_m)]
+        self._hiders: list[Hider] = [StandingHider(self._background, focal_px, drives=keeps)]
         self._second_look: MovingHider | None = None
-        if self._driving is not None and self._driving.keeps:
+        if self._driving is not None and keeps:
             self._mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
         if self._mount is not None and self._motion is not None:
             shape = self._background.shape

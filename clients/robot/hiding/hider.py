@@ -11,6 +11,9 @@ from clients.robot.hiding.own_motion import RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.sensing.sensor_events import Depth
 
+DRIVING_RANGE_MAX_M = 4.5
+"""How far somebody is shown by a robot that drives: beyond, steps of depth are coarse."""
+
 
 class AskedLater(Protocol):
     """Whether a silhouette may be shown, asked once later frames have been seen too; and why not, empty if it may."""

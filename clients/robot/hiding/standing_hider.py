@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,29 +9,37 @@ import numpy as np
 from clients.robot.hiding.background import Background, fits
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cutouts import extract_encoded_cutout
-from clients.robot.hiding.hider import FoundPeople, in_odometry
+from clients.robot.hiding.hider import DRIVING_RANGE_MAX_M, FoundPeople, in_odometry
 from clients.robot.hiding.own_motion import RobotPlace
 from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Segmented, Silhouette, segment
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.sensing.sensor_events import Depth
 
+EDGE_PX = 1  # of half resolution
+
 
 class StandingHider:
-    """Fits while the camera sees the learned scene from where it was learned. `range_max_m`: nobody farther is shown."""
+    """Fits while the camera sees the learned scene from where it was learned.
+
+    `drives`: as on the way, nobody is shown who is too far or cut off by the picture's side, where somebody beside them may
+    be part of their silhouette.
+    """
 
     is_blank = False
 
-    def __init__(self, background: Background, focal_px: float, range_max_m: float = math.inf) -> None:
+    def __init__(self, background: Background, focal_px: float, *, drives: bool = False) -> None:
         self._background = background
         self._focal_px = focal_px
-        self._range_max_m = range_max_m
+        self._drives = drives
         self._companions = CompanionWatch()
 
     def find_people(self, depth: Depth, place: RobotPlace | None, at_ms: int) -> FoundPeople | None:
         if not fits(self._background, depth):
             return None
         segmented = segment(depth, self._background, self._focal_px)
-        found = tuple(self._in_range(one) for one in self._companions.step(segmented.silhouettes, at_ms))
+        found = self._companions.step(segmented.silhouettes, at_ms)
+        if self._drives:
+            found = tuple(_as_on_the_way(silhouette, depth.shape[1] // 2) for silhouette in found)
         if place is not None:
             found = tuple(in_odometry(silhouette, place) for silhouette in found)
         return FoundPeople(
@@ -44,10 +51,16 @@ class StandingHider:
     def restart(self) -> None:
         self._companions = CompanionWatch()
 
-    def _in_range(self, silhouette: Silhouette) -> Silhouette:
-        if silhouette.range_m <= self._range_max_m or silhouette.withhold_reason:
-            return silhouette
+
+def _as_on_the_way(silhouette: Silhouette, half_width: int) -> Silhouette:
+    left, _, width, _ = silhouette.box
+    if silhouette.withhold_reason:
+        return silhouette
+    if silhouette.range_m > DRIVING_RANGE_MAX_M:
         return replace(silhouette, withhold_reason=str(WithholdReason.OUT_OF_RANGE))
+    if left <= EDGE_PX or left + width >= half_width - EDGE_PX:
+        return replace(silhouette, withhold_reason=str(WithholdReason.CUT_OFF))
+    return silhouette
 
 
 def _stray_px(segmented: Segmented) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 
 from clients.robot.hiding.companion import Table, Trees, trees_of
 from clients.robot.hiding.cutouts import encode_cutout
-from clients.robot.hiding.hider import AskedLater, FoundPeople
+from clients.robot.hiding.hider import DRIVING_RANGE_MAX_M, AskedLater, FoundPeople
 from clients.robot.hiding.moving.blank_cutouts import cut_body
 from clients.robot.hiding.moving.body_cues import BODY_CUES, Body, measure_bodies
 from clients.robot.hiding.moving.ground_plane import Ground
@@ -32,7 +32,7 @@ from consensus.bounded_text import read_json_text
 
 MODEL_FILES = {"person": "person-model.json", "pair": "pair-model.json", "thing": "thing-model.json"}
 THING_MIN_LOG_ODDS = 3.0
-RANGE_M = (1.0, 5.0)
+RANGE_M = (1.0, DRIVING_RANGE_MAX_M)
 FREE_M = 0.3  # in plan, around a body that is shown
 NEARER_PX = 8
 CRUMBS_MIN_PX = 3  # of quarter resolution
