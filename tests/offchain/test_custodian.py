@@ -212,6 +212,8 @@ async def test_what_the_chain_refuses_for_good_can_be_dismissed(opened: Custodia
     clip = await opened.keep()
     await opened.follow(erasure(ERASURE_ID, clip))
     [row] = await opened.custodian.ready_outbox(10)
+    await opened.custodian.dismiss(replace(row, height=row.height - 1))
+    assert await opened.custodian.ready_outbox(10) == [row], "it is owed anew since"
     await opened.custodian.dismiss(row)
     assert await opened.ready_outbox() == []
 

@@ -417,7 +417,7 @@ class CustodyCoordinator:
             key: submission
             for key, submission in self._submitted.items()
             if (key in owed or submission.refusals or submission.valid_until_ms > now_ms)
-            and _is_same(owed.get(key, submission.row), submission.row)
+            and owed.get(key, submission.row).is_same_call(submission.row)
         }
         others = [key for key in self._submitted if key not in owed]
         for key in others[: max(0, len(self._submitted) - SUBMISSIONS_KEPT_MAX_COUNT)]:
@@ -506,10 +506,6 @@ class CustodyCoordinator:
                 if count:
                     log.info("clips_fetched", count=count)
                     self._wake_outbox.set()
-
-
-def _is_same(row: OutboxRow, submitted: OutboxRow) -> bool:
-    return (row.arguments, row.height) == (submitted.arguments, submitted.height)
 
 
 @dataclass(frozen=True, slots=True)

@@ -144,6 +144,10 @@ class OutboxRow:
     def key(self) -> tuple[str, bytes, int]:
         return self.kind, self.subject, self.part
 
+    def is_same_call(self, other: OutboxRow) -> bool:
+        """Whether it is owed for the same reason; what is owed later may have the same key."""
+        return (self.key, self.arguments, self.height) == (other.key, other.arguments, other.height)
+
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
