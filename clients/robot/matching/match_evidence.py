@@ -31,13 +31,18 @@ class MatchNumbers(Answer, frozen=True, kw_only=True):
     obstacle: Annotated[
         str,
         doc(
-            "What stood in the way: `few-distances`, `behind`, `unit`, `delayed`, `off`, `vague`, `rival`, `no-facing` or "
-            "`undecided`"
+            "What stood in the way: `few-distances`, `behind`, `unit`, `delayed`, `off`, `vague`, `other-tag`, "
+            "`rival`, `no-facing` or `undecided`"
         ),
     ]
     log_odds: Annotated[float, doc("For the person in view who fits best")]
     needed: Annotated[float, doc("The log-odds at which a tag is bound")]
-    distance_log_odds: Annotated[float, doc("What distances alone say for that person; 1.1 of it is needed")]
+    distance_log_odds: Annotated[
+        float,
+        doc(
+            "What distances alone say for that person; 1.1 of it is needed, of a robot that drives 3 together with bearings"
+        ),
+    ]
     rival_log_odds: Annotated[float | UnsetType, doc("For who fits next best; absent if one person was in view")] = (
         UNSET
     )
@@ -65,6 +70,7 @@ class Obstacle(StrEnum):
     DELAYED = "delayed"
     OFF = "off"
     VAGUE = "vague"
+    OTHER_TAG = "other-tag"
     RIVAL = "rival"
     NO_FACING = "no-facing"
     UNDECIDED = "undecided"
@@ -82,6 +88,8 @@ HELP = {
     "clocks",
     Obstacle.VAGUE: "the distances say too little of who it was, for their stated error; a more exact reader helps, or one "
     "that reads more often",
+    Obstacle.OTHER_TAG: "another tag fits that person about as well, and its bearer is not seen elsewhere: one of the two "
+    "bearers is hidden, or beside the picture",
     Obstacle.RIVAL: "somebody else in view was about as far away. A reader that tells on which side a tag is "
     "(blockrobot robot antennas), and a smaller error of the distances, tell people apart",
     Obstacle.NO_FACING: "no reading said which way its antenna looks, so somebody out of view, as far away, could not be "
@@ -98,7 +106,7 @@ class MatchEvidence:
 
     `distances`: number compared; `gap_m`, `spread_m`: mean and standard deviation of distance minus camera range;
     `sigma_m`: mean stated; `delay_ms`: fitting time shift; `distance_log_odds`: against absence; `front`, `back`:
-    readings by antenna direction. `bearings`: number compared.
+    readings by antenna direction. `bearings`: number compared. `is_contested`: whether another tag may be that person's.
     """
 
     log_odds: float
@@ -116,6 +124,7 @@ class MatchEvidence:
     bearings: int = 0
     bearing_log_odds: float = 0.0
     cues_log_odds_min: float = -math.inf  # of distances and bearings together
+    is_contested: bool = False
 
     @property
     def is_vague(self) -> bool:
@@ -150,6 +159,7 @@ class MatchEvidence:
             (self.delay_ms is not None, Obstacle.DELAYED),
             (self.is_off or self.distance_log_odds < _CONTRADICTS_BELOW, Obstacle.OFF),
             (self.log_odds >= BIND_LOG_ODDS and self.is_vague, Obstacle.VAGUE),
+            (self.log_odds >= BIND_LOG_ODDS and self.is_contested, Obstacle.OTHER_TAG),
             (rival is not None and self.log_odds - rival < RIVAL_WITHIN, Obstacle.RIVAL),
             (self.front > 0, Obstacle.UNDECIDED),
         )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -77,7 +77,9 @@ _NOTHING = _Evidence()
 
 
 class _TrackScore(NamedTuple):
-    """A tag's evidence: all readings, and with everybody followed. `carried`: bound by evidence that was let go since."""
+    """A tag's evidence: all readings, and with everybody followed. `carried`: bound at another place, and those of this one
+    do not speak for it by themselves yet.
+    """
 
     every: _Evidence = _NOTHING
     sure: _Evidence = _NOTHING
@@ -150,21 +152,27 @@ class _Tag:
         self.decided_until_ms = self.readings[self.weighed - 1].middle_ms
         del self.readings[:gone]
         self.slots = {slot: reading for slot, reading in self.slots.items() if reading.middle_ms >= first_ms}
-        self._begin_with_bindings()
+        bound = {number: score for number, score in self.scores.items() if score.bound}
+        self._begin_with({number: _TrackScore(bound=True, carried=score.carried) for number, score in bound.items()})
 
-    def forget_evidence(self) -> None:
-        """Drop all readings; bindings stay until contradicted."""
+    def forget_evidence(self, contested: Container[int]) -> None:
+        """Drop all readings. Bindings stay until contradicted, but for those to tracks that another tag may belong to; and
+        so does that a tag may belong to a track.
+        """
         if self.readings:
             self.decided_until_ms = self.readings[-1].middle_ms
         self.readings, self.slots = [], {}
-        self._begin_with_bindings()
+        bound = {number: score.bound and number not in contested for number, score in self.scores.items()}
+        self._begin_with(
+            {
+                number: _TrackScore(odds=score.odds, bound=bound[number], carried=bound[number])
+                for number, score in self.scores.items()
+                if bound[number] or (score.odds is not None and score.odds >= BIND_LOG_ODDS)
+            }
+        )
 
-    def _begin_with_bindings(self) -> None:
-        self.weighed = 0
-        self.scores = {
-            number: _TrackScore(bound=True, carried=True) for number, old in self.scores.items() if old.bound
-        }
-        self.checkpoints = [(0, dict(self.scores))]
+    def _begin_with(self, scores: _TrackScores) -> None:
+        self.weighed, self.scores, self.checkpoints = 0, scores, [(0, dict(scores))]
 
     def forget_tracks(self, numbers: Sequence[int]) -> None:
         for scores in (self.scores, *(kept for _, kept in self.checkpoints)):
@@ -236,8 +244,7 @@ class Matcher:
         mine = [number for number in present if self._is_bound(alias, number)]
         if len(mine) != 1:
             return None
-        rivals = [other for other in self._tags if other != alias]
-        return None if any(self._competes(other, alias, mine[0], present) for other in rivals) else mine[0]
+        return None if self._is_contested(alias, mine[0]) else mine[0]
 
     def is_elsewhere(self, alias: str, at_ms: int) -> bool:
         """Whether the bearer is known but out of view."""
@@ -285,6 +292,7 @@ class Matcher:
             bearings=every.bearings,
             bearing_log_odds=every.bearing_ratio,
             cues_log_odds_min=self._cues_min,
+            is_contested=self._is_contested(alias, best),
             spread_m=math.sqrt(max(0.0, every.gap_m2_sum / compared - (every.gap_m_sum / compared) ** 2)),
             range_m=every.range_m_sum / compared,
             delay_ms=_find_delay_ms(tag.readings, self._tracks[best]) if odds < 0 and best in self._tracks else None,
@@ -302,9 +310,13 @@ class Matcher:
                 self._drop(alias)
 
     def forget_evidence(self) -> None:
-        """Weigh what comes from now on by itself; bindings stay until contradicted."""
-        for tag in self._tags.values():
-            tag.forget_evidence()
+        """Weigh what comes from now on by itself; bindings stay until contradicted, but for those that are contested."""
+        contested = {
+            alias: [number for number, score in tag.scores.items() if score.bound and self._is_contested(alias, number)]
+            for alias, tag in self._tags.items()
+        }
+        for alias, tag in self._tags.items():
+            tag.forget_evidence(contested[alias])
         self._waiting.clear()
 
     def _is_bound(self, alias: str, number: int) -> bool:
@@ -312,14 +324,26 @@ class Matcher:
         score = tag.scores.get(number) if tag is not None else None
         return score is not None and score.bound
 
-    def _competes(self, other: str, alias: str, number: int, present: Sequence[int]) -> bool:
-        """Whether the bearer of another tag may be that track, to which this one is bound."""
+    def _is_contested(self, alias: str, number: int) -> bool:
+        """Whether another tag may be that of the track to which this one is bound."""
+        return any(self._may_be(other, alias, number) for other in self._tags if other != alias)
+
+    def _may_be(self, other: str, alias: str, number: int) -> bool:
         if self._is_bound(other, number):
             return True
         rival, mine = (self._tags[each].scores.get(number, _TrackScore()).odds for each in (other, alias))
-        if not self._drives or rival is None or any(self._is_bound(other, seen) for seen in present):
+        if not self._drives or rival is None:
             return False
-        return rival >= max(BIND_LOG_ODDS, (BIND_LOG_ODDS if mine is None else mine) - RIVAL_WITHIN)
+        fits = rival >= max(BIND_LOG_ODDS, (BIND_LOG_ODDS if mine is None else mine) - RIVAL_WITHIN)
+        return fits and not self._is_seen_elsewhere(other, number)
+
+    def _is_seen_elsewhere(self, alias: str, number: int) -> bool:
+        """Whether its bearer is another who was seen at the same time."""
+        track = self._tracks.get(number)
+        return track is not None and any(
+            seen is not track and seen.overlaps(track) and self._is_bound(alias, seen.number)
+            for seen in self._tracks.values()
+        )
 
     def _make_room(self, *, known: bool) -> bool:
         """Evict the longest-silent stranger's tag, or for a roster tag a roster one; its owner is withheld, never shown."""
@@ -377,14 +401,15 @@ class Matcher:
                 continue
             rivals = [o.number for o in tracks if o.number != track.number and o.overlaps(track)]
             odds = _log_odds(every[track.number], [every[number] for number in rivals])
-            bound = score.bound
+            bound, carried = score.bound, score.carried
             if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
                 speaks = score.every.speaks(self._cues_min)
-                bound = bound and odds >= UNBIND_LOG_ODDS and (speaks or score.carried or not self._drives)
+                carried = score.carried and not speaks
+                bound = bound and odds >= UNBIND_LOG_ODDS and (speaks or carried or not self._drives)
                 if odds >= BIND_LOG_ODDS and speaks and score.sure.speaks(self._cues_min):
                     surely = _log_odds(sure[track.number], [sure[number] for number in rivals])
                     bound = bound or surely >= BIND_LOG_ODDS
-            tag.scores[track.number] = score._replace(odds=odds, bound=bound)
+            tag.scores[track.number] = score._replace(odds=odds, bound=bound, carried=carried)
 
 
 def _update_evidence(

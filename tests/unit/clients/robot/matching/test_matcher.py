@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clients.robot.matching.match_evidence import BIND_LOG_ODDS, DISTANCE_LOG_ODDS_MIN, Obstacle
-from clients.robot.matching.matcher import TAGS_MAX_COUNT, UNBIND_LOG_ODDS, Matcher
+from clients.robot.matching.matcher import TAGS_MAX_COUNT, Matcher
 from clients.robot.matching.tracking import Track
 from clients.robot.sensing.sensor_events import DISTANCE_SIGMA_MAX_M as SIGMA_MAX_M
 from clients.robot.sensing.sensor_events import Facing, Sighting
@@ -421,22 +421,24 @@ def test_a_bearing_that_is_none_counts_as_a_reading_without(bearing_deg: float |
     assert bind([shown], wrong).log_odds("tag") == bind([shown], plain).log_odds("tag")
 
 
-@pytest.mark.parametrize("seed", [1, 7])
+@pytest.mark.parametrize("seed", [1, 4, 5])
 def test_a_robot_that_drives_lets_go_of_whom_the_distances_no_longer_speak_for(seed: int) -> None:
     """One odd reading bound the tag of somebody beside the picture, and the next ones took that back in vain."""
-    rng, shown = np.random.default_rng(seed), walker(1, 2.5, seconds=40)
+    rng, shown = np.random.default_rng(seed), walker(1, 2.5, seconds=120)  # old readings are let go six times
     heard = worn_by(shown, rng)
-    matcher, verdicts = bind([shown], heard[:16], drives=True), []
+    matcher = bind([shown], heard[:16], drives=True)
+    vague_count = shown_count = 0
     assert matcher.bound_track("tag", [1]) == 1
     for sighting in heard[16:]:
-        matcher.add_sighting("tag", replace(sighting, distance_m=float(rng.uniform(0.5, 5.5))))
+        matcher.add_sighting("tag", replace(sighting, distance_m=2.5 + float(rng.normal(0, 1.2)), sigma_m=0.8))
         matcher.advance(sighting.middle_ms)
         evidence = matcher.explain("tag", [1])
         assert evidence is not None
-        assert evidence.log_odds > UNBIND_LOG_ODDS
-        verdicts.append(evidence.is_vague)
-        assert (matcher.bound_track("tag", [1]) is None) == evidence.is_vague
-    assert any(verdicts)
+        if evidence.is_vague:
+            shown_count += matcher.bound_track("tag", [1]) is not None
+            vague_count += 1
+    assert vague_count > 50
+    assert shown_count <= 2, "until the next reading: what was decided stands while evidence is weighed anew"
 
 
 def test_what_was_bound_before_the_robot_drove_on_stays_bound_until_it_is_contradicted() -> None:
@@ -463,6 +465,9 @@ def test_a_robot_that_drives_leaves_it_open_who_is_there_while_two_tags_fit_one_
         matcher.add_sighting("other", sighting)
     matcher.finish()
     assert matcher.bound_track("tag", [1]) is None
+    evidence = matcher.explain("tag", [1])
+    assert evidence is not None
+    assert evidence.obstacle is Obstacle.OTHER_TAG
     matcher.add_track(other)
     for sighting in worn_by(other, rng)[6:]:
         matcher.add_sighting("other", sighting)
@@ -481,3 +486,46 @@ def test_of_two_tags_the_one_that_fits_by_far_better_is_bound() -> None:
     assert evidence is not None
     assert evidence.log_odds >= BIND_LOG_ODDS
     assert matcher.bound_track("tag", [1]) == 1
+
+
+def test_whom_two_tags_fitted_alike_is_nobodys_where_the_robot_stops_next_until_the_other_is_told_apart() -> None:
+    rng, shown, other = np.random.default_rng(2), walker(1, 2.5, swing_m=0.1, seconds=80), walker(2, 4.5, seconds=80)
+    worn, others = worn_by(shown, rng), worn_by(other, rng)
+    matcher = bind([shown], worn[:60], drives=True)
+    for sighting in worn[:6]:
+        matcher.add_sighting("other", sighting)
+    matcher.advance(30_000)
+    assert matcher.bound_track("tag", [1]) is None
+    matcher.forget_evidence()
+    for sighting in worn[60:84]:
+        matcher.add_sighting("tag", sighting)
+    matcher.advance(42_000)
+    evidence = matcher.explain("tag", [1])
+    assert evidence is not None
+    assert not evidence.is_vague
+    assert matcher.bound_track("tag", [1]) is None
+    for sighting in others[60:130]:
+        matcher.add_sighting("other", sighting)
+    matcher.advance(66_000)
+    assert matcher.bound_track("tag", [1]) == 1, "whoever wears the other is not there"
+
+
+@pytest.mark.parametrize("seed", [13, 14])
+def test_readings_that_come_late_bind_a_robots_tags_as_those_in_time(seed: int) -> None:
+    rng, shown = np.random.default_rng(seed), walker(1, 2.5, seconds=90)
+    heard = [one for one in worn_by(shown, rng) if one.middle_ms < 84_000]
+    heard[16:] = [replace(one, distance_m=2.5 + float(rng.normal(0, 1.0))) for one in heard[16:]]
+    late_ms = {one.middle_ms: int(rng.integers(0, 4_000)) for one in heard}
+    in_time, late = Matcher(drives=True), Matcher(drives=True)
+    for matcher in (in_time, late):
+        matcher.add_track(shown)
+    for at_ms in range(0, 89_000, 100):
+        for one in heard:
+            if one.middle_ms == at_ms:
+                in_time.add_sighting("tag", one)
+            if one.middle_ms + late_ms[one.middle_ms] // 100 * 100 == at_ms:
+                late.add_sighting("tag", one)
+        in_time.advance(at_ms)
+        late.advance(at_ms)
+    assert late.log_odds("tag") == pytest.approx(in_time.log_odds("tag"))
+    assert late.bound_track("tag", [1]) == in_time.bound_track("tag", [1])
