@@ -25,7 +25,6 @@ INSTALLS_IN_FLIGHT_COUNT = 2
 """For one of them keys are made, while the one before it is written."""
 INSTALL_AT_ONCE_MAX_BYTES = 3 * 1024 * 1024
 """With the clip that comes last, what a database takes as one transaction."""
-MISSING_READ_COUNT = 10_000
 PLACED_AT_ONCE_COUNT = 256
 _ROOM_BYTES = (FETCHES_IN_FLIGHT_COUNT + INSTALLS_IN_FLIGHT_COUNT) * (INSTALL_AT_ONCE_MAX_BYTES + CLIP_SIZE_MAX_BYTES)
 
@@ -52,12 +51,14 @@ def check_fetched(fetched: ClipDownload, facts: RecordFacts) -> None:
 
 
 class ClipFetcher:
-    """Mixin of `Custodian` that fetches missing clips."""
+    """Mixin of `Custodian` that fetches missing clips. `passes_count`: how often all of them were asked for."""
+
+    passes_count = 0
 
     if TYPE_CHECKING:  # the custodian's own
         _store: CustodyStore
         _has_room: Callable[[int], bool]
-        _asked_for: set[bytes]
+        _asked_range: tuple[tuple[int, bytes], tuple[int, bytes]] | None
         _waited_s: dict[str, float]
         _member: bytes
         _writing: asyncio.Lock
@@ -72,14 +73,17 @@ class ClipFetcher:
     async def follow_placement(self) -> int:
         """After custodians or the number of copies changed: sort what is not here into missing and kept elsewhere.
 
-        What is here stays, whoever is to keep it. Returns how many changed; cut off, it is done again.
+        What is here stays, whoever is to keep it. Returns how many changed. It ends early where they change once more: cut
+        off, it is done again, and clips are fetched in between.
         """
         count = 0
         async with self._writing:
-            self._newest_placement()
+            begun = self._newest_placement()
         while self._placed_up_to is not None:
             async with self._writing:
                 placement, after = self._newest_placement(), self._placed_up_to or b""
+                if placement != begun:
+                    break
                 absent = await self._store.absent(after, PLACED_AT_ONCE_COUNT)
                 clips = await self._store.clips([facts.record_id for facts in absent])
                 await self._settle_missing([facts for facts in absent if facts.record_id in clips])
@@ -144,9 +148,7 @@ class ClipFetcher:
     async def _install(self, fetched: Sequence[ClipDownload]) -> int:
         if not fetched:
             return 0
-        count = await self.install_checked(fetched)
-        self._asked_for.difference_update(each.record_id for each in fetched)
-        return count
+        return await self.install_checked(fetched)
 
     async def _fetch_from_any(self, facts: RecordFacts, peers: Sequence[PeerCustodian]) -> ClipDownload | None:
         for peer in self._in_turn(peers, facts.record_id):
@@ -175,13 +177,25 @@ class ClipFetcher:
         return fetched
 
     async def _choose_missing(self) -> list[RecordFacts]:
-        # As many as leave some that were not asked for, however many nobody had.
-        missing = await self._store.missing(min(len(self._asked_for) + FETCH_AT_ONCE_COUNT, MISSING_READ_COUNT))
-        self._asked_for.intersection_update(facts.record_id for facts in missing)
-        due = [facts for facts in missing if facts.record_id not in self._asked_for]
-        if not due:
-            self._asked_for.clear()
-            due = missing
-        chosen = due[:FETCH_AT_ONCE_COUNT]
-        self._asked_for.update(facts.record_id for facts in chosen)
+        """The newest that were not asked for in this pass, which goes on to the oldest, however many of them nobody has.
+
+        Those that came meanwhile are first; in the end all are asked for again.
+        """
+        newest = await self._store.missing(FETCH_AT_ONCE_COUNT)
+        first, last = self._asked_range or (None, None)
+        chosen = [facts for facts in newest if first is None or last is None or not first <= _position(facts) <= last]
+        if len(chosen) < len(newest) == FETCH_AT_ONCE_COUNT:
+            after = max(_position(newest[-1]), last or _position(newest[-1]))
+            chosen += await self._store.missing(FETCH_AT_ONCE_COUNT - len(chosen), (-after[0], after[1]))
+        if not chosen:
+            self.passes_count += 1
+            self._asked_range, chosen = None, newest
+        positions = [*(self._asked_range or ()), *map(_position, chosen)]
+        if positions:
+            self._asked_range = min(positions), max(positions)
         return chosen
+
+
+def _position(facts: RecordFacts) -> tuple[int, bytes]:
+    """In the order in which stores list what is missing."""
+    return -facts.height, facts.record_id

@@ -24,7 +24,7 @@ from consensus.records.commitments import ciphertext_leaves
 from consensus.records.placement import Placement
 from node.custody.block_effects import BlockApplier, build_release, matches_roots, only_records
 from node.custody.chain_facts import ChainFacts
-from node.custody.clip_fetching import MISSING_READ_COUNT, ClipFetcher, check_fetched
+from node.custody.clip_fetching import ClipFetcher, check_fetched
 from node.custody.erase_keys import ErasableKeys, unwrap_key, wipe_keys, wrap_frames
 from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvents
@@ -48,6 +48,7 @@ LAPSED_AT_ONCE_COUNT = 64
 WORDS_DIVISOR = 4
 """What part of what is submitted at once is for words on requests, however many receipts wait."""
 
+_SETTLED_AT_START_COUNT = 10_000
 _TELL_SLOTS_COUNT = 100_000
 
 log = structlog.get_logger(__name__)
@@ -90,7 +91,7 @@ class Custodian(ShareService, ClipFetcher):
         self._placed_by: Placement | None = None
         self._placed_up_to: bytes | None = None  # of what is absent, the last record that was sorted; None: all were
         self._point: Checkpoint | None = None
-        self._asked_for: set[bytes] = set()
+        self._asked_range: tuple[tuple[int, bytes], tuple[int, bytes]] | None = None
         self._waited_s: dict[str, float] = {}
         self._in_flight: set[int] = set()
 
@@ -109,7 +110,7 @@ class Custodian(ShareService, ClipFetcher):
         if orphans:
             log.info("custody_orphan_keys_destroyed", count=orphans)
         async with self._writing:
-            await self._settle_missing(await self._store.missing(MISSING_READ_COUNT))
+            await self._settle_missing(await self._store.missing(_SETTLED_AT_START_COUNT))
 
     # Uploads
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+from dataclasses import replace
 
 import msgspec
 import pytest
@@ -11,7 +13,7 @@ from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload, FrameDownload
 from node.custody import clip_fetching
 from node.custody.clip_fetching import FETCHES_IN_FLIGHT_COUNT, INSTALLS_IN_FLIGHT_COUNT
-from node.custody.stores.custody_store import RecordFacts
+from node.custody.stores.custody_store import BlockEffects, RecordFacts
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -121,6 +123,31 @@ def choose_of_all(missing: list[RecordFacts], asked_for: set[bytes]) -> list[byt
     return chosen
 
 
+async def test_however_many_newer_ones_nobody_has_each_pass_comes_to_the_oldest(opened: CustodianHarness) -> None:
+    """It stopped at the newest ten thousand: what a robot records and never uploads kept older clips away for good."""
+    clip = record_clip(1)
+    await opened.follow(recorded(clip))
+    [facts] = await opened.store.missing(1)
+    for height in range(1, 601):
+        vain = [replace(facts, record_id=os.urandom(16), height=facts.height + height) for _ in range(20)]
+        await opened.store.apply(BlockEffects(missing=tuple(vain)))
+    peer, rounds_count = Peer(held_by_peer(clip)), 1 + 12_000 // AT_ONCE_COUNT
+    assert sum([await opened.custodian.fetch_missing([peer]) for _ in range(rounds_count)]) == 1
+    assert opened.custodian.passes_count == 0
+    await opened.custodian.fetch_missing([peer])
+    assert opened.custodian.passes_count == 1
+
+
+async def test_what_comes_meanwhile_is_asked_for_before_the_rest_of_a_pass(opened: CustodianHarness) -> None:
+    await opened.follow(*(recorded(record_clip(1)) for _ in range(3 * AT_ONCE_COUNT)))
+    assert await opened.custodian.fetch_missing([Peer()]) == 0
+    clip = record_clip(1)
+    await opened.follow(recorded(clip))
+    peer = NotedPeer(held_by_peer(clip))
+    assert await opened.custodian.fetch_missing([peer]) == 1
+    assert (peer.asked[0], len(peer.asked)) == (clip.record_id, AT_ONCE_COUNT)
+
+
 async def test_each_batch_asks_for_what_the_simple_version_would(opened: CustodianHarness) -> None:
     clips = [record_clip() for _ in range(3 * AT_ONCE_COUNT)]
     for first in range(0, len(clips), 8):
@@ -140,9 +167,9 @@ async def test_a_batch_costs_the_same_however_much_is_missing(
     await opened.follow(*(recorded(clip) for clip in clips))
     peer, read_all, limits = Peer(*(held_by_peer(clip) for clip in clips)), opened.store.missing, list[int]()
 
-    async def read_noted(limit: int) -> list[RecordFacts]:
+    async def read_noted(limit: int, after: tuple[int, bytes] | None = None) -> list[RecordFacts]:
         limits.append(limit)
-        return await read_all(limit)
+        return await read_all(limit, after)
 
     monkeypatch.setattr(opened.store, "missing", read_noted)
     fetched = [await opened.custodian.fetch_missing([peer]) for _ in range(4)]

@@ -25,7 +25,7 @@ from node.custody.repair.scrub import (
 )
 from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, RecordFacts
 
-FRUITLESS_ROUNDS_MAX_COUNT = 3
+FRUITLESS_PASSES_MAX_COUNT = 2
 _TELL_EVERY_COUNT = 100
 _STORE_FAULTS = frozenset({"STORE_UNAVAILABLE", "ERASE_KEYS_DAMAGED"})
 
@@ -180,13 +180,15 @@ class Rebuild:
 
     async def _fetch_missing(self) -> None:
         total, fruitless = (await self._store.counts()).missing, 0
-        left = total
-        while left and fruitless < FRUITLESS_ROUNDS_MAX_COUNT:
+        left, passes = total, self._custodian.passes_count
+        while left and fruitless < FRUITLESS_PASSES_MAX_COUNT:
             self._tell("fetched", total - left, total)
             await self._custodian.fetch_missing(self._find_peers())
             before, left = left, (await self._store.counts()).missing
-            fruitless = 0 if left < before else fruitless + 1
-            if fruitless:
+            if left < before:
+                passes, fruitless = self._custodian.passes_count, 0
+            else:
+                fruitless = self._custodian.passes_count - passes
                 await self._pause()
         self._report.fetched_count = total - left
 

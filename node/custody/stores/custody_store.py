@@ -293,8 +293,8 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         """Confirmed clips with `expires_at_ms <= at_ms`, oldest expiry first."""
         ...
 
-    async def missing(self, limit: int) -> list[RecordFacts]:
-        """Those that are to be kept here, newest first."""
+    async def missing(self, limit: int, after: tuple[int, bytes] | None = None) -> list[RecordFacts]:
+        """Those that are to be kept here, newest first; `after` the one of that height and record id."""
         ...
 
     async def absent(self, after: bytes, limit: int) -> list[RecordFacts]:

@@ -413,8 +413,12 @@ class MongoStore(MongoShares, MongoUploads):
         found = await self._many("clips", where, sort=order, limit=limit, fields=("_id",))
         return [document["_id"] for document in found]
 
-    async def missing(self, limit: int) -> list[RecordFacts]:
-        found = await self._many("missing", {"elsewhere": False}, sort=_NEWEST_FIRST, limit=limit)
+    async def missing(self, limit: int, after: tuple[int, bytes] | None = None) -> list[RecordFacts]:
+        wanted: Document = {"elsewhere": False}
+        if after is not None:
+            height, record_id = after
+            wanted |= {"height": {"$lte": height}, "$or": [{"height": {"$lt": height}}, {"_id": {"$gt": record_id}}]}
+        found = await self._many("missing", wanted, sort=_NEWEST_FIRST, limit=limit)
         return rows(documents.missing_row, found)
 
     async def absent(self, after: bytes, limit: int) -> list[RecordFacts]:

@@ -61,6 +61,7 @@ log = structlog.get_logger(__name__)
 DATABASE_FILE_NAME = "custody.sqlite3"
 BUSY_TIMEOUT_MS = 5_000
 _PAGE_ROWS_COUNT = 500
+_HEIGHT_MAX = (1 << 63) - 1
 
 
 class SqliteStore(SqliteShares, SqliteUploads):
@@ -289,10 +290,13 @@ class SqliteStore(SqliteShares, SqliteUploads):
         query = f"SELECT record_id FROM clips INDEXED BY clips_by_expiry WHERE {due}"  # noqa: S608
         return [row[0] for row in await self._read(query, at_ms, limit)]
 
-    async def missing(self, limit: int) -> list[RecordFacts]:
-        wanted = "elsewhere = 0 ORDER BY height DESC, record_id LIMIT ?"
+    async def missing(self, limit: int, after: tuple[int, bytes] | None = None) -> list[RecordFacts]:
+        height, record_id = after or (_HEIGHT_MAX, b"")
+        wanted = (
+            "elsewhere = 0 AND height <= ? AND (height < ? OR record_id > ?) ORDER BY height DESC, record_id LIMIT ?"
+        )
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE {wanted}"  # noqa: S608
-        return [read_missing(row) for row in await self._read(query, limit)]
+        return [read_missing(row) for row in await self._read(query, height, height, record_id, limit)]
 
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?"  # noqa: S608
