@@ -20,6 +20,7 @@ Labels = npt.NDArray[np.int32]
 MEASURED_MIN_MM, MEASURED_MAX_MM = 1, 65_535
 EMPTY_MAX_PX = 120  # half-resolution foreground pixels below which nobody is there
 PIECE_MIN_PX = 14
+PIECES_MAX_COUNT = 256  # the largest; whatever else is there is near nobody, or keeps them from being shown
 DEPTH_EDGE_MM = 260
 PIECE_GAP_M, PIECE_DEPTH_M = 0.14, 0.45
 AID_AREA_MAX_M2, AID_TOP_SHARE, AID_GAP_M, AID_AHEAD_M = 0.17, 0.40, 0.12, 0.85
@@ -127,7 +128,7 @@ def _pieces(half: Depth, raw: Labels, stats: npt.NDArray[np.int32], count: int, 
     middle, horizon = (half.shape[1] - 1) / 2, (half.shape[0] - 1) / 2
     pieces: list[_Piece] = []
     order = sorted(range(1, count), key=lambda number: -int(stats[number][cv2.CC_STAT_AREA]))
-    for number in order:
+    for number in order[:PIECES_MAX_COUNT]:
         left, top, width, height, area = (int(v) for v in stats[number][:5])
         if area < PIECE_MIN_PX:
             break

@@ -7,7 +7,7 @@ import pytest
 
 from clients.robot.hiding.background import UNSEEN_MM, Background, empty_bank, learn_background
 from clients.robot.hiding.cutouts import extract_encoded_cutout
-from clients.robot.hiding.segmentation import segment
+from clients.robot.hiding.segmentation import PIECES_MAX_COUNT, segment
 from clients.robot.sensing.sensor_events import Depth
 from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenario import parse_scenario
@@ -105,6 +105,20 @@ def test_a_sliver_of_somebody_close_behind_is_not_taken_for_the_owners_edge(
     part = truth[made.y : made.y + made.height, made.x : made.x + made.width]
     assert np.count_nonzero(shown & (part == 2)) == 0
     assert np.count_nonzero(shown & (part == 1)) > 0.95 * np.count_nonzero((truth == 1) & (depth > 0))
+
+
+def test_of_a_picture_of_crumbs_the_largest_are_looked_at_and_the_others_are_foreground_all_the_same() -> None:
+    """Each piece is compared with each other one: a picture of thousands took seconds."""
+    empty = np.full((480, 640), 65_000, np.uint16)
+    half = np.zeros((240, 320), np.uint16)
+    for number, top in enumerate(range(0, 235, 5)):
+        for left in range(0, 314, 6):
+            half[top : top + 4, left : left + 5] = 10_000 + 460 * (number % 40)
+    crumbs = np.repeat(np.repeat(half, 2, 0), 2, 1)
+    segmented = segment(crumbs, learn_background([empty] * 3), 20.0)
+    assert len(segmented.silhouettes) <= PIECES_MAX_COUNT
+    assert segmented.labels is not None
+    assert np.count_nonzero(segmented.labels == -1) > np.count_nonzero(segmented.labels > 0)
 
 
 def test_a_background_keeps_what_is_measured_and_marks_what_never_is() -> None:
