@@ -24,7 +24,7 @@ from clients.robot.matching.match_evidence import (
     MatchEvidence,
 )
 from clients.robot.matching.tracking import NEAREST_RANGE_MS, Track
-from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, DISTANCE_SIGMA_MAX_M, Facing, Sighting
+from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, Facing, Sighting, is_distance
 
 PRIOR_ABSENT = 0.3
 UNBIND_LOG_ODDS = 0.0
@@ -488,7 +488,7 @@ def _order(reading: Sighting) -> _Order:
 
 def _without_nonsense(sighting: Sighting) -> Sighting:
     distance_m, sigma_m = sighting.distance_m, sighting.sigma_m
-    if distance_m is None or sigma_m is None or not _is_distance(distance_m, sigma_m):
+    if distance_m is None or sigma_m is None or not is_distance(distance_m, sigma_m):
         distance_m = sigma_m = None
     else:
         sigma_m = max(sigma_m, SIGMA_MIN_M)
@@ -503,10 +503,6 @@ def _without_nonsense(sighting: Sighting) -> Sighting:
     return replace(
         sighting, distance_m=distance_m, sigma_m=sigma_m, bearing_deg=bearing_deg, bearing_sigma_deg=bearing_sigma_deg
     )
-
-
-def _is_distance(distance_m: float, sigma_m: float) -> bool:
-    return 0 < distance_m < math.inf and 0 < sigma_m <= DISTANCE_SIGMA_MAX_M
 
 
 def _is_bearing(bearing_deg: float, sigma_deg: float) -> bool:

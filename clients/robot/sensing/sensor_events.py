@@ -18,6 +18,9 @@ NS_PER_MS = 1_000_000
 DEPTH_WIDTH_MAX_PX = 4096
 DEPTH_HEIGHT_MAX_PX = 4096
 
+DISTANCE_MAX_M = 1e6
+"""What a reader may tell, in whatever unit it was meant; readings with more count as readings without a distance."""
+
 DISTANCE_SIGMA_MAX_M = 2.0
 """The largest error of a distance that is taken. People whom the camera sees are about as far from each other: a reader
 that errs by more does not tell where in a room somebody is, and its readings count as readings without a distance."""
@@ -144,6 +147,11 @@ class RefusedMessage:
 
 SensorSample = ColourFrame | Label | AudioClip
 SourceEvent = Event | SensorSample | RefusedMessage
+
+
+def is_distance(distance_m: float, sigma_m: float) -> bool:
+    """Whether a reader's distance and its error are taken."""
+    return 0 < distance_m <= DISTANCE_MAX_M and 0 < sigma_m <= DISTANCE_SIGMA_MAX_M
 
 
 def check_depth(depth: npt.NDArray[np.generic], *, shape: tuple[int, int] | None = None) -> Depth:

@@ -15,13 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from clients.robot.sensing.sensor_events import (
-    BEARING_SIGMA_MAX_DEG,
-    DISTANCE_SIGMA_MAX_M,
-    NS_PER_MS,
-    Facing,
-    Sighting,
-)
+from clients.robot.sensing.sensor_events import BEARING_SIGMA_MAX_DEG, NS_PER_MS, Facing, Sighting, is_distance
 from clients.robot.sources.messages.image_decoding import refuse
 from consensus.errors import BlockRobotError
 
@@ -221,8 +215,7 @@ class TagMap:
         distance = _number(row[self.distance]) * unit
         value = self.distance_sigma
         sigma = _number(row[value]) * unit if isinstance(value, str) else value * unit
-        usable = math.isfinite(distance) and math.isfinite(sigma) and distance > 0 and 0 < sigma <= DISTANCE_SIGMA_MAX_M
-        return (distance, sigma) if usable else (None, None)
+        return (distance, sigma) if is_distance(distance, sigma) else (None, None)
 
     def _bearing(self, row: dict[str, Any]) -> tuple[float | None, float | None]:
         if not self.bearing:

@@ -260,7 +260,19 @@ def test_somebody_who_comes_into_view_is_a_rival_before_any_reading() -> None:
 
 @pytest.mark.parametrize(
     ("distance_m", "sigma_m"),
-    [(math.nan, 0.3), (math.inf, 0.3), (2.5, math.nan), (2.5, 0.0), (2.5, -1.0), (-2.5, 0.3), (2.5, None), (None, 0.3)],
+    [
+        (math.nan, 0.3),
+        (math.inf, 0.3),
+        (1.1e6, 0.3),
+        (1e154, 0.3),
+        (1e200, 0.3),
+        (2.5, math.nan),
+        (2.5, 0.0),
+        (2.5, -1.0),
+        (-2.5, 0.3),
+        (2.5, None),
+        (None, 0.3),
+    ],
 )
 def test_a_distance_that_is_none_is_taken_as_no_distance(distance_m: float | None, sigma_m: float | None) -> None:
     bad = [Sighting(at, at, "", 1, Facing.FRONT, -50.0, distance_m, sigma_m) for at in range(0, 15_000, 300)]

@@ -125,7 +125,7 @@ def test_units_are_turned_into_metres_dbm_and_milliseconds() -> None:
     assert (sighting.first_seen_ms, sighting.last_seen_ms) == (4_100, 4_600)
 
 
-@pytest.mark.parametrize("distance", [math.nan, math.inf, 0.0, -1.0])
+@pytest.mark.parametrize("distance", [math.nan, math.inf, 0.0, -1.0, 1.1e6, 1e154, 1e200])
 def test_a_distance_that_is_none_is_unknown(distance: float) -> None:
     made = TagMap(epc="id", distance="range", distance_sigma=0.3)
     assert one(made, message(id="A", range=distance)).distance_m is None
