@@ -53,7 +53,7 @@ class KeptFrame:
     captured_at_ms: int
     alias: str
     cutout: EncodedCutout
-    alone: bool = False  # whether nobody else is in the picture, as far as the camera measures depth
+    alone: bool = False  # whether nobody else is in the picture, as far as the camera measures depth; blank: not known
     evidence: MatchEvidence | None = None  # only where distances disagree with the camera's all the same
     form: SampleForm | None = None  # None: a depth frame of the camera
     blank: bool = False  # whether it shows the owner on nothing, not in the room
@@ -367,7 +367,7 @@ class FrameRedactor:
 
     def _keep(self, alias: str, seen: _Seen, number: int) -> KeptFrame:
         self._blank_kept_count += seen.blank
-        alone = len(seen.tracks) == 1 and not seen.merged and not seen.stray
+        alone = not seen.blank and len(seen.tracks) == 1 and not seen.merged and not seen.stray
         evidence_found = self.matcher.explain(alias, (number,))
         off = evidence_found if evidence_found is not None and evidence_found.is_off else None
         return KeptFrame(seen.sequence, seen.captured_at_ms, alias, seen.cutouts[number], alone, off, blank=seen.blank)

@@ -127,6 +127,14 @@ def test_who_was_known_when_the_robot_stood_is_kept_on_the_way_without_the_room(
     assert all(kept.captured_at_ms < DRIVES_MS for kept in ward.kept(blank=False))
 
 
+def test_nobody_counts_as_alone_on_the_way_where_only_bodies_are_looked_for() -> None:
+    """Who is too far, low or broad for a body of one person is not seen there, but heard, and in a whole picture."""
+    ward = Ward().play()
+    assert ward.kept(blank=True)
+    assert not any(kept.alone for kept in ward.kept(blank=True))
+    assert all(kept.alone for kept in ward.kept(blank=False))
+
+
 def test_nobody_is_bound_by_readings_that_came_while_the_robot_drove() -> None:
     ward = Ward()
     ward.heard_from_ms = DRIVES_MS + 1_000
