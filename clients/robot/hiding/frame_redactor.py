@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from clients.robot.hiding.background import Background
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.flying_pixels import drop_flying_pixels
-from clients.robot.hiding.hider import FoundPeople, Hider
+from clients.robot.hiding.hider import AskedLater, FoundPeople, Hider
 from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
@@ -85,7 +85,7 @@ class _Seen:
     disordered: bool = False
     moved: bool = False
     blank: bool = False
-    may_show: dict[int, Callable[[], bool]] = field(default_factory=dict)
+    may_show: dict[int, AskedLater] = field(default_factory=dict)
 
     @property
     def tracks(self) -> tuple[int, ...]:
@@ -339,12 +339,13 @@ class FrameRedactor:
         number = self.matcher.bound_track(alias, seen.tracks)
         reason: WithholdReason | None = None
         if number is not None and number in seen.cutouts:
-            may_show = seen.may_show.get(number)
-            if may_show is not None and not due:
+            later = seen.may_show.get(number)
+            if later is not None and not due:
                 return None
-            if may_show is None or may_show():
+            why_not = "" if later is None else later.why_not()
+            if not why_not:
                 return self._keep(alias, seen, number)
-            reason = WithholdReason.UNVERIFIED
+            reason = WithholdReason(why_not) if why_not in list(WithholdReason) else WithholdReason.UNVERIFIED
         elif seen.disordered:
             reason = WithholdReason.DISORDERED
         elif seen.moved:
@@ -361,8 +362,8 @@ class FrameRedactor:
         evidence: MatchEvidence | MergedEvidence | None = None
         if reason is WithholdReason.AMBIGUOUS:
             evidence = self.matcher.explain(alias, seen.tracks)
-        elif reason is WithholdReason.MERGED:
-            evidence = seen.company
+        elif reason is WithholdReason.MERGED and number is None:
+            evidence = seen.company  # of others, if it is known who is the owner
         return WithheldFrame(seen.sequence, seen.captured_at_ms, alias, reason, evidence)
 
     def _keep(self, alias: str, seen: _Seen, number: int) -> KeptFrame:

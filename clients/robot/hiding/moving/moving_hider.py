@@ -122,6 +122,11 @@ class _SecondLook(AskedLater):
         return "merged" if self.rule.speaks_for_two(self.followed, self.at_ms, self.buffer_ms) else ""
 
 
+class _NotFound(AskedLater):
+    def why_not(self) -> str:
+        return "unverified"
+
+
 @lru_cache(maxsize=1)
 def shipped_models() -> Models:
     def load(name: str) -> Trees:
@@ -172,7 +177,9 @@ class MovingHider:
         )
 
     def look_again(self, found: FoundPeople, depth: Depth, place: RobotPlace, at_ms: int) -> FoundPeople:
-        """Return whom another way found in that frame; who looks like two people here is not to be shown."""
+        """Return whom another way found in that frame; who looks like two people here is not to be shown, nor who is no
+        body by itself: they may touch something, and somebody else with it.
+        """
         _, seen = self.look(depth, place, at_ms)
         may_show: dict[int, AskedLater] = {}
         for one in found.silhouettes:
@@ -181,8 +188,9 @@ class MovingHider:
                 for body in seen
             ]
             near_m, followed = min(away, default=(np.inf, 0))
-            if near_m <= SAME_BODY_M:
-                may_show[one.label] = _SecondLook(self._rule, followed, at_ms, self._buffer_ms)
+            found_too = near_m <= SAME_BODY_M
+            look = _SecondLook(self._rule, followed, at_ms, self._buffer_ms) if found_too else _NotFound()
+            may_show[one.label] = look
         return replace(found, may_show=may_show)
 
     def look(self, depth: Depth, place: RobotPlace, at_ms: int) -> tuple[LevelView, list[SeenBody]]:
