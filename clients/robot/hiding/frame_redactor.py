@@ -237,9 +237,16 @@ class FrameRedactor:
                     self._motion.confirm(at_ms)
                 if self._second_look is not None and place is not None and not hider.is_blank:
                     found = self._second_look.look_again(found, depth, place, at_ms)
+                elif self._lacks_floor:
+                    found = found.withhold_all(WithholdReason.NO_GROUND)
                 self._follow(seen, found)
                 return
         seen.moved = True
+
+    @property
+    def _lacks_floor(self) -> bool:
+        """Without the floor there is no second look at whom the first way finds."""
+        return self._driving is not None and self._driving.keeps and self._mount is None
 
     def _may_be_home(self, place: RobotPlace | None) -> bool:
         """A robot that drives towards a wall sees nothing that its empty scene does not explain."""

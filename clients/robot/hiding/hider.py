@@ -9,6 +9,7 @@ from typing import Protocol
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.own_motion import RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
+from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.sensing.sensor_events import Depth
 
 DRIVING_RANGE_MAX_M = 4.5
@@ -36,6 +37,11 @@ class FoundPeople:
     stray: bool
     cut: Callable[[Silhouette], EncodedCutout]
     may_show: dict[int, AskedLater] = field(default_factory=dict)
+
+    def withhold_all(self, reason: WithholdReason) -> FoundPeople:
+        """Who is withheld already keeps their reason."""
+        silhouettes = (replace(one, withhold_reason=one.withhold_reason or str(reason)) for one in self.silhouettes)
+        return replace(self, silhouettes=tuple(silhouettes))
 
 
 class Hider(Protocol):

@@ -87,6 +87,7 @@ class Ward:
         self.odometry_late_ms = 0
         self.fits_everywhere = False
         self.keeps = True
+        self.mount: Ground | None = Ground.of_mount(1.2, 0.0)
         self.heard_from_ms = 0
         self.heard_ms: frozenset[int] | None = None  # only then; None: twice a second
         self.hidden_ms = range(0)
@@ -95,9 +96,9 @@ class Ward:
         self.outputs: list[Output] = []
 
     def play(self) -> Ward:
-        camera = DrivingCamera(Ground.of_mount(1.2, 0.0), keeps=self.keeps)
+        camera = DrivingCamera(self.mount, keeps=self.keeps)
         redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=camera)
-        blank = [ScriptedHider(self, is_blank=True)] if self.keeps else []
+        blank = [ScriptedHider(self, is_blank=True)] if self.keeps and self.mount is not None else []
         redactor._hiders = [ScriptedHider(self, is_blank=False), *blank]
         redactor._second_look = None  # it would look into the frames, and in these is nobody
         for at_ms in range(0, ENDS_MS, ODOMETRY_MS):
@@ -162,6 +163,18 @@ def test_what_the_hider_does_not_allow_in_the_end_is_withheld(why_not: str, told
     ward.play()
     assert not ward.kept(blank=True)
     assert ward.withheld(DRIVES_MS)[told] >= 0.9 * DRIVING_COUNT
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_without_the_floor_there_is_no_second_look_and_nothing_is_kept_at_stops_either(*, keeps: bool) -> None:
+    """Who does not ask for more is told nothing of a floor."""
+    ward = Ward()
+    ward.mount, ward.keeps = None, keeps
+    ward.play()
+    assert bool(ward.kept(blank=False)) == (not keeps)
+    assert (ward.withheld()["no-ground"] >= 0.9 * DRIVES_MS // FRAME_MS) == keeps
+    assert ward.figures is not None
+    assert ward.figures.camera_height_m is None
 
 
 def test_without_odometry_nothing_is_kept_on_the_way() -> None:
