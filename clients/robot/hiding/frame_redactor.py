@@ -137,10 +137,10 @@ class FrameRedactor:
         self._forgot_ms = 0
 
     def use_focal_px(self, focal_px: float) -> None:
-        keeps = self._driving is not None and self._driving.keeps
-        self._hiders: list[Hider] = [StandingHider(self._background, focal_px, drives=keeps)]
+        drives = self._driving is not None
+        self._hiders: list[Hider] = [StandingHider(self._background, focal_px, drives=drives)]
         self._second_look: MovingHider | None = None
-        if self._driving is not None and keeps:
+        if self._driving is not None and self._driving.keeps:
             self._mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
         if self._mount is not None and self._motion is not None:
             shape = self._background.shape

@@ -352,3 +352,16 @@ def test_a_camera_whose_clock_is_set_back_has_no_place_from_before() -> None:
     redactor.push_frame(Frame(10_000, 1_000, EMPTY, received_at_ms=100_000))
     assert redactor._motion is not None
     assert redactor._motion.newest_ms is None
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_at_stops_a_robot_that_drives_shows_nobody_who_is_far_whether_it_keeps_people_on_the_way_or_not(
+    *, keeps: bool
+) -> None:
+    far, place = np.full((480, 640), 8_000, np.uint16), RobotPlace(0)
+    depth = far.copy()
+    depth[159:317, 295:346] = 5_600
+    redactor = FrameRedactor(learn_background([far] * 3), driving=DrivingCamera(keeps=keeps))
+    found = redactor._hiders[0].find_people(depth, place, 0)
+    assert found is not None
+    assert [one.withhold_reason for one in found.silhouettes] == ["out-of-range"]
