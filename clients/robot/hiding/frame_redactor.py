@@ -143,9 +143,14 @@ class FrameRedactor:
         if self._driving is not None and self._driving.keeps:
             self._mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
         if self._mount is not None and self._motion is not None:
-            shape = self._background.shape
-            buffer_ms, motion = self._buffer_ms, self._motion
-            self._second_look = MovingHider(shape, focal_px, self._mount, buffer_ms=buffer_ms, motion=motion)
+            self._second_look = MovingHider(
+                self._background.shape,
+                focal_px,
+                self._mount,
+                buffer_ms=self._buffer_ms,
+                motion=self._motion,
+                sides=self._background.sides,
+            )
             self._hiders.append(self._second_look)
 
     def push_odometry(self, odometry: Odometry) -> None:

@@ -15,6 +15,8 @@ from clients.robot.sensing.sensor_events import Depth
 DRIVING_RANGE_MAX_M = 4.5
 """How far somebody is shown by a robot that drives: beyond, steps of depth are coarse."""
 
+EDGE_PX = 1  # of the reduced picture: so near its side somebody may be cut off
+
 
 class AskedLater(Protocol):
     """Whether a silhouette may be shown, asked once later frames have been seen too; and why not, empty if it may."""
@@ -61,3 +63,13 @@ class Hider(Protocol):
 def in_odometry(silhouette: Silhouette, place: RobotPlace) -> Silhouette:
     x_m, z_m = place.to_odometry(silhouette.x_m, silhouette.z_m)
     return replace(silhouette, x_m=x_m, z_m=z_m)
+
+
+def is_cut_off(box: tuple[int, int, int, int], sides: tuple[int, int], step_px: int) -> bool:
+    """Tell whether the picture's side may cut somebody off.
+
+    `box`: x, y, width, height where one of `step_px` columns is looked at. `sides`: the outermost measured columns.
+    """
+    left, _, width, _ = box
+    first, last = -(-sides[0] // step_px), sides[1] // step_px
+    return left <= first + EDGE_PX or left + width > last - EDGE_PX

@@ -12,7 +12,7 @@ import numpy as np
 
 from clients.robot.hiding.companion import Table, Trees, trees_of
 from clients.robot.hiding.cutouts import encode_cutout
-from clients.robot.hiding.hider import DRIVING_RANGE_MAX_M, AskedLater, FoundPeople
+from clients.robot.hiding.hider import DRIVING_RANGE_MAX_M, AskedLater, FoundPeople, is_cut_off
 from clients.robot.hiding.moving.blank_cutouts import cut_body
 from clients.robot.hiding.moving.body_cues import BODY_CUES, Body, measure_bodies
 from clients.robot.hiding.moving.ground_plane import Ground
@@ -37,7 +37,6 @@ FREE_M = 0.3  # in plan, around a body that is shown
 NEARER_PX = 8
 CRUMBS_MIN_PX = 3  # of quarter resolution
 BEHIND_MM = 350
-EDGE_PX = 1
 GROUND_LOST_MAX_COUNT = 10
 SAME_BODY_M = 0.6  # between where two ways of hiding see somebody
 ODOMETRY = "odometry"  # why a frame is not shown: the camera saw another motion
@@ -138,7 +137,7 @@ def shipped_models() -> Models:
 
 class MovingHider:
     """Fits wherever the robot's place is known. `buffer_ms`: so long before and after, frames speak for and against a
-    picture.
+    picture. `sides`: the outermost columns that the camera measures; None: all.
     """
 
     is_blank = True
@@ -152,9 +151,11 @@ class MovingHider:
         buffer_ms: int,
         motion: OwnMotion,
         models: Models | None = None,
+        sides: tuple[int, int] | None = None,
     ) -> None:
         self._plan = PlanView(shape, focal_px, mount)
         self._focal_px = focal_px
+        self._sides = sides or (0, shape[1] - 1)
         self._buffer_ms = buffer_ms
         self._models = models or shipped_models()
         self._rule = ReleaseRule()
@@ -201,7 +202,7 @@ class MovingHider:
         sighted = [self._sight(body, view, place) for body in bodies]
         seen = []
         for body, one, number in zip(bodies, sighted, self._rule.step(sighted, at_ms), strict=True):
-            obstacle = "no-ground" if lost else _obstacle(view, body, one.person)
+            obstacle = "no-ground" if lost else _obstacle(view, body, one.person, self._sides)
             seen.append(SeenBody(body, number, one, self._models.thing.log_odds(body.cues), obstacle))
         return view, seen
 
@@ -216,13 +217,12 @@ class MovingHider:
         return Sighted(*place.to_odometry(body.x_m, body.z_m), body.z_m, person, alone)
 
 
-def _obstacle(view: LevelView, body: Body, person_odds: float) -> str:
+def _obstacle(view: LevelView, body: Body, person_odds: float, sides: tuple[int, int]) -> str:
     if person_odds <= NEAR_MIN_LOG_ODDS:
         return "unverified"
     if not RANGE_M[0] <= body.range_m <= RANGE_M[1] or body.nearest_m < RANGE_M[0] - 0.3:
         return "out-of-range"
-    left, _, width, _ = body.box
-    if left <= EDGE_PX or left + width >= view.depth.shape[1] - EDGE_PX:
+    if is_cut_off(body.box, sides, STEP_PX):
         return "cut-off"
     return _beside(view, body)
 
