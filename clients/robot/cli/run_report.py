@@ -206,7 +206,7 @@ def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
 
 def _keeping_lines(driving: DrivingFigures) -> Iterator[str]:
     if driving.camera_height_m is None:
-        yield "The empty scene shows no floor: without it, nothing is kept while the robot drives. Record one that does."
+        yield "The empty scene shows no floor: without it nothing is kept, not even at stops. Record one that does."
         return
     yield (
         f"Without the empty scene (as while it drove): {_count_of(driving.frames, 'frame')}, {driving.kept} kept, which "

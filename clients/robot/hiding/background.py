@@ -19,6 +19,7 @@ UNSEEN_MM = 12_000  # where the camera never measured anything, all that it meas
 THRESHOLD_MIN_MM = 90.0
 SIGMA_FACTOR = 4.5
 STEADY_SHARE = 0.3
+COLUMN_MIN_SHARE = 0.25  # of what the middle one of all columns measures: with less it is outside, but for stray pixels
 PNG_LEVEL = 1
 # A person is nearer than the empty scene. Where this share of a frame is farther than it, the scene is another one: the
 # robot has moved or was turned. An open door near by reaches 2 %, a mirror-like floor 0.4 %.
@@ -39,6 +40,13 @@ class Background:
     @property
     def shape(self) -> tuple[int, int]:
         return (self.depth.shape[0], self.depth.shape[1])
+
+    @property
+    def sides(self) -> tuple[int, int]:
+        """The outermost columns that the camera measures: stereo and registered depth leave out some."""
+        counts = np.count_nonzero(self.depth != UNSEEN_MM, axis=0)
+        measured = np.flatnonzero(counts >= COLUMN_MIN_SHARE * np.median(counts))
+        return int(measured[0]), int(measured[-1])
 
 
 def learn_background(frames: Sequence[Depth]) -> Background:

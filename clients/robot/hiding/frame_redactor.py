@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from clients.robot.hiding.background import Background
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.flying_pixels import drop_flying_pixels
-from clients.robot.hiding.hider import FoundPeople, Hider
+from clients.robot.hiding.hider import AskedLater, FoundPeople, Hider
 from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
@@ -53,7 +53,7 @@ class KeptFrame:
     captured_at_ms: int
     alias: str
     cutout: EncodedCutout
-    alone: bool = False  # whether nobody else is in the picture, as far as the camera measures depth
+    alone: bool = False  # whether nobody else is in the picture, as far as the camera measures depth; blank: not known
     evidence: MatchEvidence | None = None  # only where distances disagree with the camera's all the same
     form: SampleForm | None = None  # None: a depth frame of the camera
     blank: bool = False  # whether it shows the owner on nothing, not in the room
@@ -85,7 +85,7 @@ class _Seen:
     disordered: bool = False
     moved: bool = False
     blank: bool = False
-    may_show: dict[int, Callable[[], bool]] = field(default_factory=dict)
+    may_show: dict[int, AskedLater] = field(default_factory=dict)
 
     @property
     def tracks(self) -> tuple[int, ...]:
@@ -137,15 +137,20 @@ class FrameRedactor:
         self._forgot_ms = 0
 
     def use_focal_px(self, focal_px: float) -> None:
-        keeps = self._driving is not None and self._driving.keeps
-        self._hiders: list[Hider] = [StandingHider(self._background, focal_px, drives=keeps)]
+        drives = self._driving is not None
+        self._hiders: list[Hider] = [StandingHider(self._background, focal_px, drives=drives)]
         self._second_look: MovingHider | None = None
-        if self._driving is not None and keeps:
+        if self._driving is not None and self._driving.keeps:
             self._mount = self._driving.mount or measure_mount(camera_points(self._background.depth, focal_px))
         if self._mount is not None and self._motion is not None:
-            shape = self._background.shape
-            buffer_ms, motion = self._buffer_ms, self._motion
-            self._second_look = MovingHider(shape, focal_px, self._mount, buffer_ms=buffer_ms, motion=motion)
+            self._second_look = MovingHider(
+                self._background.shape,
+                focal_px,
+                self._mount,
+                buffer_ms=self._buffer_ms,
+                motion=self._motion,
+                sides=self._background.sides,
+            )
             self._hiders.append(self._second_look)
 
     def push_odometry(self, odometry: Odometry) -> None:
@@ -237,9 +242,16 @@ class FrameRedactor:
                     self._motion.confirm(at_ms)
                 if self._second_look is not None and place is not None and not hider.is_blank:
                     found = self._second_look.look_again(found, depth, place, at_ms)
+                elif self._lacks_floor:
+                    found = found.withhold_all(WithholdReason.NO_GROUND)
                 self._follow(seen, found)
                 return
         seen.moved = True
+
+    @property
+    def _lacks_floor(self) -> bool:
+        """Without the floor there is no second look at whom the first way finds."""
+        return self._driving is not None and self._driving.keeps and self._mount is None
 
     def _may_be_home(self, place: RobotPlace | None) -> bool:
         """A robot that drives towards a wall sees nothing that its empty scene does not explain."""
@@ -339,12 +351,13 @@ class FrameRedactor:
         number = self.matcher.bound_track(alias, seen.tracks)
         reason: WithholdReason | None = None
         if number is not None and number in seen.cutouts:
-            may_show = seen.may_show.get(number)
-            if may_show is not None and not due:
+            later = seen.may_show.get(number)
+            if later is not None and not due:
                 return None
-            if may_show is None or may_show():
+            why_not = "" if later is None else later.why_not()
+            if not why_not:
                 return self._keep(alias, seen, number)
-            reason = WithholdReason.UNVERIFIED
+            reason = WithholdReason(why_not) if why_not in list(WithholdReason) else WithholdReason.UNVERIFIED
         elif seen.disordered:
             reason = WithholdReason.DISORDERED
         elif seen.moved:
@@ -361,13 +374,13 @@ class FrameRedactor:
         evidence: MatchEvidence | MergedEvidence | None = None
         if reason is WithholdReason.AMBIGUOUS:
             evidence = self.matcher.explain(alias, seen.tracks)
-        elif reason is WithholdReason.MERGED:
-            evidence = seen.company
+        elif reason is WithholdReason.MERGED and number is None:
+            evidence = seen.company  # of others, if it is known who is the owner
         return WithheldFrame(seen.sequence, seen.captured_at_ms, alias, reason, evidence)
 
     def _keep(self, alias: str, seen: _Seen, number: int) -> KeptFrame:
         self._blank_kept_count += seen.blank
-        alone = len(seen.tracks) == 1 and not seen.merged and not seen.stray
+        alone = not seen.blank and len(seen.tracks) == 1 and not seen.merged and not seen.stray
         evidence_found = self.matcher.explain(alias, (number,))
         off = evidence_found if evidence_found is not None and evidence_found.is_off else None
         return KeptFrame(seen.sequence, seen.captured_at_ms, alias, seen.cutouts[number], alone, off, blank=seen.blank)

@@ -9,13 +9,11 @@ import numpy as np
 from clients.robot.hiding.background import Background, fits
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cutouts import extract_encoded_cutout
-from clients.robot.hiding.hider import DRIVING_RANGE_MAX_M, FoundPeople, in_odometry
+from clients.robot.hiding.hider import DRIVING_RANGE_MAX_M, FoundPeople, in_odometry, is_cut_off
 from clients.robot.hiding.own_motion import RobotPlace
 from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Segmented, Silhouette, segment
 from clients.robot.hiding.withhold_reason import WithholdReason
 from clients.robot.sensing.sensor_events import Depth
-
-EDGE_PX = 1  # of half resolution
 
 
 class StandingHider:
@@ -31,6 +29,7 @@ class StandingHider:
         self._background = background
         self._focal_px = focal_px
         self._drives = drives
+        self._sides = background.sides
         self._companions = CompanionWatch()
 
     def find_people(self, depth: Depth, place: RobotPlace | None, at_ms: int) -> FoundPeople | None:
@@ -39,7 +38,7 @@ class StandingHider:
         segmented = segment(depth, self._background, self._focal_px)
         found = self._companions.step(segmented.silhouettes, at_ms)
         if self._drives:
-            found = tuple(_as_on_the_way(silhouette, depth.shape[1] // 2) for silhouette in found)
+            found = tuple(_as_on_the_way(silhouette, self._sides) for silhouette in found)
         if place is not None:
             found = tuple(in_odometry(silhouette, place) for silhouette in found)
         return FoundPeople(
@@ -52,13 +51,12 @@ class StandingHider:
         self._companions = CompanionWatch()
 
 
-def _as_on_the_way(silhouette: Silhouette, half_width: int) -> Silhouette:
-    left, _, width, _ = silhouette.box
+def _as_on_the_way(silhouette: Silhouette, sides: tuple[int, int]) -> Silhouette:
     if silhouette.withhold_reason:
         return silhouette
     if silhouette.range_m > DRIVING_RANGE_MAX_M:
         return replace(silhouette, withhold_reason=str(WithholdReason.OUT_OF_RANGE))
-    if left <= EDGE_PX or left + width >= half_width - EDGE_PX:
+    if is_cut_off(silhouette.box, sides, 2):
         return replace(silhouette, withhold_reason=str(WithholdReason.CUT_OFF))
     return silhouette
 

@@ -34,7 +34,7 @@ class WithholdReason(StrEnum):
     UNVERIFIED = "unverified"  # while driving: it is not sure enough that it is one person and nothing else
     CUT_OFF = "cut-off"  # by the picture's side
     OUT_OF_RANGE = "out-of-range"
-    NO_GROUND = "no-ground"  # the floor is not where the camera's mount says
+    NO_GROUND = "no-ground"  # the floor is not where the camera's mount says, or not in the empty scene
     NOT_ALONE = "not-alone"  # for what cannot be cut down to one person
     NOT_MATCHED = "not-matched"  # the same, when nobody in the picture is known to be them
     NO_ROOM = "no-room"  # there was no memory for it until it was known whose it is

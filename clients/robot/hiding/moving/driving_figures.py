@@ -19,6 +19,9 @@ class DrivingFigures(Answer, frozen=True, kw_only=True):
         Count, doc("Readings that bound nobody: it was not known whether the robot stood then")
     ]
     camera_height_m: Annotated[
-        float | None, doc("Of the camera above the floor; null if the empty scene shows no floor: then none is kept")
+        float | None,
+        doc(
+            "Of the camera above the floor; null without `keep`, or if the empty scene shows no floor: then none is kept"
+        ),
     ]
     camera_pitch_deg: Annotated[float | None, doc("How far the camera looks down, in degrees; null as above")]

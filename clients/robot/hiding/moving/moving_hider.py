@@ -12,7 +12,7 @@ import numpy as np
 
 from clients.robot.hiding.companion import Table, Trees, trees_of
 from clients.robot.hiding.cutouts import encode_cutout
-from clients.robot.hiding.hider import DRIVING_RANGE_MAX_M, AskedLater, FoundPeople
+from clients.robot.hiding.hider import DRIVING_RANGE_MAX_M, AskedLater, FoundPeople, is_cut_off
 from clients.robot.hiding.moving.blank_cutouts import cut_body
 from clients.robot.hiding.moving.body_cues import BODY_CUES, Body, measure_bodies
 from clients.robot.hiding.moving.ground_plane import Ground
@@ -37,7 +37,6 @@ FREE_M = 0.3  # in plan, around a body that is shown
 NEARER_PX = 8
 CRUMBS_MIN_PX = 3  # of quarter resolution
 BEHIND_MM = 350
-EDGE_PX = 1
 GROUND_LOST_MAX_COUNT = 10
 SAME_BODY_M = 0.6  # between where two ways of hiding see somebody
 ODOMETRY = "odometry"  # why a frame is not shown: the camera saw another motion
@@ -122,6 +121,11 @@ class _SecondLook(AskedLater):
         return "merged" if self.rule.speaks_for_two(self.followed, self.at_ms, self.buffer_ms) else ""
 
 
+class _NotFound(AskedLater):
+    def why_not(self) -> str:
+        return "unverified"
+
+
 @lru_cache(maxsize=1)
 def shipped_models() -> Models:
     def load(name: str) -> Trees:
@@ -133,7 +137,7 @@ def shipped_models() -> Models:
 
 class MovingHider:
     """Fits wherever the robot's place is known. `buffer_ms`: so long before and after, frames speak for and against a
-    picture.
+    picture. `sides`: the outermost columns that the camera measures; None: all.
     """
 
     is_blank = True
@@ -147,9 +151,11 @@ class MovingHider:
         buffer_ms: int,
         motion: OwnMotion,
         models: Models | None = None,
+        sides: tuple[int, int] | None = None,
     ) -> None:
         self._plan = PlanView(shape, focal_px, mount)
         self._focal_px = focal_px
+        self._sides = sides or (0, shape[1] - 1)
         self._buffer_ms = buffer_ms
         self._models = models or shipped_models()
         self._rule = ReleaseRule()
@@ -172,7 +178,9 @@ class MovingHider:
         )
 
     def look_again(self, found: FoundPeople, depth: Depth, place: RobotPlace, at_ms: int) -> FoundPeople:
-        """Return whom another way found in that frame; who looks like two people here is not to be shown."""
+        """Return whom another way found in that frame; who looks like two people here is not to be shown, nor who is no
+        body by itself: they may touch something, and somebody else with it.
+        """
         _, seen = self.look(depth, place, at_ms)
         may_show: dict[int, AskedLater] = {}
         for one in found.silhouettes:
@@ -181,8 +189,9 @@ class MovingHider:
                 for body in seen
             ]
             near_m, followed = min(away, default=(np.inf, 0))
-            if near_m <= SAME_BODY_M:
-                may_show[one.label] = _SecondLook(self._rule, followed, at_ms, self._buffer_ms)
+            found_too = near_m <= SAME_BODY_M
+            look = _SecondLook(self._rule, followed, at_ms, self._buffer_ms) if found_too else _NotFound()
+            may_show[one.label] = look
         return replace(found, may_show=may_show)
 
     def look(self, depth: Depth, place: RobotPlace, at_ms: int) -> tuple[LevelView, list[SeenBody]]:
@@ -193,7 +202,7 @@ class MovingHider:
         sighted = [self._sight(body, view, place) for body in bodies]
         seen = []
         for body, one, number in zip(bodies, sighted, self._rule.step(sighted, at_ms), strict=True):
-            obstacle = "no-ground" if lost else _obstacle(view, body, one.person)
+            obstacle = "no-ground" if lost else _obstacle(view, body, one.person, self._sides)
             seen.append(SeenBody(body, number, one, self._models.thing.log_odds(body.cues), obstacle))
         return view, seen
 
@@ -208,13 +217,12 @@ class MovingHider:
         return Sighted(*place.to_odometry(body.x_m, body.z_m), body.z_m, person, alone)
 
 
-def _obstacle(view: LevelView, body: Body, person_odds: float) -> str:
+def _obstacle(view: LevelView, body: Body, person_odds: float, sides: tuple[int, int]) -> str:
     if person_odds <= NEAR_MIN_LOG_ODDS:
         return "unverified"
     if not RANGE_M[0] <= body.range_m <= RANGE_M[1] or body.nearest_m < RANGE_M[0] - 0.3:
         return "out-of-range"
-    left, _, width, _ = body.box
-    if left <= EDGE_PX or left + width >= view.depth.shape[1] - EDGE_PX:
+    if is_cut_off(body.box, sides, STEP_PX):
         return "cut-off"
     return _beside(view, body)
 

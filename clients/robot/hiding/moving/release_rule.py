@@ -60,6 +60,7 @@ class Sighted:
 class _Followed:
     x_m: float
     z_m: float
+    began_ms: int  # what is older was taken over: it was not they who were seen then
     times: list[int] = field(default_factory=list)
     places: list[tuple[float, float]] = field(default_factory=list)
     person: list[float] = field(default_factory=list)
@@ -88,7 +89,7 @@ class ReleaseRule:
             if number is None:
                 self._count += 1
                 number = self._count
-                self._followed[number] = self._begin(body, live)
+                self._followed[number] = self._begin(body, live, at_ms)
             numbers.append(number)
         for number, body in zip(numbers, bodies, strict=True):
             one = self._followed[number]
@@ -134,13 +135,14 @@ class ReleaseRule:
         for other, one in self._followed.items():
             if other == number:
                 continue
-            after = bisect_left(one.times, at_ms)
+            own = bisect_left(one.times, one.began_ms)
+            after = max(own, bisect_left(one.times, at_ms))
             if after < len(one.times) and one.times[after] == at_ms:
                 continue
             for near in (after - 1, after):
-                if not 0 <= near < len(one.times) or abs(one.times[near] - at_ms) > UNSEEN_MS:
+                if not own <= near < len(one.times) or abs(one.times[near] - at_ms) > UNSEEN_MS:
                     continue
-                likely = max(one.person[max(0, near - 2) : near + 3]) > SOMEBODY_MIN_LOG_ODDS
+                likely = max(one.person[max(own, near - 2) : near + 3]) > SOMEBODY_MIN_LOG_ODDS
                 if likely and _could_be_near(one, near, place, at_ms):
                     return True
         return False
@@ -155,9 +157,9 @@ class ReleaseRule:
             if not one.times:
                 del self._followed[number]
 
-    def _begin(self, body: Sighted, live: dict[int, _Followed]) -> _Followed:
+    def _begin(self, body: Sighted, live: dict[int, _Followed], at_ms: int) -> _Followed:
         near = [one for one in live.values() if np.hypot(one.x_m - body.x_m, one.z_m - body.z_m) <= SPLIT_M]
-        new = _Followed(body.x_m, body.z_m)
+        new = _Followed(body.x_m, body.z_m, at_ms)
         if near:
             worst = min(near, key=lambda one: min(*one.person, *one.alone))
             new.times, new.places = list(worst.times), list(worst.places)
@@ -168,7 +170,7 @@ class ReleaseRule:
 def _could_be_near(one: _Followed, seen: int, place: tuple[float, float], at_ms: int) -> bool:
     """Tell whether a body, as it moved when it was seen, could be close to a place at another time."""
     span_ms = -SPEED_MS if one.times[seen] < at_ms else SPEED_MS
-    other = min(bisect_left(one.times, one.times[seen] + span_ms), len(one.times) - 1)
+    other = min(bisect_left(one.times, max(one.began_ms, one.times[seen] + span_ms)), len(one.times) - 1)
     (x_m, z_m), (x0_m, z0_m) = one.places[seen], one.places[other]
     away_s = (at_ms - one.times[seen]) / 1000
     share = (at_ms - one.times[seen]) / (one.times[seen] - one.times[other]) if other != seen else 0.0

@@ -78,3 +78,19 @@ def test_a_small_camera_that_was_turned_does_not_know_the_scene_again() -> None:
     background = learned(renderer)
     assert fits(background, renderer.frame(5))
     assert not fits(background, renderer.frame(55))
+
+
+@pytest.mark.parametrize(
+    ("measured", "sides"),
+    [
+        (slice(0, 80), (0, 79)),
+        (slice(7, 75), (7, 74)),
+        (slice(0, 0), (0, 79)),  # hardly anything: nothing is known of its sides
+    ],
+)
+def test_the_sides_are_the_outermost_columns_that_the_camera_measures(measured: slice, sides: tuple[int, int]) -> None:
+    empty = np.zeros((60, 80), np.uint16)
+    empty[:, measured] = 3_000
+    empty[30, 3] = 3_000  # a stray pixel is no column
+    empty[:40, 10:20] = 0  # a window near the side, with the floor before it
+    assert learn_background([empty] * 3).sides == sides

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ import pytest
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cutouts import EncodedCutout
 from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output, WithheldFrame
-from clients.robot.hiding.hider import FoundPeople, in_odometry
+from clients.robot.hiding.hider import AskedLater, FoundPeople, in_odometry
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera
+from clients.robot.hiding.moving.release_rule import Doubt
 from clients.robot.hiding.own_motion import SPOT_M, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.hiding.standing_readings import UNKNOWN_MAX_MS
@@ -26,6 +28,14 @@ FRAME_MS, ODOMETRY_MS, READING_MS = 100, 50, 500
 DRIVES_MS, ENDS_MS = 10_000, 18_000
 SPEED_MPS = 0.4
 EMPTY = np.full(SHAPE, 3_000, np.uint16)
+
+
+@dataclass(frozen=True)
+class _Later(AskedLater):
+    reason: str
+
+    def why_not(self) -> str:
+        return self.reason
 
 
 class ScriptedHider:
@@ -55,7 +65,8 @@ class ScriptedHider:
                 right_m=x_m,
             )
             found.append(one if place is None else in_odometry(one, place))
-        may_show = {one.label: self._ward.may_show for one in found} if self.is_blank else {}
+        later = _Later(self._ward.why_not)
+        may_show: dict[int, AskedLater] = {one.label: later for one in found} if self.is_blank else {}
         return FoundPeople(tuple(found), False, lambda one: EncodedCutout(one.label, 0, 1, 1, b""), may_show)
 
     def restart(self) -> None: ...
@@ -76,21 +87,20 @@ class Ward:
         self.odometry_late_ms = 0
         self.fits_everywhere = False
         self.keeps = True
+        self.mount: Ground | None = Ground.of_mount(1.2, 0.0)
         self.heard_from_ms = 0
         self.heard_ms: frozenset[int] | None = None  # only then; None: twice a second
         self.hidden_ms = range(0)
         self.confirms = False  # whether the camera agrees with the odometry also away from the empty scene
-        self.allowed = True
+        self.why_not = ""  # is not shown in the end who was found without the empty scene
         self.outputs: list[Output] = []
 
-    def may_show(self) -> bool:
-        return self.allowed
-
     def play(self) -> Ward:
-        camera = DrivingCamera(Ground.of_mount(1.2, 0.0), keeps=self.keeps)
+        camera = DrivingCamera(self.mount, keeps=self.keeps)
         redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=camera)
-        blank = [ScriptedHider(self, is_blank=True)] if self.keeps else []
+        blank = [ScriptedHider(self, is_blank=True)] if self.keeps and self.mount is not None else []
         redactor._hiders = [ScriptedHider(self, is_blank=False), *blank]
+        redactor._second_look = None  # it would look into the frames, and in these is nobody
         for at_ms in range(0, ENDS_MS, ODOMETRY_MS):
             place = self.odometry(at_ms - self.odometry_late_ms)
             if place is not None:
@@ -127,6 +137,15 @@ def test_who_was_known_when_the_robot_stood_is_kept_on_the_way_without_the_room(
     assert all(kept.captured_at_ms < DRIVES_MS for kept in ward.kept(blank=False))
 
 
+def test_nobody_counts_as_alone_on_the_way_where_only_bodies_are_looked_for() -> None:
+    """Who is too far, low or broad for a body of one person is not seen there, but heard, and in a whole picture."""
+    ward = Ward().play()
+    assert ward.kept(blank=True)
+    assert ward.kept(blank=False)
+    assert not any(kept.alone for kept in ward.kept(blank=True))
+    assert all(kept.alone for kept in ward.kept(blank=False))
+
+
 def test_nobody_is_bound_by_readings_that_came_while_the_robot_drove() -> None:
     ward = Ward()
     ward.heard_from_ms = DRIVES_MS + 1_000
@@ -135,12 +154,27 @@ def test_nobody_is_bound_by_readings_that_came_while_the_robot_drove() -> None:
     assert set(ward.withheld(DRIVES_MS + 1_000)) == {"moved"}
 
 
-def test_what_the_hider_does_not_allow_in_the_end_is_withheld() -> None:
+@pytest.mark.parametrize(
+    ("why_not", "told"), [(str(Doubt.HIDDEN), "unverified"), ("unverified", "unverified"), ("merged", "merged")]
+)
+def test_what_the_hider_does_not_allow_in_the_end_is_withheld(why_not: str, told: str) -> None:
     ward = Ward()
-    ward.allowed = False
+    ward.why_not = why_not
     ward.play()
     assert not ward.kept(blank=True)
-    assert ward.withheld(DRIVES_MS)["unverified"] >= 0.9 * DRIVING_COUNT
+    assert ward.withheld(DRIVES_MS)[told] >= 0.9 * DRIVING_COUNT
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_without_the_floor_there_is_no_second_look_and_nothing_is_kept_at_stops_either(*, keeps: bool) -> None:
+    """Who does not ask for more is told nothing of a floor."""
+    ward = Ward()
+    ward.mount, ward.keeps = None, keeps
+    ward.play()
+    assert bool(ward.kept(blank=False)) == (not keeps)
+    assert (ward.withheld()["no-ground"] >= 0.9 * DRIVES_MS // FRAME_MS) == keeps
+    assert ward.figures is not None
+    assert ward.figures.camera_height_m is None
 
 
 def test_without_odometry_nothing_is_kept_on_the_way() -> None:
@@ -318,3 +352,16 @@ def test_a_camera_whose_clock_is_set_back_has_no_place_from_before() -> None:
     redactor.push_frame(Frame(10_000, 1_000, EMPTY, received_at_ms=100_000))
     assert redactor._motion is not None
     assert redactor._motion.newest_ms is None
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_at_stops_a_robot_that_drives_shows_nobody_who_is_far_whether_it_keeps_people_on_the_way_or_not(
+    *, keeps: bool
+) -> None:
+    far, place = np.full((480, 640), 8_000, np.uint16), RobotPlace(0)
+    depth = far.copy()
+    depth[159:317, 295:346] = 5_600
+    redactor = FrameRedactor(learn_background([far] * 3), driving=DrivingCamera(keeps=keeps))
+    found = redactor._hiders[0].find_people(depth, place, 0)
+    assert found is not None
+    assert [one.withhold_reason for one in found.silhouettes] == ["out-of-range"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from clients.robot.hiding.moving.release_rule import KEPT_MS, Doubt, ReleaseRule, Sighted
 
 BUFFER_MS = 10_000
@@ -88,20 +90,40 @@ def test_a_frame_in_which_it_was_not_seen_or_that_is_forgotten_is_not_shown() ->
     assert not allows(rule, 1, 100, BUFFER_MS)
 
 
-def test_who_is_seen_close_by_before_or_after_may_be_hidden_behind_in_between() -> None:
+@pytest.mark.parametrize("apart_m", [0.6, 0.9])
+def test_who_is_seen_close_by_before_or_after_may_be_hidden_behind_in_between(apart_m: float) -> None:
     rule = ReleaseRule()
     for step in range(60):
-        other = [] if 20 <= step < 40 else [body(x_m=0.8, z_m=3.4)]
+        other = [] if 20 <= step < 40 else [body(x_m=apart_m)]
         first = rule.step([body(), *other], step * 100)[0]
     allowed = [step for step in range(60) if allows(rule, first, step * 100, BUFFER_MS)]
     assert allowed == [step for step in range(60) if not 20 <= step < 40]
     assert rule.why_not(first, 3_000, BUFFER_MS) is Doubt.HIDDEN
 
 
+@pytest.mark.parametrize("apart_m", [0.6, 0.9])
+def test_who_comes_into_sight_close_by_may_have_been_hidden_behind(apart_m: float) -> None:
+    """Also so close that they take over the other's doubts: that does not say that they were seen."""
+    rule = ReleaseRule()
+    for step in range(60):
+        other = [body(x_m=apart_m)] if step >= 40 else []
+        first = rule.step([body(), *other], step * 100)[0]
+    assert {rule.why_not(first, step * 100, BUFFER_MS) for step in range(20, 34)} == {Doubt.HIDDEN}
+    assert all(allows(rule, first, step * 100, BUFFER_MS) for step in (*range(20), *range(40, 60)))
+
+
 def test_furniture_that_is_passed_close_by_hides_nobody() -> None:
     rule = ReleaseRule()
     for step in range(60):
         other = [] if 20 <= step < 40 else [body(x_m=0.8, z_m=3.4, person=-6.0)]
+        first = rule.step([body(), *other], step * 100)[0]
+    assert all(allows(rule, first, step * 100, BUFFER_MS) for step in range(60))
+
+
+def test_furniture_that_comes_into_sight_close_by_hid_nobody() -> None:
+    rule = ReleaseRule()
+    for step in range(60):
+        other = [body(x_m=0.6, person=-6.0)] if step >= 40 else []
         first = rule.step([body(), *other], step * 100)[0]
     assert all(allows(rule, first, step * 100, BUFFER_MS) for step in range(60))
 
