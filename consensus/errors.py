@@ -178,7 +178,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("VISIT_NOT_OPEN", 409, "The chain knows no open visit of this robot under the clip's owner key.", "Open the visit and wait until that is final, then upload.", retryable=True),
     ErrorEntry("EMPTY_FRAME_NOT_APPROVED", 403, "Nobody of the robot's organisation has approved the empty frame on the chain, or it was withdrawn.", "Look at the frames: is nobody in them? Then an admin says `blockrobot frames approve FOLDER --as ORG`; on a network for trials the robot's own `--approve-as ORG` does it."),
     ErrorEntry("EMPTY_FRAME_WITHDRAWN", 404, "The empty frame was withdrawn: no robot may publish it any more.", "Nothing is to be done: what was recorded on it is shown without the room."),
-    ErrorEntry("ROOM_NOT_RECORDED", 404, "The robot was driving, and could not tell the room from people in it.", "Nothing is to be done: distances and outlines are as they were measured."),
+    ErrorEntry("ROOM_NOT_RECORDED", 404, "The robot was away from where it knows the room, and could not tell the room from people in it.", "Nothing is to be done: distances and outlines are as they were measured."),
     ErrorEntry("BACKGROUND_NOT_A_PICTURE", 400, "The empty frame is no depth picture: a greyscale PNG of 16 bits.", "Record it with `blockrobot robot background record`."),
     ErrorEntry("UPLOAD_INVALID", 400, "The upload is incomplete or too large.", "Build it with the robot client of the same version."),
     ErrorEntry("CLIP_NOT_CONFIRMED", 409, "The clip's record is not final yet.", "Try again in a second.", retryable=True),

@@ -183,6 +183,9 @@ def _focal_lines(camera: CameraFigures) -> Iterator[str]:
         )
 
 
+_ONLY_AT_HOME = "Away from where the empty scene was recorded, its camera cannot tell that, as set up in this run. "
+
+
 def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
     if driving is not None and not driving.places:
         yield (
@@ -192,8 +195,9 @@ def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
         return
     if driving is not None and driving.unplaced_readings:
         yield (
-            f"{_count_of(driving.unplaced_readings, 'reading')} bound nobody: no odometry told in time whether the robot "
-            "stood then."
+            f"{_count_of(driving.unplaced_readings, 'reading')} bound nobody: it was not known in time whether the robot "
+            f"stood then. {'' if driving.camera_height_m is not None else _ONLY_AT_HOME}It takes a place of odometry every "
+            "quarter of a second."
         )
     if driving is not None and driving.keep:
         yield from _keeping_lines(driving)

@@ -10,6 +10,7 @@ from clients.robot.sensing.sensor_events import Odometry
 from clients.robot.sources.messages.field_map import header_ms
 from clients.robot.sources.messages.image_decoding import refuse
 from clients.robot.sources.messages.topics import OdometryTopic
+from consensus.visible_text import printable
 
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOMETRY_TYPES = (ODOMETRY_TYPE, *TRANSFORM_TYPES)
@@ -40,9 +41,11 @@ def frames_of(message: Any) -> tuple[str, str]:
 
 
 def _check_frames(topic: OdometryTopic, content: Any) -> None:
-    for wanted, found in zip((topic.parent, topic.child), frames_of(content), strict=True):
-        if wanted and _name(wanted) != found:
-            raise refuse("frame", "The odometry is of another frame than the topics file names.")
+    found = frames_of(content)
+    for wanted, name in zip((topic.parent, topic.child), found, strict=True):
+        if wanted and _name(wanted) != name:
+            told = " -> ".join(printable(name) for name in found)
+            raise refuse("frame", f"The odometry is of {told}; the topics file names {printable(wanted)}.")
 
 
 def _odometry(message: Any, position: Any, rotation: Any, came_ms: int, *, stamped: bool) -> Odometry:

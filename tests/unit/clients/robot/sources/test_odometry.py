@@ -95,6 +95,7 @@ def test_another_frame_is_refused_and_counted(tmp_path: Path) -> None:
     (refused,) = read(bag, topic="/odom", parent="odom")
     assert isinstance(refused, RefusedMessage)
     assert (refused.kind, refused.reason) == ("odometry", "frame")
+    assert "map -> base_link" in refused.detail
 
 
 @pytest.mark.parametrize("x", [math.nan, math.inf, 1e9])
