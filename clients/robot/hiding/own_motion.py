@@ -18,6 +18,7 @@ SPEED_MAX_MPS, TURN_MAX_RADPS = 2.5, math.radians(180)
 STANDS_MPS, STANDS_RADPS = 0.02, math.radians(1.0)
 STANDS_WITHIN_MS = 300
 SPOT_M, SPOT_RAD = 0.05, math.radians(2.0)  # a camera so close looks at the same scene
+FOLLOWED_M, FOLLOWED_RAD = 2 * SPOT_M, 2 * SPOT_RAD  # from where a spot began: what may be drift, not motion
 DOUBTS_MAX_COUNT = 1_000
 
 
@@ -42,8 +43,10 @@ class RobotPlace:
         )
 
     def is_same_spot(self, other: RobotPlace) -> bool:
-        away_m = math.hypot(self.x_m - other.x_m, self.z_m - other.z_m)
-        return away_m <= SPOT_M and abs(_turned(self, other)) <= SPOT_RAD
+        return self.is_within(other, SPOT_M, SPOT_RAD)
+
+    def is_within(self, other: RobotPlace, reach_m: float, reach_rad: float) -> bool:
+        return _away_m(self, other) <= reach_m and abs(_turned(self, other)) <= reach_rad
 
     def to_odometry(self, x_m: float, z_m: float) -> tuple[float, float]:
         """Return a place before the robot (right, ahead) in the odometry's frame."""
@@ -52,14 +55,18 @@ class RobotPlace:
 
 
 class Spot:
-    """A place that the robot was at, by odometry that drifts: it is followed for as long as the robot stands there."""
+    """A place that the robot was at, by odometry that drifts: it is followed while the robot stands there, but not far.
+
+    Who creeps or turns slower than what counts as motion would take it along.
+    """
 
     def __init__(self, place: RobotPlace) -> None:
-        self._place = self._seen = place
+        self._first = self._place = self._seen = place
 
     def holds(self, place: RobotPlace) -> bool:
         """Tell whether the robot is there. In time order."""
-        is_there, before, self._seen = place.is_same_spot(self._place), self._seen, place
+        is_near = place.is_within(self._first, FOLLOWED_M, FOLLOWED_RAD)
+        is_there, before, self._seen = is_near and place.is_same_spot(self._place), self._seen, place
         if is_there and _stands(before, place):
             self._place = place
         return is_there
@@ -154,6 +161,10 @@ class OwnMotion:
         return _stands(first, middle) and _stands(middle, last)  # who turns back is where they were, for a moment
 
 
+def _away_m(one: RobotPlace, other: RobotPlace) -> float:
+    return math.hypot(one.x_m - other.x_m, one.z_m - other.z_m)
+
+
 def _turned(before: RobotPlace, after: RobotPlace) -> float:
     """Radians, the shorter way round: many a robot wraps its angle."""
     return math.remainder(after.yaw - before.yaw, 2 * math.pi)
@@ -161,11 +172,11 @@ def _turned(before: RobotPlace, after: RobotPlace) -> float:
 
 def _stands(before: RobotPlace, after: RobotPlace) -> bool:
     seconds = max(after.at_ms - before.at_ms, 1) / 1000
-    moved = math.hypot(after.x_m - before.x_m, after.z_m - before.z_m) / seconds
+    moved = _away_m(before, after) / seconds
     return moved <= STANDS_MPS and abs(_turned(before, after)) / seconds <= STANDS_RADPS
 
 
 def _is_jump(before: RobotPlace, after: RobotPlace) -> bool:
     seconds = max(after.at_ms - before.at_ms, 20) / 1000
-    moved = math.hypot(after.x_m - before.x_m, after.z_m - before.z_m)
+    moved = _away_m(before, after)
     return moved > SPEED_MAX_MPS * seconds or abs(_turned(before, after)) > TURN_MAX_RADPS * seconds

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,10 +16,11 @@ from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output
 from clients.robot.hiding.hider import FoundPeople, in_odometry
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera
-from clients.robot.hiding.own_motion import SPOT_M, RobotPlace
+from clients.robot.hiding.own_motion import FOLLOWED_M, SPOT_M, OwnMotion, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
-from clients.robot.hiding.standing_readings import UNKNOWN_MAX_MS
+from clients.robot.hiding.standing_readings import UNKNOWN_MAX_MS, StandingReadings
 from clients.robot.matching.matcher import Matcher
+from clients.robot.matching.tracking import Track
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Odometry, Sighting
 
 SHAPE = (60, 80)
@@ -223,6 +225,51 @@ def test_a_robot_that_creeps_from_stop_to_stop_adds_nothing_up(monkeypatch: pyte
     ward.play()
     steps = ENDS_MS // 1_000
     assert len(begun) >= steps // 2 - 1
+
+
+def steadily_creeping_z(at_ms: int) -> float:
+    """Slower than what counts as standing."""
+    return 0.01 * at_ms / 1_000
+
+
+def test_a_robot_that_creeps_steadily_does_not_take_its_place_along() -> None:
+    ward = Ward()
+    ward.true_z, ward.fits_everywhere = steadily_creeping_z, True
+    ward.play()
+    left_ms = round(1_000 * FOLLOWED_M / 0.01)
+    assert ward.kept(blank=False)
+    assert all(kept.captured_at_ms <= left_ms for kept in ward.kept(blank=False))
+
+
+@pytest.mark.parametrize(
+    ("mps", "degrees_per_s", "right_m", "bearing_sigma_deg"),
+    [(0.01, 0.0, 1.7, None), (0.019, 0.0, 1.7, None), (0.0, 0.9, 0.6, 6.0)],
+)
+def test_a_robot_that_creeps_or_turns_steadily_binds_no_stranger(
+    mps: float, degrees_per_s: float, right_m: float, bearing_sigma_deg: float | None
+) -> None:
+    """Who wears the tag stands beside: distances and bearings of both change alike, by the robot's own motion."""
+    times = range(0, 44_000, FRAME_MS)
+    came, turned = [mps * at_ms / 1_000 for at_ms in times], [degrees_per_s * at_ms / 1_000 for at_ms in times]
+    for seed in range(3):
+        rng, motion, matcher = np.random.default_rng(seed), OwnMotion(), Matcher(drives=True)
+        for at_ms in range(0, times.stop + 1_000, ODOMETRY_MS):
+            motion.add(RobotPlace(at_ms, 0.0, mps * at_ms / 1_000, math.radians(degrees_per_s * at_ms / 1_000)))
+        ranges, bearings = [3.0 - z_m for z_m in came], [-yaw for yaw in turned]
+        matcher.add_track(Track(1, 0, times[-1], 0.0, 3.0, times=list(times), ranges=ranges, bearings=bearings))
+        readings = StandingReadings(motion)
+        for at_ms, z_m, yaw in zip(times, came, turned, strict=True):
+            distance_m = math.hypot(2.9 - z_m, right_m) + float(rng.normal(0, 0.15))
+            bearing_deg = math.degrees(math.atan2(right_m, 2.9 - z_m)) - yaw + float(rng.normal(0, 5.0))
+            heard = Sighting(at_ms, at_ms, "", 1, Facing.UNKNOWN, -50.0, distance_m, 0.15)
+            if bearing_sigma_deg is not None:
+                heard = replace(heard, bearing_deg=bearing_deg, bearing_sigma_deg=bearing_sigma_deg)
+            if at_ms % READING_MS == 0:
+                readings.push("owner", heard)
+            motion.confirm(at_ms)
+            readings.weigh(matcher, at_ms)
+            matcher.advance(at_ms)
+            assert matcher.bound_track("owner", [1]) is None
 
 
 def test_readings_after_the_odometry_broke_off_wait_no_longer_than_their_time() -> None:
