@@ -19,6 +19,7 @@ STANDS_MPS, STANDS_RADPS = 0.02, math.radians(1.0)
 STANDS_WITHIN_MS = 300
 SPOT_M, SPOT_RAD = 0.05, math.radians(2.0)  # a camera so close looks at the same scene
 FOLLOWED_M, FOLLOWED_RAD = 2 * SPOT_M, 2 * SPOT_RAD  # from where a spot began: what may be drift, not motion
+AWAY_MAX_MS = 2_000  # less than a node takes to start again and a robot to be elsewhere by then
 DOUBTS_MAX_COUNT = 1_000
 
 
@@ -70,6 +71,36 @@ class Spot:
         if is_there and _stands(before, place):
             self._place = place
         return is_there
+
+
+class Home:
+    """Where the empty scene fits: the place at which it did first, until the odometry may have begun anew elsewhere.
+
+    Odometry that begins anew says that the robot is where it first began, and mostly that is home.
+    """
+
+    def __init__(self) -> None:
+        self._spot: Spot | None = None
+        self._fitted_ms = 0
+        self._is_lost = False
+
+    def may_hold(self, place: RobotPlace) -> bool:
+        return not self._is_lost and (self._spot is None or self._spot.holds(place))
+
+    def fit(self, place: RobotPlace) -> None:
+        if self._spot is None:
+            self._spot = Spot(place)
+        self._fitted_ms = place.at_ms
+
+    def lose(self) -> None:
+        """For good: the scene may seem to fit anywhere. Without effect as long as it never fitted."""
+        self._is_lost = self._spot is not None
+
+    def go_on_after_break(self, place: RobotPlace, motion: OwnMotion) -> None:
+        """Only who was there a moment before, and is there again by odometry that nothing speaks against, still is."""
+        is_moment = place.at_ms - self._fitted_ms <= AWAY_MAX_MS and not motion.is_doubted(self._fitted_ms, place.at_ms)
+        if not is_moment or not self.may_hold(place):
+            self.lose()
 
 
 class OwnMotion:
@@ -144,8 +175,10 @@ class OwnMotion:
         if bisect_left(self._broken_ms, first_ms + 1) != bisect_left(self._broken_ms, last_ms + 1):
             return False
         first = bisect_right(self._places, first_ms, key=lambda kept: kept.at_ms)
+        if first == 0:
+            return False  # what was before is forgotten, or was never known
         last = bisect_left(self._places, last_ms, key=lambda kept: kept.at_ms)
-        around = self._places[max(0, first - 1) : last + 1]
+        around = self._places[first - 1 : last + 1]
         return all(after.at_ms - before.at_ms <= GAP_MAX_MS for before, after in pairwise(around))
 
     def stands(self, at_ms: int) -> bool | None:

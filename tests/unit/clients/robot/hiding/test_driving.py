@@ -16,7 +16,7 @@ from clients.robot.hiding.frame_redactor import FrameRedactor, KeptFrame, Output
 from clients.robot.hiding.hider import FoundPeople, in_odometry
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera
-from clients.robot.hiding.own_motion import FOLLOWED_M, SPOT_M, OwnMotion, RobotPlace
+from clients.robot.hiding.own_motion import FOLLOWED_M, SPOT_M, Home, OwnMotion, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.hiding.standing_readings import UNKNOWN_MAX_MS, StandingReadings
 from clients.robot.matching.matcher import Matcher
@@ -190,6 +190,75 @@ def test_what_several_places_tell_together_binds_nobody() -> None:
     assert ward.outputs
     assert not ward.kept(blank=True)
     assert not ward.kept(blank=False)
+
+
+ANEW_MS = 14_000
+
+
+def stops_away_z(at_ms: int) -> float:
+    """1.2 m from home, from a second before `ANEW_MS`."""
+    return SPEED_MPS * max(0, min(at_ms, ANEW_MS - 1_000) - DRIVES_MS) / 1_000
+
+
+@pytest.mark.parametrize("out_ms", [0, 600, 3_000])
+def test_odometry_that_begins_anew_on_the_way_makes_no_other_place_home(out_ms: int) -> None:
+    def begins_anew(at_ms: int) -> Odometry | None:
+        if ANEW_MS - out_ms <= at_ms < ANEW_MS:
+            return None
+        return Odometry(at_ms, stops_away_z(at_ms) if at_ms < ANEW_MS else 0.0, 0.0, 0.0)
+
+    ward = Ward()
+    ward.true_z, ward.odometry, ward.fits_everywhere = stops_away_z, begins_anew, True
+    ward.play()
+    assert ward.kept(blank=False)
+    assert all(kept.captured_at_ms < ANEW_MS for kept in ward.kept(blank=False))
+
+
+def test_odometry_that_begins_anew_after_a_robot_was_pushed_from_home_makes_no_other_place_home() -> None:
+    """It was home when the odometry went out, and by what it tells it is again."""
+    ward = Ward()
+    ward.true_z = lambda at_ms: 1.2 if at_ms >= DRIVES_MS else 0.0
+    ward.odometry = lambda at_ms: None if DRIVES_MS <= at_ms < DRIVES_MS + 3_000 else Odometry(at_ms, 0.0, 0.0, 0.0)
+    ward.fits_everywhere = True
+    ward.play()
+    assert ward.kept(blank=False)
+    assert all(kept.captured_at_ms < DRIVES_MS + 3_000 for kept in ward.kept(blank=False))
+
+
+@pytest.mark.parametrize("spoilt_ms", [range(6_000, 7_500), range(6_050, 6_051)])
+def test_a_robot_that_stands_at_home_stays_there_when_its_odometry_falters(spoilt_ms: range) -> None:
+    """It goes out for a while, or is elsewhere once."""
+    falters = Odometry(spoilt_ms.start, 5.0, 0.0, 0.0) if len(spoilt_ms) == 1 else None
+    ward = Ward()
+    ward.true_z, ward.fits_everywhere = lambda _: 0.0, True
+    ward.odometry = lambda at_ms: falters if at_ms in spoilt_ms else Odometry(at_ms, 0.0, 0.0, 0.0)
+    ward.play()
+    assert [kept for kept in ward.kept(blank=False) if kept.captured_at_ms > ENDS_MS - 1_000]
+
+
+def test_home_is_lost_where_the_camera_saw_that_the_odometry_lies_or_its_clock_was_set_back() -> None:
+    motion, told = OwnMotion(), [RobotPlace(at_ms) for at_ms in (1_000, 1_500)]
+    homes = [Home() for _ in range(4)]
+    for home in homes:
+        assert home.may_hold(told[0])
+        home.fit(told[0])
+    homes[0].go_on_after_break(told[1], motion)
+    homes[1].go_on_after_break(RobotPlace(1_500, 0.2), motion)
+    homes[2].lose()
+    motion.doubt(1_100, 1_200)
+    homes[3].go_on_after_break(told[1], motion)
+    assert [home.may_hold(told[1]) for home in homes] == [True, False, False, False]
+
+
+def test_back_on_the_first_clock_home_is_not_where_the_scene_fits_next() -> None:
+    redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=DrivingCamera(Ground.of_mount(1.2, 0.0)))
+    fitted = []
+    for at_ms in [*range(0, 100_000, 1_000), *range(10_000, 20_000, 1_000)]:
+        redactor.push_odometry(Odometry(at_ms, 0.0, 0.0, 0.0))
+        redactor.push_frame(Frame(at_ms, at_ms // 1_000 + 1_000 * len(fitted), EMPTY, received_at_ms=at_ms))
+        fitted.append(redactor._home.may_hold(RobotPlace(at_ms)))
+    assert fitted[50]
+    assert not fitted[-1]
 
 
 def back_and_forth_z(at_ms: int) -> float:

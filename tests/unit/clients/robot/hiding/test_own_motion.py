@@ -80,6 +80,12 @@ def test_a_gap_breaks_what_was_continuous_until_a_late_sample_fills_it() -> None
     assert motion.is_continuous(900, 1_400)
 
 
+def test_what_was_before_all_that_is_still_known_is_not_continuous_with_it() -> None:
+    motion = driven(*straight(), *(RobotPlace(at_ms) for at_ms in range(4 * KEPT_MS, 4 * KEPT_MS + 1_000, 100)))
+    assert not motion.is_continuous(3_000, 4 * KEPT_MS + 500)
+    assert motion.is_continuous(4 * KEPT_MS, 4 * KEPT_MS + 500)
+
+
 def test_numbers_that_are_none_are_not_taken() -> None:
     motion = driven(RobotPlace(0, math.nan), RobotPlace(0, 0.0, math.inf), *straight())
     place = motion.place_at(0)
