@@ -64,10 +64,12 @@ class Spot:
     def __init__(self, place: RobotPlace) -> None:
         self._first = self._place = self._seen = place
 
+    def has(self, place: RobotPlace) -> bool:
+        return place.is_within(self._first, FOLLOWED_M, FOLLOWED_RAD) and place.is_same_spot(self._place)
+
     def holds(self, place: RobotPlace) -> bool:
-        """Tell whether the robot is there. In time order."""
-        is_near = place.is_within(self._first, FOLLOWED_M, FOLLOWED_RAD)
-        is_there, before, self._seen = is_near and place.is_same_spot(self._place), self._seen, place
+        """Tell whether the robot is there, and follow it. In time order."""
+        is_there, before, self._seen = self.has(place), self._seen, place
         if is_there and _stands(before, place):
             self._place = place
         return is_there
@@ -180,6 +182,12 @@ class OwnMotion:
         last = bisect_left(self._places, last_ms, key=lambda kept: kept.at_ms)
         around = self._places[first - 1 : last + 1]
         return all(after.at_ms - before.at_ms <= GAP_MAX_MS for before, after in pairwise(around))
+
+    def keeps_to(self, spot: Spot, first_ms: int, last_ms: int) -> bool:
+        """Tell whether the robot was nowhere else between."""
+        first = bisect_left(self._places, first_ms, key=lambda kept: kept.at_ms)
+        last = bisect_right(self._places, last_ms, key=lambda kept: kept.at_ms)
+        return all(spot.has(place) for place in self._places[first:last])
 
     def stands(self, at_ms: int) -> bool | None:
         """Tell whether the robot stood for a while before and after; None where that is not known (yet)."""
