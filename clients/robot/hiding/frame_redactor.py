@@ -251,6 +251,7 @@ class FrameRedactor:
         """Nobody is followed across a jump of the odometry."""
         if self._motion is None:
             return None
+        self._motion.keep_around(at_ms)
         place = self._motion.place_at(at_ms)
         if place is not None:
             if self._placed_by_ms is not None and not self._motion.is_continuous(self._placed_by_ms, at_ms):

@@ -14,6 +14,7 @@ KEPT_MS = 60_000
 SAMPLES_MAX_COUNT = 20_000
 GAP_MAX_MS = 250  # between two samples, for a place between them to be known
 AHEAD_MAX_MS = 200  # of the newest sample: so far its speed is taken to last
+WRONG_AHEAD_MS = 10_000  # of a frame: no camera is so late
 SPEED_MAX_MPS, TURN_MAX_RADPS = 2.5, math.radians(180)
 STANDS_MPS, STANDS_RADPS = 0.02, math.radians(1.0)
 STANDS_WITHIN_MS = 300
@@ -106,7 +107,7 @@ class Home:
 
 
 class OwnMotion:
-    """The robot's places over the last minute. A jump is a step that is faster than it can drive or turn."""
+    """The robot's places over the last minute of frames. A jump is a step that is faster than it can drive or turn."""
 
     def __init__(self) -> None:
         self.places_count = 0
@@ -132,11 +133,19 @@ class OwnMotion:
         for before, after in pairwise(self._places[max(0, at - 1) : at + 2]):
             if _is_jump(before, after):
                 insort(self._broken_ms, after.at_ms)
-        if len(self._places) > SAMPLES_MAX_COUNT or self._places[0].at_ms < place.at_ms - 2 * KEPT_MS:
-            first_ms = self._places[-1].at_ms - KEPT_MS
-            keep = max(bisect_left(self._places, first_ms, key=lambda kept: kept.at_ms), len(self._places) // 2)
-            del self._places[:keep]
-            del self._broken_ms[: bisect_left(self._broken_ms, self._places[0].at_ms)]
+        if len(self._places) > SAMPLES_MAX_COUNT:
+            self._drop_before(self._places[len(self._places) // 2].at_ms)
+
+    def keep_around(self, frame_ms: int) -> None:
+        """Drop what is older than a minute, and what lies so far ahead of a frame that its stamp must be wrong."""
+        last_ms = frame_ms + WRONG_AHEAD_MS
+        del self._places[bisect_right(self._places, last_ms, key=lambda kept: kept.at_ms) :]
+        del self._broken_ms[bisect_right(self._broken_ms, last_ms) :]
+        self._drop_before(frame_ms - KEPT_MS)
+
+    def _drop_before(self, first_ms: int) -> None:
+        del self._places[: bisect_left(self._places, first_ms, key=lambda kept: kept.at_ms)]
+        del self._broken_ms[: bisect_left(self._broken_ms, first_ms)]
 
     def confirm(self, at_ms: int) -> None:
         """The camera saw until then what it would see if the odometry is right."""

@@ -372,6 +372,14 @@ def test_nobody_is_followed_across_a_gap_in_the_odometry() -> None:
     assert ward.withheld(gap.stop)["moved"] >= 0.9 * (ENDS_MS - gap.stop) // FRAME_MS
 
 
+def test_one_place_that_is_stamped_far_in_the_future_ends_nothing() -> None:
+    ward = Ward()
+    ward.odometry = lambda at_ms: Odometry(3_600_000 if at_ms == 4_050 else at_ms, true_z(at_ms), 0.0, 0.0)
+    ward.odometry_late_ms = ODOMETRY_MS
+    ward.play()
+    assert ward.kept(blank=True)[-1].captured_at_ms > ENDS_MS - 1_000
+
+
 def test_a_short_gap_in_the_odometry_ends_nothing() -> None:
     gap = range(DRIVES_MS + 2_000, DRIVES_MS + 2_200)
     ward = Ward()
