@@ -18,7 +18,7 @@ from clients.robot.hiding.moving.driving_figures import DrivingFigures
 from clients.robot.hiding.moving.ground_plane import Ground, measure_mount
 from clients.robot.hiding.moving.moving_hider import DrivingCamera, MovingHider
 from clients.robot.hiding.moving.plan_bodies import camera_points
-from clients.robot.hiding.own_motion import OwnMotion, RobotPlace, Spot
+from clients.robot.hiding.own_motion import Home, OwnMotion, RobotPlace
 from clients.robot.hiding.standing_hider import StandingHider
 from clients.robot.hiding.standing_readings import StandingReadings
 from clients.robot.hiding.withhold_reason import MergedEvidence, WithholdReason
@@ -132,7 +132,7 @@ class FrameRedactor:
         self._seen: dict[int, _Seen] = {}
         self._pending: dict[str, deque[_Seen]] = {}
         self._newest_ms: int | None = None
-        self._home: Spot | None = None  # where the empty scene fits
+        self._home = Home()
         self._placed_by_ms: int | None = None  # the newest sample by which a frame was placed: a jump may come late
         self._forgot_ms = 0
 
@@ -234,8 +234,8 @@ class FrameRedactor:
                 continue
             found = hider.find_people(depth, place, at_ms)
             if found is not None:
-                if self._home is None and place is not None and not hider.is_blank:
-                    self._home = Spot(place)
+                if place is not None and not hider.is_blank:
+                    self._home.fit(place)
                 seen.blank = hider.is_blank
                 self._blank_frames_count += hider.is_blank
                 if self._motion is not None and not hider.is_blank:
@@ -257,16 +257,18 @@ class FrameRedactor:
         """A robot that drives towards a wall sees nothing that its empty scene does not explain."""
         if self._motion is None:
             return True
-        return place is not None and (self._home is None or self._home.holds(place))
+        return place is not None and self._home.may_hold(place)
 
     def _find_place(self, at_ms: int) -> RobotPlace | None:
         """Nobody is followed across a jump of the odometry."""
         if self._motion is None:
             return None
+        self._motion.keep_around(at_ms)
         place = self._motion.place_at(at_ms)
         if place is not None:
             if self._placed_by_ms is not None and not self._motion.is_continuous(self._placed_by_ms, at_ms):
                 self._lose_everybody()
+                self._home.go_on_after_break(place, self._motion)
             self._placed_by_ms = min(at_ms, self._motion.newest_ms or at_ms)
         return place
 
@@ -315,6 +317,7 @@ class FrameRedactor:
         self._newest_ms, self._forgot_ms = None, 0
         self._bearings.restart()
         self._lose_everybody()
+        self._home.lose()
         if self._motion is not None:
             self._motion.restart()
         if self._readings is not None:

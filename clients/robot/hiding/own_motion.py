@@ -14,10 +14,13 @@ KEPT_MS = 60_000
 SAMPLES_MAX_COUNT = 20_000
 GAP_MAX_MS = 250  # between two samples, for a place between them to be known
 AHEAD_MAX_MS = 200  # of the newest sample: so far its speed is taken to last
+WRONG_AHEAD_MS = 10_000  # of a frame: no camera is so late
 SPEED_MAX_MPS, TURN_MAX_RADPS = 2.5, math.radians(180)
 STANDS_MPS, STANDS_RADPS = 0.02, math.radians(1.0)
 STANDS_WITHIN_MS = 300
 SPOT_M, SPOT_RAD = 0.05, math.radians(2.0)  # a camera so close looks at the same scene
+FOLLOWED_M, FOLLOWED_RAD = 2 * SPOT_M, 2 * SPOT_RAD  # from where a spot began: what may be drift, not motion
+AWAY_MAX_MS = 2_000  # less than a node takes to start again and a robot to be elsewhere by then
 DOUBTS_MAX_COUNT = 1_000
 
 
@@ -42,8 +45,10 @@ class RobotPlace:
         )
 
     def is_same_spot(self, other: RobotPlace) -> bool:
-        away_m = math.hypot(self.x_m - other.x_m, self.z_m - other.z_m)
-        return away_m <= SPOT_M and abs(_turned(self, other)) <= SPOT_RAD
+        return self.is_within(other, SPOT_M, SPOT_RAD)
+
+    def is_within(self, other: RobotPlace, reach_m: float, reach_rad: float) -> bool:
+        return _away_m(self, other) <= reach_m and abs(_turned(self, other)) <= reach_rad
 
     def to_odometry(self, x_m: float, z_m: float) -> tuple[float, float]:
         """Return a place before the robot (right, ahead) in the odometry's frame."""
@@ -52,21 +57,57 @@ class RobotPlace:
 
 
 class Spot:
-    """A place that the robot was at, by odometry that drifts: it is followed for as long as the robot stands there."""
+    """A place that the robot was at, by odometry that drifts: it is followed while the robot stands there, but not far.
+
+    Who creeps or turns slower than what counts as motion would take it along.
+    """
 
     def __init__(self, place: RobotPlace) -> None:
-        self._place = self._seen = place
+        self._first = self._place = self._seen = place
+
+    def has(self, place: RobotPlace) -> bool:
+        return place.is_within(self._first, FOLLOWED_M, FOLLOWED_RAD) and place.is_same_spot(self._place)
 
     def holds(self, place: RobotPlace) -> bool:
-        """Tell whether the robot is there. In time order."""
-        is_there, before, self._seen = place.is_same_spot(self._place), self._seen, place
+        """Tell whether the robot is there, and follow it. In time order."""
+        is_there, before, self._seen = self.has(place), self._seen, place
         if is_there and _stands(before, place):
             self._place = place
         return is_there
 
 
+class Home:
+    """Where the empty scene fits: the place at which it did first, until the odometry may have begun anew elsewhere.
+
+    Odometry that begins anew says that the robot is where it first began, and mostly that is home.
+    """
+
+    def __init__(self) -> None:
+        self._spot: Spot | None = None
+        self._fitted_ms = 0
+        self._is_lost = False
+
+    def may_hold(self, place: RobotPlace) -> bool:
+        return not self._is_lost and (self._spot is None or self._spot.holds(place))
+
+    def fit(self, place: RobotPlace) -> None:
+        if self._spot is None:
+            self._spot = Spot(place)
+        self._fitted_ms = place.at_ms
+
+    def lose(self) -> None:
+        """For good: the scene may seem to fit anywhere. Without effect as long as it never fitted."""
+        self._is_lost = self._spot is not None
+
+    def go_on_after_break(self, place: RobotPlace, motion: OwnMotion) -> None:
+        """Only who was there a moment before, and is there again by odometry that nothing speaks against, still is."""
+        is_moment = place.at_ms - self._fitted_ms <= AWAY_MAX_MS and not motion.is_doubted(self._fitted_ms, place.at_ms)
+        if not is_moment or not self.may_hold(place):
+            self.lose()
+
+
 class OwnMotion:
-    """The robot's places over the last minute. A jump is a step that is faster than it can drive or turn."""
+    """The robot's places over the last minute of frames. A jump is a step that is faster than it can drive or turn."""
 
     def __init__(self) -> None:
         self.places_count = 0
@@ -92,11 +133,19 @@ class OwnMotion:
         for before, after in pairwise(self._places[max(0, at - 1) : at + 2]):
             if _is_jump(before, after):
                 insort(self._broken_ms, after.at_ms)
-        if len(self._places) > SAMPLES_MAX_COUNT or self._places[0].at_ms < place.at_ms - 2 * KEPT_MS:
-            first_ms = self._places[-1].at_ms - KEPT_MS
-            keep = max(bisect_left(self._places, first_ms, key=lambda kept: kept.at_ms), len(self._places) // 2)
-            del self._places[:keep]
-            del self._broken_ms[: bisect_left(self._broken_ms, self._places[0].at_ms)]
+        if len(self._places) > SAMPLES_MAX_COUNT:
+            self._drop_before(self._places[len(self._places) // 2].at_ms)
+
+    def keep_around(self, frame_ms: int) -> None:
+        """Drop what is older than a minute, and what lies so far ahead of a frame that its stamp must be wrong."""
+        last_ms = frame_ms + WRONG_AHEAD_MS
+        del self._places[bisect_right(self._places, last_ms, key=lambda kept: kept.at_ms) :]
+        del self._broken_ms[bisect_right(self._broken_ms, last_ms) :]
+        self._drop_before(frame_ms - KEPT_MS)
+
+    def _drop_before(self, first_ms: int) -> None:
+        del self._places[: bisect_left(self._places, first_ms, key=lambda kept: kept.at_ms)]
+        del self._broken_ms[: bisect_left(self._broken_ms, first_ms)]
 
     def confirm(self, at_ms: int) -> None:
         """The camera saw until then what it would see if the odometry is right."""
@@ -137,9 +186,17 @@ class OwnMotion:
         if bisect_left(self._broken_ms, first_ms + 1) != bisect_left(self._broken_ms, last_ms + 1):
             return False
         first = bisect_right(self._places, first_ms, key=lambda kept: kept.at_ms)
+        if first == 0:
+            return False  # what was before is forgotten, or was never known
         last = bisect_left(self._places, last_ms, key=lambda kept: kept.at_ms)
-        around = self._places[max(0, first - 1) : last + 1]
+        around = self._places[first - 1 : last + 1]
         return all(after.at_ms - before.at_ms <= GAP_MAX_MS for before, after in pairwise(around))
+
+    def keeps_to(self, spot: Spot, first_ms: int, last_ms: int) -> bool:
+        """Tell whether the robot was nowhere else between."""
+        first = bisect_left(self._places, first_ms, key=lambda kept: kept.at_ms)
+        last = bisect_right(self._places, last_ms, key=lambda kept: kept.at_ms)
+        return all(spot.has(place) for place in self._places[first:last])
 
     def stands(self, at_ms: int) -> bool | None:
         """Tell whether the robot stood for a while before and after; None where that is not known (yet)."""
@@ -154,6 +211,10 @@ class OwnMotion:
         return _stands(first, middle) and _stands(middle, last)  # who turns back is where they were, for a moment
 
 
+def _away_m(one: RobotPlace, other: RobotPlace) -> float:
+    return math.hypot(one.x_m - other.x_m, one.z_m - other.z_m)
+
+
 def _turned(before: RobotPlace, after: RobotPlace) -> float:
     """Radians, the shorter way round: many a robot wraps its angle."""
     return math.remainder(after.yaw - before.yaw, 2 * math.pi)
@@ -161,11 +222,11 @@ def _turned(before: RobotPlace, after: RobotPlace) -> float:
 
 def _stands(before: RobotPlace, after: RobotPlace) -> bool:
     seconds = max(after.at_ms - before.at_ms, 1) / 1000
-    moved = math.hypot(after.x_m - before.x_m, after.z_m - before.z_m) / seconds
+    moved = _away_m(before, after) / seconds
     return moved <= STANDS_MPS and abs(_turned(before, after)) / seconds <= STANDS_RADPS
 
 
 def _is_jump(before: RobotPlace, after: RobotPlace) -> bool:
     seconds = max(after.at_ms - before.at_ms, 20) / 1000
-    moved = math.hypot(after.x_m - before.x_m, after.z_m - before.z_m)
+    moved = _away_m(before, after)
     return moved > SPEED_MAX_MPS * seconds or abs(_turned(before, after)) > TURN_MAX_RADPS * seconds

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -17,10 +17,11 @@ from clients.robot.hiding.hider import AskedLater, FoundPeople, in_odometry
 from clients.robot.hiding.moving.ground_plane import Ground
 from clients.robot.hiding.moving.moving_hider import DrivingCamera
 from clients.robot.hiding.moving.release_rule import Doubt
-from clients.robot.hiding.own_motion import SPOT_M, RobotPlace
+from clients.robot.hiding.own_motion import FOLLOWED_M, SPOT_M, Home, OwnMotion, RobotPlace
 from clients.robot.hiding.segmentation import Silhouette
-from clients.robot.hiding.standing_readings import UNKNOWN_MAX_MS
+from clients.robot.hiding.standing_readings import UNKNOWN_MAX_MS, StandingReadings
 from clients.robot.matching.matcher import Matcher
+from clients.robot.matching.tracking import Track
 from clients.robot.sensing.sensor_events import Depth, Facing, Frame, Odometry, Sighting
 
 SHAPE = (60, 80)
@@ -224,6 +225,75 @@ def test_what_several_places_tell_together_binds_nobody() -> None:
     assert not ward.kept(blank=False)
 
 
+ANEW_MS = 14_000
+
+
+def stops_away_z(at_ms: int) -> float:
+    """1.2 m from home, from a second before `ANEW_MS`."""
+    return SPEED_MPS * max(0, min(at_ms, ANEW_MS - 1_000) - DRIVES_MS) / 1_000
+
+
+@pytest.mark.parametrize("out_ms", [0, 600, 3_000])
+def test_odometry_that_begins_anew_on_the_way_makes_no_other_place_home(out_ms: int) -> None:
+    def begins_anew(at_ms: int) -> Odometry | None:
+        if ANEW_MS - out_ms <= at_ms < ANEW_MS:
+            return None
+        return Odometry(at_ms, stops_away_z(at_ms) if at_ms < ANEW_MS else 0.0, 0.0, 0.0)
+
+    ward = Ward()
+    ward.true_z, ward.odometry, ward.fits_everywhere = stops_away_z, begins_anew, True
+    ward.play()
+    assert ward.kept(blank=False)
+    assert all(kept.captured_at_ms < ANEW_MS for kept in ward.kept(blank=False))
+
+
+def test_odometry_that_begins_anew_after_a_robot_was_pushed_from_home_makes_no_other_place_home() -> None:
+    """It was home when the odometry went out, and by what it tells it is again."""
+    ward = Ward()
+    ward.true_z = lambda at_ms: 1.2 if at_ms >= DRIVES_MS else 0.0
+    ward.odometry = lambda at_ms: None if DRIVES_MS <= at_ms < DRIVES_MS + 3_000 else Odometry(at_ms, 0.0, 0.0, 0.0)
+    ward.fits_everywhere = True
+    ward.play()
+    assert ward.kept(blank=False)
+    assert all(kept.captured_at_ms < DRIVES_MS + 3_000 for kept in ward.kept(blank=False))
+
+
+@pytest.mark.parametrize("spoilt_ms", [range(6_000, 7_500), range(6_050, 6_051)])
+def test_a_robot_that_stands_at_home_stays_there_when_its_odometry_falters(spoilt_ms: range) -> None:
+    """It goes out for a while, or is elsewhere once."""
+    falters = Odometry(spoilt_ms.start, 5.0, 0.0, 0.0) if len(spoilt_ms) == 1 else None
+    ward = Ward()
+    ward.true_z, ward.fits_everywhere = lambda _: 0.0, True
+    ward.odometry = lambda at_ms: falters if at_ms in spoilt_ms else Odometry(at_ms, 0.0, 0.0, 0.0)
+    ward.play()
+    assert [kept for kept in ward.kept(blank=False) if kept.captured_at_ms > ENDS_MS - 1_000]
+
+
+def test_home_is_lost_where_the_camera_saw_that_the_odometry_lies_or_its_clock_was_set_back() -> None:
+    motion, told = OwnMotion(), [RobotPlace(at_ms) for at_ms in (1_000, 1_500)]
+    homes = [Home() for _ in range(4)]
+    for home in homes:
+        assert home.may_hold(told[0])
+        home.fit(told[0])
+    homes[0].go_on_after_break(told[1], motion)
+    homes[1].go_on_after_break(RobotPlace(1_500, 0.2), motion)
+    homes[2].lose()
+    motion.doubt(1_100, 1_200)
+    homes[3].go_on_after_break(told[1], motion)
+    assert [home.may_hold(told[1]) for home in homes] == [True, False, False, False]
+
+
+def test_back_on_the_first_clock_home_is_not_where_the_scene_fits_next() -> None:
+    redactor = FrameRedactor(learn_background([EMPTY] * 3), driving=DrivingCamera(Ground.of_mount(1.2, 0.0)))
+    fitted = []
+    for at_ms in [*range(0, 100_000, 1_000), *range(10_000, 20_000, 1_000)]:
+        redactor.push_odometry(Odometry(at_ms, 0.0, 0.0, 0.0))
+        redactor.push_frame(Frame(at_ms, at_ms // 1_000 + 1_000 * len(fitted), EMPTY, received_at_ms=at_ms))
+        fitted.append(redactor._home.may_hold(RobotPlace(at_ms)))
+    assert fitted[50]
+    assert not fitted[-1]
+
+
 def back_and_forth_z(at_ms: int) -> float:
     """Away by 30 cm, and back again, for two seconds before `DRIVES_MS`."""
     return 0.3 * max(0.0, 1 - abs(at_ms - (DRIVES_MS - 1_000)) / 1_000)
@@ -255,8 +325,53 @@ def test_a_robot_that_creeps_from_stop_to_stop_adds_nothing_up(monkeypatch: pyte
     ward.true_z, ward.confirms = creeping_z, True
     ward.heard_ms = frozenset(range(600, ENDS_MS, 1_000))
     ward.play()
-    steps = ENDS_MS // 1_000
+    steps = (ENDS_MS - UNKNOWN_MAX_MS) // 1_000
     assert len(begun) >= steps // 2 - 1
+
+
+def steadily_creeping_z(at_ms: int) -> float:
+    """Slower than what counts as standing."""
+    return 0.01 * at_ms / 1_000
+
+
+def test_a_robot_that_creeps_steadily_does_not_take_its_place_along() -> None:
+    ward = Ward()
+    ward.true_z, ward.fits_everywhere = steadily_creeping_z, True
+    ward.play()
+    left_ms = round(1_000 * FOLLOWED_M / 0.01)
+    assert ward.kept(blank=False)
+    assert all(kept.captured_at_ms <= left_ms for kept in ward.kept(blank=False))
+
+
+@pytest.mark.parametrize(
+    ("mps", "degrees_per_s", "right_m", "bearing_sigma_deg"),
+    [(0.01, 0.0, 1.7, None), (0.019, 0.0, 1.7, None), (0.0, 0.9, 0.6, 6.0)],
+)
+def test_a_robot_that_creeps_or_turns_steadily_binds_no_stranger(
+    mps: float, degrees_per_s: float, right_m: float, bearing_sigma_deg: float | None
+) -> None:
+    """Who wears the tag stands beside: distances and bearings of both change alike, by the robot's own motion."""
+    times = range(0, 44_000, FRAME_MS)
+    came, turned = [mps * at_ms / 1_000 for at_ms in times], [degrees_per_s * at_ms / 1_000 for at_ms in times]
+    for seed in range(3):
+        rng, motion, matcher = np.random.default_rng(seed), OwnMotion(), Matcher(drives=True)
+        for at_ms in range(0, times.stop + 1_000, ODOMETRY_MS):
+            motion.add(RobotPlace(at_ms, 0.0, mps * at_ms / 1_000, math.radians(degrees_per_s * at_ms / 1_000)))
+        ranges, bearings = [3.0 - z_m for z_m in came], [-yaw for yaw in turned]
+        matcher.add_track(Track(1, 0, times[-1], 0.0, 3.0, times=list(times), ranges=ranges, bearings=bearings))
+        readings = StandingReadings(motion)
+        for at_ms, z_m, yaw in zip(times, came, turned, strict=True):
+            distance_m = math.hypot(2.9 - z_m, right_m) + float(rng.normal(0, 0.15))
+            bearing_deg = math.degrees(math.atan2(right_m, 2.9 - z_m)) - yaw + float(rng.normal(0, 5.0))
+            heard = Sighting(at_ms, at_ms, "", 1, Facing.UNKNOWN, -50.0, distance_m, 0.15)
+            if bearing_sigma_deg is not None:
+                heard = replace(heard, bearing_deg=bearing_deg, bearing_sigma_deg=bearing_sigma_deg)
+            if at_ms % READING_MS == 0:
+                readings.push("owner", heard)
+            motion.confirm(at_ms)
+            readings.weigh(matcher, at_ms)
+            matcher.advance(at_ms)
+            assert matcher.bound_track("owner", [1]) is None
 
 
 def test_readings_after_the_odometry_broke_off_wait_no_longer_than_their_time() -> None:
@@ -288,6 +403,14 @@ def test_nobody_is_followed_across_a_gap_in_the_odometry() -> None:
     assert ward.kept(blank=True)
     assert ward.kept(blank=True)[-1].captured_at_ms < gap.start + 300
     assert ward.withheld(gap.stop)["moved"] >= 0.9 * (ENDS_MS - gap.stop) // FRAME_MS
+
+
+def test_one_place_that_is_stamped_far_in_the_future_ends_nothing() -> None:
+    ward = Ward()
+    ward.odometry = lambda at_ms: Odometry(3_600_000 if at_ms == 4_050 else at_ms, true_z(at_ms), 0.0, 0.0)
+    ward.odometry_late_ms = ODOMETRY_MS
+    ward.play()
+    assert ward.kept(blank=True)[-1].captured_at_ms > ENDS_MS - 1_000
 
 
 def test_a_short_gap_in_the_odometry_ends_nothing() -> None:

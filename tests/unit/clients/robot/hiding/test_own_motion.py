@@ -80,6 +80,13 @@ def test_a_gap_breaks_what_was_continuous_until_a_late_sample_fills_it() -> None
     assert motion.is_continuous(900, 1_400)
 
 
+def test_what_was_before_all_that_is_still_known_is_not_continuous_with_it() -> None:
+    motion = driven(*straight(), *(RobotPlace(at_ms) for at_ms in range(4 * KEPT_MS, 4 * KEPT_MS + 1_000, 100)))
+    motion.keep_around(4 * KEPT_MS + 500)
+    assert not motion.is_continuous(3_000, 4 * KEPT_MS + 500)
+    assert motion.is_continuous(4 * KEPT_MS, 4 * KEPT_MS + 500)
+
+
 def test_numbers_that_are_none_are_not_taken() -> None:
     motion = driven(RobotPlace(0, math.nan), RobotPlace(0, 0.0, math.inf), *straight())
     place = motion.place_at(0)
@@ -111,6 +118,24 @@ def test_a_storm_of_samples_is_held_in_bounded_memory() -> None:
     assert len(motion._places) <= SAMPLES_MAX_COUNT
 
 
+@pytest.mark.parametrize("first", [True, False])
+def test_a_sample_that_is_stamped_far_in_the_future_ends_nothing(*, first: bool) -> None:
+    motion, ahead = OwnMotion(), RobotPlace(3_600_000)
+    if first:
+        motion.add(ahead)
+    for at_ms in range(0, 3 * KEPT_MS, 100):
+        motion.add(RobotPlace(at_ms))
+        if at_ms == 5_000:
+            motion.add(ahead)
+        motion.confirm(at_ms)
+        motion.keep_around(at_ms)
+        assert motion.newest_ms == at_ms
+        if at_ms >= 1_000:
+            assert motion.place_at(at_ms + 30) is not None
+            assert motion.stands(at_ms - 400) is True
+    assert len(motion._places) <= KEPT_MS // 100 + 1
+
+
 def test_nobody_is_said_to_stand_before_the_camera_has_agreed_or_while_it_disagrees() -> None:
     motion = driven(*(RobotPlace(at_ms) for at_ms in range(0, 10_000, 100)))
     motion.confirm(3_000)
@@ -128,6 +153,7 @@ def test_doubts_are_held_in_bounded_memory() -> None:
     for number in range(5_000):
         motion.doubt(100 * number, 100 * number)
         motion.add(RobotPlace(100 * number))
+        motion.keep_around(100 * number)
     assert len(motion._doubts) <= 1_000
     assert len(motion._broken_ms) <= 2 * KEPT_MS // 100 + 1
 
