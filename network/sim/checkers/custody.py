@@ -113,10 +113,13 @@ def check_erased_means_erased(history: History) -> list[Violation]:
 
 
 def check_copies(history: History) -> list[Violation]:
-    """In the end each keeper has every live clip that a custodian has, and none is lost that as many took as keep it."""
+    """In the end each keeper has every live clip that a custodian has.
+
+    None is lost that as many honest ones took as keep it; what dishonest ones do with theirs is nobody's promise.
+    """
     found: list[Violation] = []
     honest = {audit.node: set(audit.confirmed) for audit in _honest_audits(history)}
-    takers = _takers(history)
+    takers = {record_id: nodes - set(history.byzantine) for record_id, nodes in _takers(history).items()}
     for chain in history.of(ChainAudit):
         for record_id, keepers in chain.keepers:
             having = [node for node in chain.members if record_id in honest.get(node, ())]

@@ -146,11 +146,11 @@ class SimCluster(SimWorld):
         return True
 
     def _is_repaired(self) -> bool:
-        """Of each final record's clip that a custodian has, its keepers by the newest block have theirs."""
+        """Of each final record's clip that a custodian has, its keepers by the newest block have theirs, and say so."""
         placement = placement_of(self.honest)
         held = {node.member: node.store.holdings() for node in self.honest if node.member in placement.rooms}
         gone = {record_id for each in held.values() for record_id in each.erased}
-        kept = {key: {*each.confirmed, *each.staged} for key, each in held.items()}
+        kept = {key: {*each.confirmed, *each.staged}.difference(each.missing) for key, each in held.items()}
         return all(
             record_id in kept.get(keeper, (record_id,))
             for record_id in sorted({record_id for each in held.values() for record_id in each.confirmed} - gone)

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from network.sim.checkers import CHECKERS
+from network.sim.checkers.custody import check_copies
 from network.sim.history import (
     Acknowledged,
     Asked,
@@ -235,3 +236,10 @@ def test_what_a_dishonest_node_says_breaks_no_promise_of_the_honest_ones() -> No
     history = history_of((VOTE, VoteSent(2.0, 0, 0, 3, b"y"), block(1), block(1, name="y")))
     history.byzantine = frozenset({0})
     assert [violation for check in CHECKERS.values() for violation in check(history)] == []
+
+
+def test_a_clip_that_only_dishonest_custodians_took_is_no_honest_ones_loss() -> None:
+    history = history_of((ClipTaken(1.0, 0, b"a"), ClipTaken(2.0, 2, b"a"), CHAIN))
+    assert check_copies(history)
+    history.byzantine = frozenset({0, 2})
+    assert check_copies(history) == []
