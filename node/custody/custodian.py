@@ -279,9 +279,8 @@ class Custodian(ShareService, ClipFetcher):
     # Upkeep
 
     def reconciliation(self, facts: ChainFacts) -> Reconciliation:
-        """While writing only."""
-        placement = self._newest_placement()  # as for blocks: what `follow_placement` has sorted is not undone
-        return Reconciliation(self._store, self._eraser, self._shares, self._member, placement, facts)
+        """While writing only. Placed by the newest state, as blocks are: what `follow_placement` has sorted stays so."""
+        return Reconciliation(self._store, self._eraser, self._shares, self._member, self._newest_placement(), facts)
 
     def is_keeper(self, placement: Placement, record_id: bytes) -> bool:
         return placement.is_keeper(self._member, record_id)

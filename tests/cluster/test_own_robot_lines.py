@@ -16,7 +16,7 @@ from tests.unit.clients.robot.sources.recordings import storage_file
 PLACEHOLDERS = {
     "BR1-...": r"^(BR1-[A-Z2-7-]+)$",
     "MEMBER_KEY": r"blockrobot roster make --robot ([0-9a-f]{66})",
-    "ROBOT_FOLDER": r" --out (\S+)/roster\.sealed",
+    "ROBOT_FOLDER": r"put it here as (\S+)/roster\.sealed",
 }
 PAGE, HEADING = "docs/how-to/your-robot.md", "## Every line"
 README_HEADING = "## Bring your own robot or recording"

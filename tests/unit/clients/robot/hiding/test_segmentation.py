@@ -107,6 +107,21 @@ def test_a_sliver_of_somebody_close_behind_is_not_taken_for_the_owners_edge(
     assert np.count_nonzero(shown & (part == 1)) > 0.95 * np.count_nonzero((truth == 1) & (depth > 0))
 
 
+def test_what_is_far_nearer_between_two_sampled_columns_is_not_taken_for_the_owners_edge() -> None:
+    """Segmentation looks at every second column; the edge is regrown at full size."""
+    empty = np.full((480, 640), 8_000, np.uint16)
+    depth = empty.copy()
+    depth[120:420, 280:360] = 3_000
+    depth[200:300, 361] = 2_500  # a finger's breadth of somebody before them
+    depth[300:400, 361] = 2_900
+    segmented = segment(depth, learn_background([empty] * 3), FOCAL_PX)
+    (person,) = segmented.silhouettes
+    made = extract_encoded_cutout(depth, learn_background([empty] * 3), segmented, person)
+    shown = decode_depth_png(made.pixels_png)
+    assert not np.any(shown == 2_500)
+    assert np.any(shown == 2_900)
+
+
 def test_of_a_picture_of_crumbs_the_largest_are_looked_at_and_the_others_are_foreground_all_the_same() -> None:
     """Each piece is compared with each other one: a picture of thousands took seconds."""
     empty = np.full((480, 640), 65_000, np.uint16)
