@@ -314,7 +314,7 @@ class FrameRedactor:
         """Settle everything before a camera clock reset; no track continues across."""
         outputs = [*self._queue_decided(decided), *self._decide_pending(final=True)]
         self.matcher = Matcher(drives=self._driving is not None)
-        self._newest_ms, self._forgot_ms = None, 0
+        self._newest_ms, self._placed_by_ms, self._forgot_ms = None, None, 0
         self._bearings.restart()
         self._lose_everybody()
         self._home.lose()

@@ -17,6 +17,7 @@ from clients.robot.hiding.own_motion import OwnMotion, RobotPlace
 
 CHECK_EVERY_MS = 500
 COMPARED_M, COMPARED_RAD, COMPARED_MS = 0.5, math.radians(12), 3_000  # so far from a frame, the next is compared with
+TOO_OLD_MS = COMPARED_MS + 2 * CHECK_EVERY_MS  # nobody looked meanwhile: odometry drifts, and things are moved
 LOWEST_M, HIGHEST_M = 0.3, 2.0  # above the floor: what is compared
 NEAREST_M, FARTHEST_M, ASIDE_M = 0.5, 4.5, 3.0
 CELL_M = 0.05
@@ -67,6 +68,8 @@ class ScanMatch:
         if checked_ms is not None and 0 <= at_ms - checked_ms < CHECK_EVERY_MS:
             return True
         self._checked_ms = at_ms
+        if before is not None and not 0 <= at_ms - before.place.at_ms <= TOO_OLD_MS:
+            before = None
         scan = _scan(view, people, place)
         right = before is None or self._agree(before, scan)
         if before is None or not right or _is_far(before.place, place):

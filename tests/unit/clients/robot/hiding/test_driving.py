@@ -472,7 +472,9 @@ def test_a_camera_whose_clock_is_set_back_has_no_place_from_before() -> None:
     for at_ms in range(0, 100_000, 1_000):
         redactor.push_odometry(Odometry(at_ms, 0.0, 0.0, 0.0))
         redactor.push_frame(Frame(at_ms, at_ms // 1_000, EMPTY, received_at_ms=at_ms))
+    assert redactor._placed_by_ms == 99_000
     redactor.push_frame(Frame(10_000, 1_000, EMPTY, received_at_ms=100_000))
+    assert redactor._placed_by_ms is None
     assert redactor._motion is not None
     assert redactor._motion.newest_ms is None
 

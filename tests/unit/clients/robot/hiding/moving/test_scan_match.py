@@ -148,6 +148,17 @@ def test_after_a_restart_nothing_of_before_is_compared_with() -> None:
     assert not motion.is_doubted(0, 60_000)
 
 
+@pytest.mark.parametrize(("later_ms", "is_compared"), [(1_000, True), (3_900, True), (60_000, False)])
+def test_what_was_seen_long_ago_is_not_compared_with(later_ms: int, *, is_compared: bool) -> None:
+    """Before the empty scene nothing is compared, for as long as the robot stands there."""
+    motion = OwnMotion()
+    scans = ScanMatch(SLOPE, motion)
+    assert scans.agrees(view_from(RobotPlace(0), ROOM + CUPBOARDS), [], RobotPlace(0))
+    view = view_from(RobotPlace(0, 0.0, 0.5), ROOM + CUPBOARDS)
+    assert scans.agrees(view, [], RobotPlace(later_ms)) is not is_compared
+    assert motion.doubts_count == is_compared
+
+
 def test_everything_since_the_last_comparison_is_doubted_also_since_time_zero() -> None:
     motion = OwnMotion()
     scans = ScanMatch(SLOPE, motion)
