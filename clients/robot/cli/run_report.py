@@ -199,6 +199,11 @@ def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
             f"stood then. {'' if driving.camera_height_m is not None else _ONLY_AT_HOME}It takes a place of odometry every "
             "quarter of a second."
         )
+    if driving is not None and driving.home_lost:
+        yield (
+            "From some time on the empty scene was no longer used, as the robot might have been elsewhere: its odometry "
+            "broke off or jumped away from there, or the camera's clock began anew. A run that begins there uses it again."
+        )
     if driving is not None and driving.keep:
         yield from _keeping_lines(driving)
     elif moved:

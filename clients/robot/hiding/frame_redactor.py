@@ -167,6 +167,7 @@ class FrameRedactor:
             keep=self._driving.keeps,
             places=self._motion.places_count,
             doubts=self._motion.doubts_count,
+            home_lost=self._home.is_lost,
             frames=self._blank_frames_count,
             kept=self._blank_kept_count,
             unplaced_readings=self._readings.unplaced_count,

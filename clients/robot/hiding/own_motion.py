@@ -83,12 +83,12 @@ class Home:
     """
 
     def __init__(self) -> None:
+        self.is_lost = False
         self._spot: Spot | None = None
         self._fitted_ms = 0
-        self._is_lost = False
 
     def may_hold(self, place: RobotPlace) -> bool:
-        return not self._is_lost and (self._spot is None or self._spot.holds(place))
+        return not self.is_lost and (self._spot is None or self._spot.holds(place))
 
     def fit(self, place: RobotPlace) -> None:
         if self._spot is None:
@@ -97,7 +97,7 @@ class Home:
 
     def lose(self) -> None:
         """For good: the scene may seem to fit anywhere. Without effect as long as it never fitted."""
-        self._is_lost = self._spot is not None
+        self.is_lost = self._spot is not None
 
     def go_on_after_break(self, place: RobotPlace, motion: OwnMotion) -> None:
         """Only who was there a moment before, and is there again by odometry that nothing speaks against, still is."""

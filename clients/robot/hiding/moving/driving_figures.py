@@ -13,6 +13,12 @@ class DrivingFigures(Answer, frozen=True, kw_only=True):
     keep: Annotated[bool, doc("Whether people are kept without the empty scene: `odometry.keep` in the topics file")]
     places: Annotated[Count, doc("Places of odometry that came")]
     doubts: Annotated[Count, doc("How often the camera saw that the odometry was wrong")]
+    home_lost: Annotated[
+        bool,
+        doc(
+            "Whether the empty scene no longer counted at the end: odometry or camera clock may have begun anew elsewhere"
+        ),
+    ]
     frames: Annotated[Count, doc("Frames in which people were looked for without the empty scene")]
     kept: Annotated[Count, doc("Pictures of these that show their owner, without the room")]
     unplaced_readings: Annotated[

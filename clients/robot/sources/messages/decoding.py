@@ -31,7 +31,12 @@ from clients.robot.sources.messages.image_decoding import (
     refusing_other_fields,
 )
 from clients.robot.sources.messages.message_types import Message, MessageTypes
-from clients.robot.sources.messages.odometry_decoding import ODOMETRY_TYPES, TRANSFORM_TYPES, read_odometry
+from clients.robot.sources.messages.odometry_decoding import (
+    ODOMETRY_MAX_BYTES,
+    ODOMETRY_TYPES,
+    TRANSFORM_TYPES,
+    read_odometry,
+)
 from clients.robot.sources.messages.topics import AudioTopic, LabelTopic, Topics
 from consensus.errors import BlockRobotError
 
@@ -80,6 +85,8 @@ class MessageReader:
 
     def _read(self, kind: str, message: Message, types: MessageTypes, shift_ms: int) -> Iterator[SourceEvent]:
         self._check_type(message, types)
+        if kind == "odometry" and len(message.data) > ODOMETRY_MAX_BYTES:
+            raise refuse("size", f"A message of odometry has more than {ODOMETRY_MAX_BYTES} bytes.")
         content = types.decode(message)
         came_ms = message.at_ns // NS_PER_MS
         stamped = header_ms(content) if self._topics.clock == "stamp" else None

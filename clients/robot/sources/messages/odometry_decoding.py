@@ -16,6 +16,8 @@ TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOMETRY_TYPES = (ODOMETRY_TYPE, *TRANSFORM_TYPES)
 PLACE_MAX_M = 100_000.0
 TRANSFORMS_MAX_COUNT = 1_000
+ODOMETRY_MAX_BYTES = 300_000
+"""Of a message: more than a thousand transforms take; decoding a larger one would hold up all others for seconds."""
 
 
 def read_odometry(topic: OdometryTopic, content: Any, came_ms: int, *, stamped: bool) -> list[Odometry]:

@@ -24,7 +24,15 @@ from tests.unit.clients.robot.test_pipeline import ANN, UID
 from tests.unit.clients.robot.test_replay_start import Start, begin
 
 FIGURES = DrivingFigures(
-    keep=True, places=900, doubts=0, frames=40, kept=30, unplaced_readings=0, camera_height_m=1.2, camera_pitch_deg=4.0
+    keep=True,
+    places=900,
+    doubts=0,
+    home_lost=False,
+    frames=40,
+    kept=30,
+    unplaced_readings=0,
+    camera_height_m=1.2,
+    camera_pitch_deg=4.0,
 )
 
 Play = Callable[[Topics], tuple[RunSummary, list[bool]]]
@@ -98,6 +106,8 @@ def test_unless_it_is_asked_for_nothing_is_kept_on_the_way_and_the_end_says_what
         (FIGURES, ["40 frames, 30 kept", "1.20 m above the floor and looks 4 degrees down"]),
         (msgspec.structs.replace(FIGURES, camera_pitch_deg=-4.0), ["looks 4 degrees up"]),
         (msgspec.structs.replace(FIGURES, unplaced_readings=3), ["3 readings bound nobody"]),
+        (msgspec.structs.replace(FIGURES, home_lost=True), ["the empty scene was no longer used"]),
+        (msgspec.structs.replace(FIGURES, keep=False, home_lost=True), ["the empty scene was no longer used"]),
         (msgspec.structs.replace(FIGURES, doubts=2), ["2 times the camera saw another motion"]),
         (msgspec.structs.replace(FIGURES, places=0), ["No place of odometry came"]),
         (msgspec.structs.replace(FIGURES, keep=False, places=0), ["No place of odometry came"]),

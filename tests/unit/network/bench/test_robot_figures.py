@@ -81,8 +81,8 @@ def test_a_run_is_not_good_where_an_owner_finds_it_otherwise(name: str, spoil: A
 
 
 def driven(**differing: Any) -> RobotFigures:
-    unlike = {"keep": True, "places": 60, "doubts": 1, "frames": 20, "kept": 30, "unplaced_readings": 0, **differing}
-    told = DrivingFigures(**unlike, camera_height_m=1.2, camera_pitch_deg=6.0)
+    unlike = {"keep": True, "places": 60, "doubts": 1, "frames": 20, "kept": 30, **differing}
+    told = DrivingFigures(**unlike, home_lost=False, unplaced_readings=0, camera_height_m=1.2, camera_pitch_deg=6.0)
     return make_figures(OPTIONS, [(ROBOT, replace(summary(), driving=told), logged())], owners(), {})
 
 

@@ -90,6 +90,16 @@ def test_of_transforms_only_those_between_the_named_frames_count(tmp_path: Path)
     assert (place.ahead_m, place.left_m, place.yaw) == pytest.approx((2.0, 1.0, -0.4))
 
 
+def test_a_message_of_more_transforms_than_any_robot_has_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
+    crowd = transforms(40, *[("map", f"bed_{number:04d}", 0.0, 0.0, 0.0) for number in range(4_000)])
+    few = transforms(50, *[("odom", "base_link", 2.0, 1.0, -0.4)] * 1_000)
+    bag = write_bag(tmp_path / "bag", ("/tf", TRANSFORMS, crowd), ("/tf", TRANSFORMS, few))
+    refused, *places = read(bag, topic="/tf", parent="odom", child="base_link")
+    assert isinstance(refused, RefusedMessage)
+    assert (refused.kind, refused.reason) == ("odometry", "size")
+    assert len(places) == 1_000
+
+
 def test_another_frame_is_refused_and_counted(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", ("/odom", ODOMETRY, odometry(40, 0.0, 0.0, 0.0, frame="map")))
     (refused,) = read(bag, topic="/odom", parent="odom")
