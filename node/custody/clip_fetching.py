@@ -54,11 +54,11 @@ class ClipFetcher:
     """Mixin of `Custodian` that fetches missing clips. `passes_count`: how often all of them were asked for."""
 
     passes_count = 0
+    _asked_range: tuple[tuple[int, bytes], tuple[int, bytes]] | None = None
 
     if TYPE_CHECKING:  # the custodian's own
         _store: CustodyStore
         _has_room: Callable[[int], bool]
-        _asked_range: tuple[tuple[int, bytes], tuple[int, bytes]] | None
         _waited_s: dict[str, float]
         _member: bytes
         _writing: asyncio.Lock

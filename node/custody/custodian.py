@@ -91,7 +91,6 @@ class Custodian(ShareService, ClipFetcher):
         self._placed_by: Placement | None = None
         self._placed_up_to: bytes | None = None  # of what is absent, the last record that was sorted; None: all were
         self._point: Checkpoint | None = None
-        self._asked_range: tuple[tuple[int, bytes], tuple[int, bytes]] | None = None
         self._waited_s: dict[str, float] = {}
         self._in_flight: set[int] = set()
 
