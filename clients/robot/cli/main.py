@@ -285,7 +285,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
     warnings = list(warn_of_readings(source.topics)) if isinstance(source, BagSource | LiveSource) else []
     if isinstance(source, BagSource):  # a live camera tells its focal length once it runs
         warnings += [*warn_of_silence(source.silent_tag_topics), *warn_of_lens(source.focal_px)]
-        warnings += warn_of_odometry(source.unnamed_odometry)
+        warnings += warn_of_odometry(source.unnamed_odometry, source.odometry_rate_hz)
     for warning in warnings:
         tell(warning)
     waiting_count = count_waiting(folder / SPOOL_FOLDER)

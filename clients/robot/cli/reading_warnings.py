@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from clients.robot.hiding.own_motion import GAP_MAX_MS
 from clients.robot.matching.matcher import Matcher
 from clients.robot.matching.tracking import Track
 from clients.robot.sensing.camera_intrinsics import FOCAL_DEFAULT_PX
@@ -54,8 +55,15 @@ def warn_of_silence(topics: list[str]) -> Iterator[str]:
         yield f"No reading of a tag comes from {topic}: the recording holds 0 messages of it."
 
 
-def warn_of_odometry(unnamed: list[str]) -> Iterator[str]:
-    """If a recording tells where the robot was, and the topics file does not name it."""
+def warn_of_odometry(unnamed: list[str], rate_hz: float | None) -> Iterator[str]:
+    """If a recording tells where the robot was, and the topics file does not name it; or if what it names (`rate_hz`, None:
+    nothing) tells that too rarely.
+    """
+    if rate_hz is not None and rate_hz * GAP_MAX_MS < 1_000:
+        yield (
+            f"The recording has {rate_hz:.1f} places of odometry a second. With fewer than {1_000 // GAP_MAX_MS} it is "
+            "mostly unknown where the robot was, and nobody is kept then. Record odometry 10 times a second or more."
+        )
     if unnamed:
         names = escape_controls(", ".join(unnamed), allowed="")
         yield (

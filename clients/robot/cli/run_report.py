@@ -10,7 +10,7 @@ from msgspec import UnsetType
 
 from clients.robot.cli.robot_choice import ROBOT_COMMAND, name_robot
 from clients.robot.consent.consent_view import ConsentCounts
-from clients.robot.hiding.moving.driving_figures import DrivingFigures
+from clients.robot.hiding.moving.driving_figures import NO_FLOOR, DrivingFigures
 from clients.robot.hiding.withhold_reason import MergedBy, WithholdReason
 from clients.robot.matching.match_evidence import Obstacle
 from clients.robot.pairing.rosters import UnknownTagCounts
@@ -215,7 +215,7 @@ def _driving_lines(driving: DrivingFigures | None, moved: int) -> Iterator[str]:
 
 def _keeping_lines(driving: DrivingFigures) -> Iterator[str]:
     if driving.camera_height_m is None:
-        yield "The empty scene shows no floor: without it nothing is kept, not even at stops. Record one that does."
+        yield NO_FLOOR
         return
     yield (
         f"Without the empty scene (as while it drove): {_count_of(driving.frames, 'frame')}, {driving.kept} kept, which "

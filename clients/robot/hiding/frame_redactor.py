@@ -243,15 +243,15 @@ class FrameRedactor:
                     self._motion.confirm(at_ms)
                 if self._second_look is not None and place is not None and not hider.is_blank:
                     found = self._second_look.look_again(found, depth, place, at_ms)
-                elif self._lacks_floor:
+                elif self.lacks_floor:
                     found = found.withhold_all(WithholdReason.NO_GROUND)
                 self._follow(seen, found)
                 return
         seen.moved = True
 
     @property
-    def _lacks_floor(self) -> bool:
-        """Without the floor there is no second look at whom the first way finds."""
+    def lacks_floor(self) -> bool:
+        """Nobody is kept by a robot that drives if the empty scene shows no floor: without it there is no second look."""
         return self._driving is not None and self._driving.keeps and self._mount is None
 
     def _may_be_home(self, place: RobotPlace | None) -> bool:

@@ -22,7 +22,7 @@ from clients.robot.delivery.delivery import Delivery
 from clients.robot.delivery.robot_network import COPIES_DEFAULT_COUNT, RobotNetwork
 from clients.robot.hiding.background import Background, empty_bank, learn_background
 from clients.robot.hiding.frame_redactor import FrameRedactor
-from clients.robot.hiding.moving.driving_figures import DrivingFigures
+from clients.robot.hiding.moving.driving_figures import NO_FLOOR, DrivingFigures
 from clients.robot.hiding.moving.moving_hider import DrivingCamera
 from clients.robot.identity.robot_keys import load_identity
 from clients.robot.pairing.rosters import load_roster
@@ -53,6 +53,10 @@ SPOOL_FOLDER = "spool"
 FRESH_WITHIN_MS = 30_000
 """How long a run waits for a recent block at most, beyond the chain's heartbeat."""
 
+_NOBODY_KNOWN = (
+    "The chain confirms nobody of the roster, so nothing will be kept. Make it with everybody whose tag is to count: "
+    "blockrobot roster make."
+)
 _START_DELAY_MS = 250
 _PROGRESS_EVERY_S = 0.25
 LOCK_FILE = "robot.lock"
@@ -168,6 +172,8 @@ class _Run:
         watch = asyncio.create_task(self._consents.watch())
         try:
             await self._consents.wait_fresh(self._heartbeat_ms + FRESH_WITHIN_MS)
+            if not len(self._consents):
+                self._options.tell(_NOBODY_KNOWN)
             return await self._play(source)
         finally:
             watch.cancel()
@@ -185,6 +191,8 @@ class _Run:
         background = learn_background(empty)
         redactor = _redactor_of(source, background)
         lens = CameraIntrinsics(source, redactor.use_focal_px, live=isinstance(source, LiveSource))
+        if redactor.lacks_floor:
+            self._options.tell(NO_FLOOR)
         statistics = RunStatistics(window_ms=redactor.pairing.window_ms)
         open_visits = UnclosedVisitStore(self._folder / "open-visits", self._identity.spool)
         member = self._identity.identity.public_key

@@ -6,6 +6,8 @@ from typing import Annotated
 
 from clients.sdk.terminal.json_answers import Answer, Count, doc
 
+NO_FLOOR = "The empty scene shows no floor: without it nothing is kept, not even at stops. Record one that does."
+
 
 class DrivingFigures(Answer, frozen=True, kw_only=True):
     """How people were hidden by a robot that says where it is."""

@@ -44,7 +44,9 @@ class BagSource:
         self.frame_count = figures[self._topics.depth].count
         self.silent_tag_topics = [tags.topic for tags in self._topics.tags if not figures[tags.topic].count]
         odometry = [name for name, topic in figures.items() if topic.type == ODOMETRY_TYPE]
-        self.unnamed_odometry = odometry if self._topics.odometry is None else []
+        named = self._topics.odometry
+        self.unnamed_odometry = odometry if named is None else []
+        self.odometry_rate_hz = None if named is None else figures[named.topic].rate_hz
         self.sighting_count = sum(figures[tags.topic].count for tags in self._topics.tags)
         self.empty_frame_count = figures[self._topics.empty].count if self._topics.empty in figures else 0
 

@@ -11,7 +11,8 @@ import pytest
 
 from clients.robot.cli.reading_warnings import warn_of_odometry
 from clients.robot.cli.run_report import summary_lines
-from clients.robot.hiding.moving.driving_figures import DrivingFigures
+from clients.robot.hiding import frame_redactor
+from clients.robot.hiding.moving.driving_figures import NO_FLOOR, DrivingFigures
 from clients.robot.run.run_summary import RunSummary
 from clients.robot.sources.messages.topics import OdometryTopic, Topics, load_topics
 from clients.robot.sources.recordings.bag_source import BagSource
@@ -84,9 +85,29 @@ def test_with_odometry_people_are_kept_on_the_way_and_the_records_say_that_they_
 
 
 def test_odometry_that_no_file_names_is_warned_of(bag: Path) -> None:
-    (warning,) = warn_of_odometry(BagSource(bag).unnamed_odometry)
+    unnamed, named = BagSource(bag), BagSource(bag, topics=load_topics(DRIVE_TOPICS_FILE))
+    (warning,) = warn_of_odometry(unnamed.unnamed_odometry, unnamed.odometry_rate_hz)
     assert "/odom" in warning
-    assert not list(warn_of_odometry(BagSource(bag, topics=load_topics(DRIVE_TOPICS_FILE)).unnamed_odometry))
+    assert not list(warn_of_odometry(named.unnamed_odometry, named.odometry_rate_hz))
+
+
+@pytest.mark.parametrize(("rate_hz", "warned"), [(0.0, True), (3.9, True), (4.0, False)])
+def test_odometry_that_comes_too_rarely_is_warned_of(rate_hz: float, warned: bool) -> None:
+    assert any("places of odometry a second" in warning for warning in warn_of_odometry([], rate_hz)) == warned
+
+
+def test_a_run_says_at_once_that_the_empty_scene_shows_no_floor(
+    tmp_path: Path, bag: Path, monkeypatch: pytest.MonkeyPatch, inline_threads: None
+) -> None:
+    monkeypatch.setattr(frame_redactor, "measure_mount", lambda _points: None)
+
+    async def story(start: Start) -> None:
+        start.registry.block()
+        start.stop.set()
+        await start.run.work(BagSource(bag, topics=load_topics(DRIVE_TOPICS_FILE)))
+        assert start.told == [NO_FLOOR]
+
+    begin(tmp_path, bag, monkeypatch, story)
 
 
 @pytest.mark.parametrize("topics", [Topics(), replace(Topics(), odometry=OdometryTopic("/odom"))])

@@ -18,6 +18,7 @@ from clients.robot.run.runner import FRESH_WITHIN_MS, ReplayOptions
 from clients.robot.sources.recordings.bag_source import BagSource
 from consensus.chain.epoch_settings import ChainSettings
 from consensus.errors import BlockRobotError
+from consensus.state.identity import HANDLE
 from tests.unit.clients.robot.registry_stand_in import ROBOT, SIGNER, RegistryStandIn
 from tests.unit.clients.robot.test_delivery import FakeNetwork
 from tests.unit.clients.robot.test_pipeline import CHAIN, DAY_MS, roster
@@ -61,7 +62,10 @@ class Start:
         monkeypatch.setattr(runner, "load_roster", lambda *_: RosterBook(known, SIGNER))
         monkeypatch.setattr(runner, "RobotNetwork", lambda *_: self.network)
         monkeypatch.setattr(runner, "NetworkMajority", lambda *_: self.registry)
-        options = ReplayOptions(folder / "roster", "demo", 200, folder / "events.jsonl", True, False)
+        self.told: list[str] = []
+        options = ReplayOptions(
+            folder / "roster", "demo", 200, folder / "events.jsonl", True, False, tell=self.told.append
+        )
         self.source = BagSource(bag)
         self.run = runner._Run(folder, client, options, lambda figures, *, last=False: None, self.stop)
 
@@ -90,6 +94,21 @@ def test_the_first_block_after_an_outage_is_waited_for_and_every_frame_covered(
         counts = summary.frames
         assert counts.covered == counts.published > 0
         assert "registry-stale" not in counts.withheld_reasons
+
+    begin(tmp_path, small_bag, monkeypatch, story)
+
+
+def test_a_roster_of_whom_the_chain_confirms_nobody_is_told_of_before_the_recording_is_used_up(
+    tmp_path: Path, small_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def story(start: Start) -> None:
+        for row in roster().rows:
+            del start.registry.state[HANDLE.key(row.handle)]
+        start.registry.block()
+        start.stop.set()
+        await start.run.work(start.source)
+        (said,) = start.told
+        assert "confirms nobody of the roster" in said
 
     begin(tmp_path, small_bag, monkeypatch, story)
 
