@@ -44,6 +44,14 @@ class Scanner(Protocol):
         ...
 
 
+class RangeScanner(Protocol):
+    """Scans values of a range of keys."""
+
+    def scan_range(self, start: bytes, end: bytes, /) -> Iterator[tuple[bytes, bytes]]:
+        """Yield (flat key, encoded value) pairs in [start, end), in key order."""
+        ...
+
+
 class UnreadError(KeyError):
     """A query needs an unrequested key: its one argument."""
 
@@ -192,6 +200,13 @@ class Prefix(Rows[T]):
     ) -> Iterator[tuple[tuple[bytes, ...], T]]:
         """Yield key parts and rows in key order. Raises ENCODING_INVALID."""
         for key, data in state.scan(self.start(first), limit):
+            yield self.split(key), self._from(data)
+
+    def rows_after(self, state: RangeScanner, last: bytes) -> Iterator[tuple[tuple[bytes, ...], T]]:
+        """As `rows`, those behind the key that ends with `last`; all, if that is empty."""
+        first = self.start(last) + b"\x00" if last else self.flat
+        beyond = self.flat[:-1] + bytes((self.flat[-1] + 1,))
+        for key, data in state.scan_range(first, beyond):
             yield self.split(key), self._from(data)
 
 

@@ -29,8 +29,8 @@ _LINE_MAX_BYTES = 16 * 1024 * 1024
 _WORK_PATHS: dict[type[Document], str] = {ScrubAnswer: "/custody/scrub", RebuildAnswer: "/custody/rebuild"}
 R = TypeVar("R", ScrubAnswer, RebuildAnswer)
 
-OnProgress = Callable[[str, str, int, int], None]
-"""Told of progress: the node's name, what is being looked at, how many are done, and of how many (0: not known)."""
+OnProgress = Callable[[str, Progress], None]
+"""Told of a node's progress, by its name."""
 
 
 def _headers(config: NodeConfig) -> dict[str, str]:
@@ -79,19 +79,22 @@ async def ask_status(config: NodeConfig) -> CustodyStatus:
             raise _not_read(config) from None
 
 
-async def run_work(config: NodeConfig, kind: type[R], on_progress: OnProgress) -> R:
-    """Scrub or rebuild, by the report that is wanted. Raises as `ask_status`, and CUSTODY_CATCHING_UP."""
+async def run_work(config: NodeConfig, kind: type[R], on_progress: OnProgress, *, after: bytes = b"") -> R:
+    """Scrub (records after that one) or rebuild, by the report that is wanted. Raises as `ask_status`, and
+    CUSTODY_CATCHING_UP.
+    """
+    parameters = {"after": after.hex()} if after else {}
     headers = _headers(config)
     timeout = aiohttp.ClientTimeout(total=None, connect=STATUS_TIMEOUT_S, sock_read=LINE_TIMEOUT_S)
     async with aiohttp.ClientSession(timeout=timeout, read_bufsize=_LINE_MAX_BYTES) as session:
         try:
-            async with session.post(_url(config, _WORK_PATHS[kind]), headers=headers) as response:
+            async with session.post(_url(config, _WORK_PATHS[kind]), headers=headers, params=parameters) as response:
                 if response.status != 200:
                     raise _refusal(read_json_as(await response.read(), CustodyProblem))
                 async for line in response.content:
                     answer = read_json_as(line, WorkLine)
                     if isinstance(answer.progress, Progress):
-                        on_progress(config.name, answer.progress.what, answer.progress.done, answer.progress.total)
+                        on_progress(config.name, answer.progress)
                     elif isinstance(answer.error, CustodyProblem):
                         raise _refusal(answer.error)
                     elif isinstance(answer.report, msgspec.Raw):

@@ -95,7 +95,8 @@ def _count(report: ScrubAnswer | RebuildAnswer, field: str) -> int:
 
 def scrub_sentences(node: str, report: ScrubAnswer) -> list[str]:
     sentences = [
-        f"{node}, at height {report.height}: {report.records_count} records of the chain looked up, "
+        f"{node}, at height {report.height}: {report.records_count} records of the chain looked up"
+        f"{f' after {report.after}' if report.after else ''}, "
         f"{report.clips_compared_count} clips and {report.frames_compared_count} frames read."
     ]
     for field, (sentence, step) in _SCRUB_FINDINGS.items():

@@ -18,7 +18,7 @@ from consensus.state.audit import ENTRY, EntryRow
 from consensus.state.erasure import REQUEST as ERASURE_REQUEST
 from consensus.state.erasure import ErasureRow
 from consensus.state.identity import HANDLE, active_role, custodian_organisations, custodian_rooms, custodians
-from consensus.state.keys import Reader, Scanner
+from consensus.state.keys import RangeScanner, Reader, Scanner
 from consensus.state.records import EMPTY_FRAME, OF_VISIT, RECORD, RecordRow
 from consensus.state.rights import OBJECTION, QUARANTINE, RESTRICTION
 from consensus.state.settings import read_copies
@@ -30,7 +30,7 @@ NARROWING_KINDS = frozenset({"restricted", "objected", "denied", "transferred"})
 """What the audit calls the words that make earlier requests void; the end of a quarantine is one too (`_narrows`)."""
 
 
-class StateReader(Reader, Scanner, Protocol):
+class StateReader(Reader, Scanner, RangeScanner, Protocol):
     """The flat table of the finalized state."""
 
 
@@ -106,8 +106,9 @@ class ChainFacts:
             if record.status in {"active", "erasing"}:
                 yield record.facts
 
-    def records(self) -> Iterator[RecordState]:
-        for (record_id,), row in RECORD.rows(self._state):
+    def records(self, after: bytes = b"") -> Iterator[RecordState]:
+        """In the order of their ids."""
+        for (record_id,), row in RECORD.rows_after(self._state, after):
             yield self._record(record_id, row)
 
     def unreported(self, member: bytes) -> list[bytes]:

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from consensus.records.clips import ClipDownload, FrameDownload
 from node.custody.chain_facts import ChainFacts
 from node.custody.repair.rebuild import Rebuild, RebuildReport
-from node.custody.repair.scrub import ScrubReport, scrub
+from node.custody.repair.scrub import ScrubReport, Tell, ignore_progress, scrub
 from tests.offchain.house import CustodianHarness, read_all
 from tests.offchain.small_chain import RecordedClip
 from tests.offchain.small_state import State
@@ -59,8 +59,9 @@ class CustodyHarness:
     def open_facts(self) -> Callable[[], AbstractContextManager[ChainFacts]]:
         return lambda: self.state.open(self.house.chain.height, self.house.chain.time_ms)
 
-    async def scrub(self) -> ScrubReport:
-        return await scrub(self.house.custodian, self.house.store, self.house.keys, self.open_facts())
+    async def scrub(self, tell: Tell = ignore_progress, *, after: bytes = b"") -> ScrubReport:
+        house = self.house
+        return await scrub(house.custodian, house.store, house.keys, self.open_facts(), tell, after)
 
     async def rebuild(self, *peers: Peer) -> RebuildReport:
         async def pause() -> None:

@@ -37,6 +37,28 @@ async def test_a_store_that_agrees_with_the_chain_is_clean(desk: CustodyHarness)
     assert (report.records_count, report.clips_compared_count, report.frames_compared_count) == (3, 3, 9)
 
 
+async def test_a_scrub_that_broke_off_goes_on_after_the_last_record_before_which_nothing_was_wrong(
+    desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("node.custody.repair.scrub.RECORDS_AT_ONCE_COUNT", 2)
+    clips = sorted((record_clip() for _ in range(7)), key=lambda clip: clip.record_id)
+    await desk.hold(*clips[:4], *clips[5:])
+    desk.record(clips[4])
+    told: list[bytes] = []
+
+    def hear(what: str, done: int, total: int, last: bytes = b"") -> None:
+        if what == "records":
+            told.append(last)
+
+    whole = await desk.scrub(hear)
+    ids = [clip.record_id for clip in clips]
+    assert told == [ids[1], ids[3], ids[3], ids[3]], "the missing one is reported at the end only"
+    rest = await desk.scrub(after=told[-1])
+    assert (rest.after, rest.records_count, rest.clips_compared_count) == (ids[3], 3, 2)
+    assert rest.missing == whole.missing == [ids[4]]
+    assert (await desk.scrub(after=ids[6])).records_count == 0
+
+
 async def test_after_an_erasure_and_an_expiry_nothing_is_left_and_the_scrub_says_so(desk: CustodyHarness) -> None:
     gone, cut, expiring = (record_clip() for _ in range(3))
     await desk.hold(gone, cut, expiring)

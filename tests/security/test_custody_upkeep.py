@@ -23,6 +23,7 @@ from node.custody.coordination.custody_answers import (
     CustodyStatus,
     MissingReceipts,
     OverdueErasure,
+    Progress,
     RebuildAnswer,
     ScrubAnswer,
 )
@@ -34,6 +35,7 @@ from node.operator_listener import create_operator_listener
 pytestmark = pytest.mark.smoke
 
 TOKEN = "5e" * 32
+RECORD = b"r" * 16
 ROUTES = [("GET", "/custody"), ("POST", "/custody/scrub"), ("POST", "/custody/rebuild")]
 
 
@@ -97,9 +99,10 @@ class ScriptedUpkeep:
         self._note("status")
         return STATUS
 
-    async def scrub(self, tell: Any) -> ScrubAnswer:
-        tell("records", 5, 0)
-        self._note("scrub")
+    async def scrub(self, tell: Any, after: bytes) -> ScrubAnswer:
+        tell("records", 5, 0, RECORD)
+        await self.may_end.wait()
+        self._note(f"scrub {after.hex()}".rstrip())
         return SCRUBBED
 
     async def rebuild(self, tell: Any) -> RebuildAnswer:
@@ -196,13 +199,40 @@ async def test_a_node_without_a_token_or_without_clips_refuses(upkeep: ScriptedU
 
 
 async def test_the_command_asks_with_the_token_of_the_data_directory(
+    config: NodeConfig, upkeep: ScriptedUpkeep
+) -> None:
+    assert await ask_status(config) == STATUS
+    assert await run_work(config, ScrubAnswer, lambda *_: None) == SCRUBBED
+    assert await run_work(config, ScrubAnswer, lambda *_: None, after=RECORD) == SCRUBBED
+    assert await run_work(config, RebuildAnswer, lambda *_: None) == REBUILT
+    assert upkeep.asked == ["status", "scrub", f"scrub {RECORD.hex()}", "rebuild"]
+
+
+async def test_a_scrub_tells_after_which_record_another_could_go_on(
     config: NodeConfig, upkeep: ScriptedUpkeep, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    progress: list[tuple[str, str, int, int]] = []
-    assert await ask_status(config) == STATUS
-    assert await run_work(config, ScrubAnswer, lambda *told: progress.append(told)) == SCRUBBED
-    assert await run_work(config, RebuildAnswer, lambda *told: progress.append(told)) == REBUILT
-    assert upkeep.asked == ["status", "scrub", "rebuild"]
+    monkeypatch.setattr("node.custody.coordination.custody_admin_routes.TELL_EVERY_S", 0.001)
+    upkeep.may_end.clear()
+    heard: list[tuple[str, Progress]] = []
+
+    def hear(name: str, progress: Progress) -> None:
+        heard.append((name, progress))
+        upkeep.may_end.set()
+
+    await run_work(config, ScrubAnswer, hear)
+    assert heard == [("node-1", Progress(what="records", done=5, total=0, last=RECORD.hex()))]
+
+
+@pytest.mark.parametrize("after", ["zz", "72", "72" * 17])
+async def test_a_scrub_after_what_is_no_record_is_refused(
+    server: TestServer, upkeep: ScriptedUpkeep, after: str
+) -> None:
+    async with (
+        aiohttp.ClientSession(headers={"Authorization": f"Bearer {TOKEN}"}) as session,
+        session.post(server.make_url("/custody/scrub"), params={"after": after}) as response,
+    ):
+        assert (response.status, (await response.json())["code"]) == (400, "REQUEST_INVALID")
+    assert upkeep.asked == []
 
 
 async def test_work_that_has_nothing_to_say_for_long_is_still_heard_of(
@@ -214,8 +244,8 @@ async def test_work_that_has_nothing_to_say_for_long_is_still_heard_of(
     upkeep.may_end.clear()
     heard: list[str] = []
 
-    def hear(_name: str, what: str, _done: int, _total: int) -> None:
-        heard.append(what)
+    def hear(_name: str, progress: Progress) -> None:
+        heard.append(progress.what)
         if len(heard) == 5:
             upkeep.may_end.set()
 

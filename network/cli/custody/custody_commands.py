@@ -21,13 +21,14 @@ from clients.sdk.terminal.terminal import load_genesis as load_genesis_file
 from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.cluster.remote_table import ask_elsewhere, ask_from_outside, print_elsewhere
+from network.cli.custody.record_id import RECORD_ID
 from network.cli.node.node_commands import get_node_config
 from network.cluster import Cluster
 from network.custody.custody_requests import R, ask_all, run_work
 from network.custody.custody_text import describe_position, rebuild_sentences, scrub_sentences, status_sentences
 from network.provisioning.node_joining import newest_directory
 from node.config import NodeConfig, load_genesis
-from node.custody.coordination.custody_answers import CustodyStatus, RebuildAnswer, ScrubAnswer
+from node.custody.coordination.custody_answers import CustodyStatus, Progress, RebuildAnswer, ScrubAnswer
 
 _PLACES = {
     "status": LazyCommand(
@@ -179,32 +180,47 @@ def _print_uploads(configs: list[NodeConfig], answers: list[CustodyStatus | Bloc
         console.print(escape(line))
 
 
-def _run(configs: list[NodeConfig], kind: type[R], work: str, *, as_json: bool) -> list[tuple[str, R]]:
-    reports = []
-    with status_line("Asking ...", as_json=as_json) as show:
+def _run(
+    configs: list[NodeConfig], kind: type[R], work: str, *, as_json: bool, after: bytes = b""
+) -> list[tuple[str, R]]:
+    reports, last = [], ""
+    try:
+        with status_line("Asking ...", as_json=as_json) as show:
 
-        def on_progress(name: str, what: str, done: int, total: int) -> None:
-            show(f"{name}: {what} {done}{f' of {total}' if total else ''}")
+            def on_progress(name: str, progress: Progress) -> None:
+                nonlocal last
+                last = progress.last
+                show(f"{name}: {progress.what} {progress.done}{f' of {progress.total}' if progress.total else ''}")
 
-        for config in configs:
-            on_progress(config.name, work, 0, 0)
-            reports.append((config.name, asyncio.run(run_work(config, kind, on_progress))))
+            for config in configs:
+                on_progress(config.name, Progress(what=work, done=0, total=0))
+                reports.append((config.name, asyncio.run(run_work(config, kind, on_progress, after=after))))
+    except (BlockRobotError, KeyboardInterrupt):
+        if last:
+            go_on = f"blockrobot custody {work} {configs[len(reports)].name} --after {last}"
+            click.echo(f"Broken off. Nothing was wrong before it; to go on from there: {go_on}", err=True)
+        raise
     return reports
 
 
 @click.command()
 @click.argument("node", required=False)
 @folder_option
+@click.option("--after", type=RECORD_ID, help="Go on after this record, which NODE's scrub told when it broke off.")
 @command_output
-def scrub(node: str | None, folder: Path | None, as_json: bool) -> None:
+def scrub(node: str | None, folder: Path | None, after: bytes | None, as_json: bool) -> None:
     """Prove now that chain and store agree, and that of what was erased no ciphertext and no key is left.
 
     Looks at every record both ways, every frame's bytes, every slot of the erase keys and, in SQLite, every free page.
     Changes nothing but that it lists as missing what is missing. Exits 0 if all is as it must be, 1 otherwise.
 
+    With --after, records are looked at from there on, in the order of their ids, and all else once more.
+
     Example: blockrobot custody scrub node-1
     """
-    reports = _run(_custodians(node, folder), ScrubAnswer, "scrub", as_json=as_json)
+    if after and not node:
+        raise click.UsageError("--after is a record of one node's scrub: name the node.")
+    reports = _run(_custodians(node, folder), ScrubAnswer, "scrub", as_json=as_json, after=after or b"")
     _finish(reports, scrub_sentences, as_json=as_json)
 
 

@@ -18,9 +18,9 @@ from clients.sdk.terminal.terminal import (
     status_line,
 )
 from consensus.errors import BlockRobotError
-from consensus.records.envelopes import RECORD_ID_BYTES
 from network.cli.cluster.cluster_options import folder_option, network_folder
 from network.cli.custody.custody_answers import CustodyHuntAnswer, FoundRemains
+from network.cli.custody.record_id import RECORD_ID
 from network.cluster import Cluster
 from network.custody.hunt import HuntReport, gather
 from network.custody.hunt import hunt as search
@@ -29,23 +29,8 @@ from network.custody.traces import Trace, read_traces, trace_plaintext, write_tr
 _SHOWN_CHARS = 60
 
 
-def _read_ids(_context: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> tuple[bytes, ...]:
-    ids = []
-    for text in given:
-        try:
-            record_id = bytes.fromhex(text)
-        except ValueError:
-            record_id = b""
-        if len(record_id) != RECORD_ID_BYTES:
-            raise click.BadParameter(
-                f"{text!r} is no record id: 32 hexadecimal digits, as `wallet records` shows them."
-            )
-        ids.append(record_id)
-    return tuple(ids)
-
-
 @click.command()
-@click.argument("records", metavar="RECORD...", nargs=-1, required=True, callback=_read_ids)
+@click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=RECORD_ID)
 @click.option(
     "--trace",
     "trace_file",

@@ -154,10 +154,10 @@ class CustodyAdmin:
             for custodian, missing in ages_ms.items()
         }
 
-    async def scrub(self, tell: Tell = ignore_progress) -> ScrubAnswer:
+    async def scrub(self, tell: Tell = ignore_progress, after: bytes = b"") -> ScrubAnswer:
         """Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         async with self._one_at_a_time:
-            report = await scrub(self._custodian, self._store, self._keys, self.open_facts, tell)
+            report = await scrub(self._custodian, self._store, self._keys, self.open_facts, tell, after)
         log.info("custody_scrubbed", clean=report.is_clean, nothing_erased_is_left=report.nothing_erased_is_left)
         return describe_scrub(report)
 

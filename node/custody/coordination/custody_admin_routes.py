@@ -9,6 +9,7 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 
 import msgspec
 import structlog
@@ -16,6 +17,7 @@ from aiohttp import web
 
 from consensus.api_documents import Document
 from consensus.errors import BlockRobotError
+from consensus.records.envelopes import RECORD_ID_BYTES
 from node.custody.coordination.custody_admin import CustodyAdmin
 from node.custody.coordination.custody_answers import CustodyProblem, Progress, WorkLine
 from node.custody.repair.scrub import Tell
@@ -23,9 +25,9 @@ from node.custody.repair.scrub import Tell
 TELL_EVERY_S = 0.2
 HEARTBEAT_S = 10.0
 Work = Callable[[Tell], Awaitable[Document]]
-_ROUTE_WORK: dict[str, Callable[[CustodyAdmin], Work]] = {
-    "/custody/scrub": lambda custody_admin: custody_admin.scrub,
-    "/custody/rebuild": lambda custody_admin: custody_admin.rebuild,
+_ROUTE_WORK: dict[str, Callable[[CustodyAdmin, web.Request], Work]] = {
+    "/custody/scrub": lambda admin, request: partial(admin.scrub, after=_read_after(request)),
+    "/custody/rebuild": lambda admin, _request: admin.rebuild,
 }
 
 log = structlog.get_logger(__name__)
@@ -33,6 +35,17 @@ log = structlog.get_logger(__name__)
 
 def _problem_of(error: BlockRobotError) -> CustodyProblem:
     return CustodyProblem(code=error.code, detail=error.detail, next_step=error.next_step)
+
+
+def _read_after(request: web.Request) -> bytes:
+    text = request.query.get("after", "")
+    try:
+        after = bytes.fromhex(text)
+    except ValueError:
+        after = b"?"
+    if text and len(after) != RECORD_ID_BYTES:
+        raise BlockRobotError("REQUEST_INVALID", "`after` is no record id.")
+    return after
 
 
 def _answer(document: Document, status: int = 200) -> web.Response:
@@ -58,7 +71,7 @@ def add_custody_routes(
 
     async def work(request: web.Request) -> web.StreamResponse:
         try:
-            run = _ROUTE_WORK[request.path](permitted(request))
+            run = _ROUTE_WORK[request.path](permitted(request), request)
         except BlockRobotError as error:
             return _answer(_problem_of(error), error.entry.status)
         return await _stream(request, run)
@@ -69,15 +82,19 @@ def add_custody_routes(
 
 
 async def _stream(request: web.Request, run: Work) -> web.StreamResponse:
-    newest: list[tuple[str, int, int]] = []
-    newest_line, line_at_s = ("working", 0, 0), time.monotonic()
+    newest: list[Progress] = []
+    newest_line, line_at_s = Progress(what="working", done=0, total=0), time.monotonic()
+
+    def tell(what: str, done: int, total: int, last: bytes = b"") -> None:
+        newest.append(Progress(what=what, done=done, total=total, last=last.hex()))
+
     response = web.StreamResponse(headers={"Content-Type": "application/x-ndjson"})
     await response.prepare(request)
 
     async def say(line: WorkLine) -> None:
         await response.write(msgspec.json.encode(line) + b"\n")
 
-    task = asyncio.ensure_future(run(lambda *progress: newest.append(progress)))
+    task = asyncio.ensure_future(run(tell))
     try:
         while not task.done():
             await asyncio.wait([task], timeout=TELL_EVERY_S)
@@ -85,8 +102,7 @@ async def _stream(request: web.Request, run: Work) -> web.StreamResponse:
             if is_due and not task.done():
                 newest_line, line_at_s = newest[-1] if newest else newest_line, time.monotonic()
                 newest.clear()
-                what, done, total = newest_line
-                await say(WorkLine(progress=Progress(what=what, done=done, total=total)))
+                await say(WorkLine(progress=newest_line))
         try:
             await say(WorkLine(report=msgspec.Raw(msgspec.json.encode(task.result()))))
         except BlockRobotError as error:

@@ -90,11 +90,14 @@ class PartName(Document, frozen=True):
 
 
 class ScrubAnswer(Document, frozen=True):
-    """A scrub's findings (`ScrubReport`); null: the store's files cannot be looked into. `counts`: of whole lists."""
+    """A scrub's findings (`ScrubReport`), among records after that one if `after` names one. Null: the store's files
+    cannot be looked into. `counts`: of whole lists.
+    """
 
     ok: bool
     nothing_erased_is_left: bool
     height: int
+    after: str
     records_count: int
     clips_compared_count: int
     frames_compared_count: int
@@ -133,11 +136,14 @@ class RebuildAnswer(Document, frozen=True):
 
 
 class Progress(Document, frozen=True):
-    """What is looked at, how many are done, and of how many (0: not known)."""
+    """What is looked at, how many are done, and of how many (0: not known); `last`: after which record a scrub could go on
+    if it broke off, empty for other work.
+    """
 
     what: str
     done: int
     total: int
+    last: str = ""
 
 
 class CustodyProblem(Document, frozen=True):

@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
@@ -21,8 +22,15 @@ from node.custody.erase_keys import ErasableKeys
 from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, Leftovers, RecordFacts
 
 OpenFacts = Callable[[], AbstractContextManager[ChainFacts]]
-Tell = Callable[[str, int, int], None]
-"""Told of progress: what is being looked at, how many are done, and of how many (0: not known)."""
+
+
+class Tell(Protocol):
+    """Told of progress: what is being looked at, how many are done, and of how many (0: not known); `last`: the record up
+    to which a scrub found nothing wrong, after which another can go on.
+    """
+
+    def __call__(self, what: str, done: int, total: int, last: bytes = b"") -> None: ...
+
 
 RECORDS_AT_ONCE_COUNT = 256
 SLOTS_AT_ONCE_COUNT = 16_384
@@ -33,19 +41,20 @@ _TELL_EVERY_COUNT = 100
 GONE_CODES = frozenset({"CLIP_ERASED", "CLIP_NOT_CONFIRMED", "NOT_FOUND"})
 
 
-def ignore_progress(_what: str, _done: int, _total: int) -> None: ...
+def ignore_progress(what: str, done: int, total: int, last: bytes = b"") -> None: ...
 
 
 @dataclass(slots=True)
 class ScrubReport:
     """A scrub's findings, by record id and frame.
 
-    `corrupted`: frames not matching their leaf, or lost. `unclaimed_frames`: records with frames but no clip.
-    `parts_held_though_ended`: grant and record. `unclaimed_keys`: keys no frame names. `dirty_slots_count`: keyless
-    slots with bytes.
+    `after`: records up to it were not looked up, since an earlier scrub did. `corrupted`: frames not matching their leaf,
+    or lost. `unclaimed_frames`: records with frames but no clip. `parts_held_though_ended`: grant and record.
+    `unclaimed_keys`: keys no frame names. `dirty_slots_count`: keyless slots with bytes.
     """
 
     height: int = 0
+    after: bytes = b""
     records_count: int = 0
     clips_compared_count: int = 0
     frames_compared_count: int = 0
@@ -155,13 +164,20 @@ async def caught_up(
 
 
 async def scrub(
-    custodian: Custodian, store: CustodyStore, keys: ErasableKeys, open_facts: OpenFacts, tell: Tell = ignore_progress
+    custodian: Custodian,
+    store: CustodyStore,
+    keys: ErasableKeys,
+    open_facts: OpenFacts,
+    tell: Tell = ignore_progress,
+    after: bytes = b"",
 ) -> ScrubReport:
     """Absent clips are listed as missing. All is read while the custodian goes on; what looks wrong is judged at rest.
 
+    `after`: records up to this id, in their order, are not looked up.
+
     Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED.
     """
-    seen = ScrubReport()
+    seen = ScrubReport(after=after)
     with open_facts() as facts:
         suspects = await _look_through(RecordComparer(custodian, store, facts), store, facts, seen, tell)
         may_hold_ended_parts = bool(await find_ended_parts(store, facts))
@@ -172,7 +188,7 @@ async def scrub(
     dirty_slots_count = await _count_dirty_slots(keys)
     may_hold_unclaimed_keys = await _may_hold_unclaimed_keys(store, keys)
     report = await _judge(sorted(suspects), custodian, store, open_facts)
-    report.records_count, report.dirty_slots_count = seen.records_count, dirty_slots_count
+    report.after, report.records_count, report.dirty_slots_count = after, seen.records_count, dirty_slots_count
     report.clips_compared_count, report.frames_compared_count = seen.clips_compared_count, seen.frames_compared_count
     async with caught_up(custodian, open_facts) as (facts, in_flight):
         report.height = facts.point.height
@@ -243,8 +259,10 @@ async def _look_through(
 ) -> set[bytes]:
     suspects: set[bytes] = set()
     batch: dict[bytes, RecordState] = {}
+    last = seen.after
 
     async def judge_batch() -> None:
+        nonlocal last
         clips = await store.clips(list(batch))
         for record_id, record in batch.items():
             try:
@@ -255,10 +273,13 @@ async def _look_through(
                 is_well = False  # erased or expired since the batch was read: to be looked at again
             if not is_well:
                 suspects.add(record_id)
+            last = (
+                last if suspects else record_id
+            )  # what looks wrong is reported at the end only: not to be left out then
         batch.clear()
-        tell("records", seen.records_count, 0)
+        tell("records", seen.records_count, 0, last)
 
-    for record in facts.records():
+    for record in facts.records(seen.after):
         seen.records_count += 1
         batch[record.facts.record_id] = record
         if len(batch) >= RECORDS_AT_ONCE_COUNT:

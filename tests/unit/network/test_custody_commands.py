@@ -15,9 +15,10 @@ from consensus.errors import BlockRobotError
 from consensus.state.settings import UploadQuotas
 from network.cli.main import main
 from network.provisioning.network_layout import create_network
-from node.custody.coordination.custody_answers import CustodyStatus, ScrubAnswer
+from node.custody.coordination.custody_answers import CustodyStatus, Progress, ScrubAnswer
 
 ERASURE = "ab" * 32
+LAST = "ef" * 16
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +106,9 @@ def says(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     async def ask_all(configs: list[Any]) -> list[Any]:
         return [said[config.name] for config in configs]
 
-    async def run_work(config: Any, kind: type[Any], on_progress: Any) -> Any:
-        on_progress(config.name, "records", 1, 2)
+    async def run_work(config: Any, kind: type[Any], on_progress: Any, *, after: bytes) -> Any:
+        on_progress(config.name, Progress(what="records", done=1, total=2, last=LAST if kind is ScrubAnswer else ""))
+        said["after"] = after
         report = said[f"{'scrub' if kind is ScrubAnswer else 'rebuild'} {config.name}"]
         if isinstance(report, BlockRobotError):
             raise report
@@ -155,7 +157,7 @@ def _scrubbed(**changes: Any) -> dict[str, Any]:
     lists = ("missing", "held_though_erased", "unknown_to_chain", "other_facts", "unclaimed_frames", "unclaimed_keys")
     pairs = ("frames_held_though_erased", "corrupted", "parts_held_though_ended", "empty_frames_held_though_withdrawn")
     report: dict[str, Any] = {name: [] for name in (*lists, *pairs)}
-    counts = {"height": 9, "records_count": 7, "clips_compared_count": 7, "frames_compared_count": 30}
+    counts = {"height": 9, "after": "", "records_count": 7, "clips_compared_count": 7, "frames_compared_count": 30}
     files = {"dirty_slots_count": 0, "log_bytes": 0, "dirty_bytes": 0}
     return {"ok": True, "nothing_erased_is_left": True, **report, **counts, **files, **changes}
 
@@ -215,6 +217,24 @@ def test_a_custodian_that_refuses_is_told_by_code_and_exit_code(
     result = _run(folder, "scrub", "node-1", "--json")
     assert result.exit_code == exit_code
     assert json.loads(result.stdout)["error"]["code"] == code
+
+
+def test_a_scrub_that_broke_off_says_how_to_go_on_and_goes_on_there(folder: Path, says: dict[str, Any]) -> None:
+    says["scrub node-1"] = _scrubbed()
+    says["scrub node-2"] = BlockRobotError("NODE_UNREACHABLE")
+    broken = _run(folder, "scrub")
+    assert broken.exit_code == 1
+    assert f"blockrobot custody scrub node-2 --after {LAST}" in broken.stderr
+    says["scrub node-2"] = _scrubbed(after=LAST)
+    result = _run(folder, "scrub", "node-2", "--after", LAST)
+    assert result.exit_code == 0, result.output
+    assert says["after"].hex() == LAST
+    assert f"looked up after {LAST}" in " ".join(result.stdout.split())
+
+
+@pytest.mark.parametrize("arguments", [("--after", LAST), ("node-2", "--after", LAST[:-1])])
+def test_a_scrub_goes_on_at_one_node_after_a_record(folder: Path, arguments: tuple[str, ...]) -> None:
+    assert _run(folder, "scrub", *arguments).exit_code == 2
 
 
 def test_a_custodian_that_is_none_is_refused_and_a_network_that_is_down_is_said_to_be(folder: Path) -> None:
