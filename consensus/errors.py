@@ -231,6 +231,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CLUSTER_UNREACHABLE", 503, "The cluster's scheduler does not answer any more.", "Check the address, that `dask scheduler` and a `dask worker` run, and that your certificate is of their CA.", retryable=True),
     ErrorEntry("CLUSTER_RESULT_FOREIGN", 502, "A worker answered with the result of another task.", "Nothing of this run was used: restart the cluster's workers, and find out who else changes what they run."),
     ErrorEntry("WORKER_UNLIKE", 409, "A worker of the cluster does not run what you run.", "Install the same clone of BlockRobot with the same Python and extras there; start it with `dask worker --nthreads 1`, or stop it."),
+    ErrorEntry("WORKERS_LOST", 503, "A piece of work ended the workers of the cluster, again and again.", "See in their logs what ends them. If it is memory, start fewer workers or give each more: `dask worker --memory-limit`.", retryable=True),
     ErrorEntry("FRAME_INVALID", 400, "The frame's size, encoding or step is not what it says.", "Check the camera driver's settings."),
     ErrorEntry("FRAME_TIME_WRONG", 400, "The frame's stamp is too far from the time of the stream.", "Set the camera's clock, or have its driver stamp frames with the host's time."),
     ErrorEntry("PAIRING_FULL", 503, "Too many frames wait to be paired.", "Check that the camera's stamps go on: frames of one and the same time wait for ever.", retryable=True),

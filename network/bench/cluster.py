@@ -31,7 +31,7 @@ Answer = tuple[bytes, dict[str, str], bytes]
 _CONNECT_MAX_S = 10.0
 _FIRST_WORKER_MAX_S = 30.0
 _RESTART_MAX_S = 30.0
-_LOST_WORKERS_MAX_COUNT = 100
+_RESENT_MAX_COUNT = 20  # each time, Dask has seen four workers die of it
 _DIGEST_BYTES = 16
 _QUOTED_MAX_CHARS = 2_000
 _PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
@@ -92,10 +92,10 @@ class _ClusterPool(Executor):
         try:
             outcome.set_result(check_answer(call, answered.result()))
         except KilledWorker as error:
-            if lost < _LOST_WORKERS_MAX_COUNT:
+            if lost < _RESENT_MAX_COUNT:
                 self._send(call, outcome, lost + 1)
             else:
-                outcome.set_exception(error)
+                outcome.set_exception(BlockRobotError("WORKERS_LOST", f"{_RESENT_MAX_COUNT + 1} times: {error}"))
         except BaseException as error:  # noqa: BLE001 - CancelledError too: given to whoever waits for the result
             outcome.set_exception(error if isinstance(error, Exception) else BlockRobotError("CLUSTER_UNREACHABLE"))
 

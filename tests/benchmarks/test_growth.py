@@ -27,11 +27,16 @@ async def test_every_operation_is_measured_at_each_size_and_a_second_run_fills_n
         figures = next(each for each in first.figures.operations if each.operation == operation)
         assert all(size.told and size.peak_kib for size in figures.sizes), operation
         assert figures.held_bytes is not None, operation
-    filled = {path: path.stat().st_ino for path in options.cache.iterdir()}
+    filled = _files_in(options.cache)
     monkeypatch.setitem(growth_figures.GOALS, "listing", -10.0)
     monkeypatch.setattr(growth_figures, "NOISE_MS", -1.0)
     second = await run_growth_benchmark(GrowthOptions(options.cache, {"visits": (10, 20), "state": (10,)}))
     assert not second.ok, "nothing that lists gets so much cheaper"
     assert {"wallet records (visits)", "wallet audit (visits)"} <= set(second.figures.missed)
-    assert {path: path.stat().st_ino for path in options.cache.iterdir()} == filled
+    assert _files_in(options.cache) == filled, "and nothing of what is kept is changed by measuring it"
     assert any("clips held: 20" in line for line in told)
+
+
+def _files_in(cache: Path) -> dict[Path, tuple[int, int]]:
+    found = {path: path.stat() for path in cache.rglob("*") if path.is_file()}
+    return {path: (stat.st_ino, stat.st_mtime_ns) for path, stat in found.items()}

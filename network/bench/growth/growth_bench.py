@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import shutil
 import time
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -137,6 +138,18 @@ async def fill_once(cache: Path, name: str, size: int, on_progress: OnProgress) 
     return folder, round(time.perf_counter() - started_s, 1)
 
 
+@asynccontextmanager
+async def _copied(folder: Path) -> AsyncIterator[Path]:
+    """What is measured leaves its marks: in what is kept for the next time they would add up."""
+    copy = folder.with_name(f"{folder.name}.measured")
+    try:
+        await asyncio.to_thread(shutil.rmtree, copy, ignore_errors=True)
+        await asyncio.to_thread(shutil.copytree, folder, copy)
+        yield copy
+    finally:
+        await asyncio.to_thread(shutil.rmtree, copy, ignore_errors=True)
+
+
 async def run_growth_benchmark(
     options: GrowthOptions, on_progress: OnProgress = lambda _text: None
 ) -> Result[GrowthFigures]:
@@ -148,10 +161,11 @@ async def run_growth_benchmark(
         for size in sizes:
             on_progress(f"{AXES[name].what}: {size}")
             folder, filled_s[f"{name} {size}"] = await fill_once(options.cache, name, size, on_progress)
-            for measure in AXES[name].measure:
-                async for operation, figures in measure(folder, size):
-                    on_progress(f"{AXES[name].what}: {size}, {operation}")
-                    found.setdefault((operation, name), []).append(figures)
+            async with _copied(folder) as copy:
+                for measure in AXES[name].measure:
+                    async for operation, figures in measure(copy, size):
+                        on_progress(f"{AXES[name].what}: {size}, {operation}")
+                        found.setdefault((operation, name), []).append(figures)
     operations = [judge(operation, name, KINDS[operation], sizes) for (operation, name), sizes in found.items()]
     missed = [f"{each.operation} ({each.axis})" for each in operations if not each.is_within_goal]
     answered = GrowthFigures(operations=operations, missed=missed, filled_s=filled_s)

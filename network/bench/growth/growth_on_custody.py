@@ -106,7 +106,7 @@ class _Other:
 
 
 class CustodyGrowth:
-    """One custodian beside its held clips; what is measured leaves as many as there were."""
+    """One custodian beside its held clips; what is measured leaves as many, and a mark for each erased one."""
 
     def __init__(self, store: SqliteStore, keys: EraseKeys, ledger: LedgerFile, point: Checkpoint | None) -> None:
         self._store, self._keys, self._ledger = store, keys, ledger
@@ -184,9 +184,7 @@ class CustodyGrowth:
 
     async def scrub_all(self, tell: Tell) -> None:
         point = await self._point()
-        report = await scrub(
-            self.custodian, self._store, self._keys, lambda: self._facts(point), lambda _what, _done, _total: tell()
-        )
+        report = await scrub(self.custodian, self._store, self._keys, lambda: self._facts(point), lambda *_: tell())
         if not report.is_clean:
             raise RuntimeError(f"the custodian of the benchmark is not clean: {report.leftovers}")
 

@@ -6,6 +6,7 @@ import hashlib
 import pickle
 import sys
 from concurrent.futures import Future
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
 import pytest
@@ -111,6 +112,29 @@ def test_two_calls_that_are_sent_at_once_have_keys_of_their_own(monkeypatch: pyt
     monkeypatch.setattr(cluster, "describe_code", describe)
     pool.submit(len, "first")
     assert len(set(keys)) == len(keys) == 3
+
+
+def test_a_call_of_which_workers_die_is_sent_anew_but_not_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys: list[str] = []
+
+    class KilledWorkerError(Exception):
+        pass
+
+    class Dask:
+        def get_executor(self) -> Dask:
+            return self
+
+        def submit(self, *_call: object, key: str) -> Future[Answer]:
+            keys.append(key)
+            died: Future[Answer] = Future()
+            died.set_exception(KilledWorkerError("four workers died"))
+            return died
+
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(KilledWorker=KilledWorkerError))
+    outcome = _ClusterPool(cast("Client", Dask())).submit(len, "greedy")
+    with pytest.raises(BlockRobotError, match=r"^WORKERS_LOST: 21 times: four workers died"):
+        outcome.result(0)
+    assert len(keys) == 21
 
 
 def test_the_answer_of_its_own_call_is_taken() -> None:
