@@ -111,7 +111,8 @@ def scrub_sentences(node: str, report: ScrubAnswer) -> list[str]:
     if report.log_bytes or report.dirty_bytes:
         sentences.append(f"  the database's log keeps {report.log_bytes} bytes, its free pages {report.dirty_bytes}")
     if report.nothing_erased_is_left:
-        sentences.append("  Of what was erased, no ciphertext and no key is left here.")
+        behind = f" among the records after {report.after}" if report.after else ""
+        sentences.append(f"  Of what was erased{behind}, no ciphertext and no key is left here.")
         if report.dirty_bytes is None:
             sentences.append(
                 "  (The files of the database's server cannot be looked into from here; see docs/how-to/mongodb.md.)"

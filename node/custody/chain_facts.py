@@ -119,6 +119,9 @@ class ChainFacts:
         expired = (record for record in self.records() if record.status == "expired")
         return [each.facts.record_id for each in expired if member in each.awaited or not each.awaited & known]
 
+    def has_record(self, record_id: bytes) -> bool:
+        return RECORD.has(self._state, record_id)
+
     def record(self, record_id: bytes) -> RecordState | None:
         row = RECORD.at(self._state, record_id)
         return None if row is None else self._record(record_id, row)

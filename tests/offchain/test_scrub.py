@@ -20,7 +20,7 @@ from node.custody.repair.scrub import find_unclaimed_keys
 from node.custody.stores.custody_store import BlockEffects, ClipRow
 from tests.offchain.desk import CustodyHarness, Peer
 from tests.offchain.house import ERASURE_ID, CustodianHarness, read_all, refused
-from tests.offchain.small_chain import BOB, EXPIRES_MS, erasure, record_clip, recorded
+from tests.offchain.small_chain import BOB, EXPIRES_MS, RecordedClip, erasure, record_clip, recorded
 from tests.offchain.small_state import BOTH
 
 
@@ -50,13 +50,37 @@ async def test_a_scrub_that_broke_off_goes_on_after_the_last_record_before_which
         if what == "records":
             told.append(last)
 
-    whole = await desk.scrub(hear)
     ids = [clip.record_id for clip in clips]
-    assert told == [ids[1], ids[3], ids[3], ids[3]], "the missing one is reported at the end only"
-    rest = await desk.scrub(after=told[-1])
+    assert (await desk.scrub(hear)).missing == [ids[4]]
+    assert told == [ids[1], ids[3], ids[3], ids[3], ids[6]], "what is missing is listed, once that is for certain"
+    rest = await desk.scrub(after=ids[3])
     assert (rest.after, rest.records_count, rest.clips_compared_count) == (ids[3], 3, 2)
-    assert rest.missing == whole.missing == [ids[4]]
+    assert rest.missing == [ids[4]]
     assert (await desk.scrub(after=ids[6])).records_count == 0
+    told.clear()
+    await _change_a_byte(desk, clips[5])
+    assert (await desk.scrub(hear)).corrupted == [(ids[5], 2)]
+    assert told[-1] == ids[3], "what is damaged is told at the end only"
+
+
+async def test_a_scrub_holds_no_version_of_the_ledger_for_long(
+    desk: CustodyHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As long as one is held, the ledger's file grows; and what was erased since would look wrong."""
+    monkeypatch.setattr(scrub, "RECORDS_AT_ONCE_COUNT", 2)
+    monkeypatch.setattr(scrub, "FACTS_HELD_MAX_S", 0.0)
+    clips = sorted((record_clip() for _ in range(5)), key=lambda clip: clip.record_id)
+    await desk.hold(*clips)
+    last: list[bytes] = []
+
+    def erase_one(what: str, done: int, total: int, sound: bytes = b"") -> None:
+        if done == 2 and not last:
+            desk.record(clips[3], status="erased", height=1)
+            desk.state.erasure(clips[3], receipts=BOTH, status="complete")
+        last.append(sound)
+
+    report = await desk.scrub(erase_one)
+    assert (report.records_count, report.held_though_erased) == (5, [clips[3].record_id])
 
 
 async def test_after_an_erasure_and_an_expiry_nothing_is_left_and_the_scrub_says_so(desk: CustodyHarness) -> None:
@@ -148,13 +172,18 @@ async def test_what_is_held_beyond_its_time_is_erased_and_reported_as_expired(
     assert len(await desk.house.ready_outbox()) == 1
 
 
-async def test_a_changed_byte_is_found_in_its_frame_and_mended_from_a_sound_copy(desk: CustodyHarness) -> None:
-    clip = record_clip()
-    await desk.hold(clip)
+async def _change_a_byte(desk: CustodyHarness, clip: RecordedClip) -> None:
     store = desk.house.store
     row, frames = (await store.clips([clip.record_id]))[clip.record_id], await store.frames(clip.record_id)
     changed = frames[2].ciphertext[:-1] + bytes((frames[2].ciphertext[-1] ^ 1,))
     await store.stage(row, [*frames[:2], replace(frames[2], ciphertext=changed)])
+
+
+async def test_a_changed_byte_is_found_in_its_frame_and_mended_from_a_sound_copy(desk: CustodyHarness) -> None:
+    clip = record_clip()
+    await desk.hold(clip)
+    store = desk.house.store
+    await _change_a_byte(desk, clip)
     report = await desk.scrub()
     assert report.corrupted == [(clip.record_id, 2)]
     alone = await desk.rebuild()

@@ -6,6 +6,7 @@ Reading a custodian's data directory authorizes: the operator's token is there.
 from __future__ import annotations
 
 import asyncio
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -183,22 +184,24 @@ def _print_uploads(configs: list[NodeConfig], answers: list[CustodyStatus | Bloc
 def _run(
     configs: list[NodeConfig], kind: type[R], work: str, *, as_json: bool, after: bytes = b""
 ) -> list[tuple[str, R]]:
-    reports, last = [], ""
+    reports, last = [], dict[str, str]()
     try:
         with status_line("Asking ...", as_json=as_json) as show:
 
             def on_progress(name: str, progress: Progress) -> None:
-                nonlocal last
-                last = progress.last
+                last[name] = progress.last or last.get(name, "")
                 show(f"{name}: {progress.what} {progress.done}{f' of {progress.total}' if progress.total else ''}")
 
             for config in configs:
                 on_progress(config.name, Progress(what=work, done=0, total=0))
                 reports.append((config.name, asyncio.run(run_work(config, kind, on_progress, after=after))))
     except (BlockRobotError, KeyboardInterrupt):
-        if last:
-            go_on = f"blockrobot custody {work} {configs[len(reports)].name} --after {last}"
-            click.echo(f"Broken off. Nothing was wrong before it; to go on from there: {go_on}", err=True)
+        config = configs[len(reports)]
+        if last.get(config.name):
+            go_on = shlex.join(["blockrobot", "custody", work, str(config.data_dir), "--after", last[config.name]])
+            click.echo(
+                f"Broken off. Until then nothing was wrong but what is listed as missing. Go on: {go_on}", err=True
+            )
         raise
     return reports
 

@@ -111,8 +111,9 @@ async def _stream(request: web.Request, run: Work) -> web.StreamResponse:
             log.exception("custody_upkeep_fault", path=request.path)
             await say(WorkLine(error=_problem_of(BlockRobotError("INTERNAL"))))
     finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError, BlockRobotError):
-            await task
+        if not task.done():
+            task.cancel()
+            with suppress(asyncio.CancelledError, BlockRobotError):
+                await task
     await response.write_eof()
     return response

@@ -8,8 +8,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from itertools import islice
 from typing import Protocol
 
 from consensus.errors import BlockRobotError
@@ -36,8 +37,8 @@ RECORDS_AT_ONCE_COUNT = 256
 SLOTS_AT_ONCE_COUNT = 16_384
 KEY_WALKS_MAX_COUNT = 3
 SETTLE_MAX_S = 20.0
+FACTS_HELD_MAX_S = 60.0
 _SETTLE_POLL_S = 0.05
-_TELL_EVERY_COUNT = 100
 GONE_CODES = frozenset({"CLIP_ERASED", "CLIP_NOT_CONFIRMED", "NOT_FOUND"})
 
 
@@ -77,6 +78,18 @@ class ScrubReport:
         files = (self.unclaimed_keys, self.dirty_slots_count, self.leftovers.log_bytes, self.leftovers.dirty_bytes)
         others = (self.parts_held_though_ended, self.empty_frames_held_though_withdrawn)
         return not any(held) and not any(files) and not any(others)
+
+    @property
+    def is_record_wrong(self) -> bool:
+        """Whether a record has a finding that is told nowhere else; what is missing is in the store's list."""
+        frames = (self.frames_held_though_erased, self.corrupted)
+        return any((self.held_though_erased, self.unknown_to_chain, self.other_facts, *frames))
+
+    def add_findings(self, other: ScrubReport) -> None:
+        for each in fields(self):
+            found = getattr(self, each.name)
+            if isinstance(found, list):
+                found.extend(getattr(other, each.name))
 
     @property
     def is_clean(self) -> bool:
@@ -177,19 +190,17 @@ async def scrub(
 
     Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED.
     """
-    seen = ScrubReport(after=after)
+    report = ScrubReport(after=after)
+    await _look_at_records(custodian, store, open_facts, report, tell)
+    await _judge(await _find_unknown(store, open_facts, tell), custodian, store, open_facts, report)
     with open_facts() as facts:
-        suspects = await _look_through(RecordComparer(custodian, store, facts), store, facts, seen, tell)
         may_hold_ended_parts = bool(await find_ended_parts(store, facts))
     frames = await find_unclaimed_frames(store)
     tell("blobs", 0, 0)
     await store.sweep_blobs()
     tell("keys", 0, 0)
-    dirty_slots_count = await _count_dirty_slots(keys)
+    report.dirty_slots_count = await _count_dirty_slots(keys)
     may_hold_unclaimed_keys = await _may_hold_unclaimed_keys(store, keys)
-    report = await _judge(sorted(suspects), custodian, store, open_facts)
-    report.after, report.records_count, report.dirty_slots_count = after, seen.records_count, dirty_slots_count
-    report.clips_compared_count, report.frames_compared_count = seen.clips_compared_count, seen.frames_compared_count
     async with caught_up(custodian, open_facts) as (facts, in_flight):
         report.height = facts.point.height
         report.unclaimed_frames = await _among_unclaimed(store, frames)
@@ -202,22 +213,89 @@ async def scrub(
     return report
 
 
+async def _look_at_records(
+    custodian: Custodian, store: CustodyStore, open_facts: OpenFacts, report: ScrubReport, tell: Tell
+) -> None:
+    """While a version of the ledger is read, its file grows by what blocks change: none is held for long."""
+    clock, last, sound = asyncio.get_running_loop().time, report.after, report.after
+    is_done = False
+    while not is_done:
+        suspects: list[bytes] = []
+        with open_facts() as facts:
+            until, rest = clock() + FACTS_HELD_MAX_S, facts.records(last)
+            comparer = RecordComparer(custodian, store, facts)
+            while not is_done:
+                batch = list(islice(rest, RECORDS_AT_ONCE_COUNT))
+                suspects += await _find_suspects(comparer, store, batch, report)
+                is_done = len(batch) < RECORDS_AT_ONCE_COUNT
+                last = batch[-1].facts.record_id if batch else last
+                sound = sound if suspects or report.is_record_wrong else last
+                report.records_count += len(batch)
+                tell("records", report.records_count, 0, sound)
+                if clock() >= until:
+                    break
+        await _judge(suspects, custodian, store, open_facts, report)
+        sound = sound if report.is_record_wrong else last
+    tell("records", report.records_count, 0, sound)
+
+
+async def _find_suspects(
+    comparer: RecordComparer, store: CustodyStore, batch: Sequence[RecordState], report: ScrubReport
+) -> list[bytes]:
+    """`report` counts what is read; findings are for certain only at rest."""
+    clips = await store.clips([record.facts.record_id for record in batch])
+    found, seen = [], ScrubReport()
+    for record in batch:
+        record_id = record.facts.record_id
+        try:
+            is_well = await comparer.compare(record_id, record, clips.get(record_id), seen)
+        except BlockRobotError as error:
+            if error.code not in GONE_CODES:
+                raise
+            is_well = False  # erased or expired since the batch was read: to be looked at again
+        if not is_well:
+            found.append(record_id)
+    report.clips_compared_count += seen.clips_compared_count
+    report.frames_compared_count += seen.frames_compared_count
+    return found
+
+
+async def _find_unknown(store: CustodyStore, open_facts: OpenFacts, tell: Tell) -> list[bytes]:
+    """Return clips of records that the chain does not have; for certain only at rest."""
+    found: list[bytes] = []
+    batch: list[bytes] = []
+    done = 0
+
+    def look_up() -> None:
+        with open_facts() as facts:
+            found.extend(record_id for record_id in batch if not facts.has_record(record_id))
+        batch.clear()
+
+    async for clip in store.all_clips():
+        done += 1
+        if clip.status == "confirmed":
+            batch.append(clip.record_id)
+        if len(batch) >= RECORDS_AT_ONCE_COUNT:
+            look_up()
+            tell("clips", done, 0)
+    look_up()
+    return found
+
+
 async def _judge(
-    suspects: Sequence[bytes], custodian: Custodian, store: CustodyStore, open_facts: OpenFacts
-) -> ScrubReport:
+    suspects: Sequence[bytes], custodian: Custodian, store: CustodyStore, open_facts: OpenFacts, report: ScrubReport
+) -> None:
     """Some at a time, so that blocks and uploads wait for no more than those."""
-    report = ScrubReport()
     for start in range(0, len(suspects), RECORDS_AT_ONCE_COUNT):
-        batch = suspects[start : start + RECORDS_AT_ONCE_COUNT]
+        batch, found = suspects[start : start + RECORDS_AT_ONCE_COUNT], ScrubReport()
         async with caught_up(custodian, open_facts) as (facts, _):
             judge, clips = RecordComparer(custodian, store, facts), await store.clips(batch)
-            missing_before = len(report.missing)
             for record_id in batch:
-                await judge.compare(record_id, facts.record(record_id), clips.get(record_id), report)
-            records = (facts.record(record_id) for record_id in report.missing[missing_before:])
+                await judge.compare(record_id, facts.record(record_id), clips.get(record_id), found)
+            records = map(facts.record, found.missing)
             absent = tuple(record.facts for record in records if record is not None)
             await store.apply(BlockEffects(missing=await _not_listed(store, absent)))
-    return report
+        report.add_findings(found)
 
 
 async def _count_dirty_slots(keys: ErasableKeys) -> int:
@@ -252,47 +330,6 @@ async def _not_listed(store: CustodyStore, absent: Iterable[RecordFacts]) -> tup
     all_absent = list(absent)
     listed = await store.missing_clips([facts.record_id for facts in all_absent])
     return tuple([facts for facts in all_absent if facts.record_id not in listed])
-
-
-async def _look_through(
-    judge: RecordComparer, store: CustodyStore, facts: ChainFacts, seen: ScrubReport, tell: Tell
-) -> set[bytes]:
-    suspects: set[bytes] = set()
-    batch: dict[bytes, RecordState] = {}
-    last = seen.after
-
-    async def judge_batch() -> None:
-        nonlocal last
-        clips = await store.clips(list(batch))
-        for record_id, record in batch.items():
-            try:
-                is_well = await judge.compare(record_id, record, clips.get(record_id), seen)
-            except BlockRobotError as error:
-                if error.code not in GONE_CODES:
-                    raise
-                is_well = False  # erased or expired since the batch was read: to be looked at again
-            if not is_well:
-                suspects.add(record_id)
-            last = (
-                last if suspects else record_id
-            )  # what looks wrong is reported at the end only: not to be left out then
-        batch.clear()
-        tell("records", seen.records_count, 0, last)
-
-    for record in facts.records(seen.after):
-        seen.records_count += 1
-        batch[record.facts.record_id] = record
-        if len(batch) >= RECORDS_AT_ONCE_COUNT:
-            await judge_batch()
-    await judge_batch()
-    done = 0
-    async for clip in store.all_clips():
-        done += 1
-        if clip.status == "confirmed" and facts.record(clip.record_id) is None:
-            suspects.add(clip.record_id)
-        if done % _TELL_EVERY_COUNT == 0:
-            tell("clips", done, 0)
-    return suspects
 
 
 async def find_unclaimed_frames(store: CustodyStore) -> list[bytes]:

@@ -108,6 +108,7 @@ def says(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     async def run_work(config: Any, kind: type[Any], on_progress: Any, *, after: bytes) -> Any:
         on_progress(config.name, Progress(what="records", done=1, total=2, last=LAST if kind is ScrubAnswer else ""))
+        on_progress(config.name, Progress(what="keys", done=0, total=0))
         said["after"] = after
         report = said[f"{'scrub' if kind is ScrubAnswer else 'rebuild'} {config.name}"]
         if isinstance(report, BlockRobotError):
@@ -224,12 +225,14 @@ def test_a_scrub_that_broke_off_says_how_to_go_on_and_goes_on_there(folder: Path
     says["scrub node-2"] = BlockRobotError("NODE_UNREACHABLE")
     broken = _run(folder, "scrub")
     assert broken.exit_code == 1
-    assert f"blockrobot custody scrub node-2 --after {LAST}" in broken.stderr
+    assert f"blockrobot custody scrub {folder / 'nodes' / 'node-2'} --after {LAST}" in broken.stderr
     says["scrub node-2"] = _scrubbed(after=LAST)
     result = _run(folder, "scrub", "node-2", "--after", LAST)
     assert result.exit_code == 0, result.output
     assert says["after"].hex() == LAST
-    assert f"looked up after {LAST}" in " ".join(result.stdout.split())
+    said = " ".join(result.stdout.split())
+    assert f"looked up after {LAST}" in said
+    assert f"Of what was erased among the records after {LAST}, no ciphertext" in said
 
 
 @pytest.mark.parametrize("arguments", [("--after", LAST), ("node-2", "--after", LAST[:-1])])
