@@ -43,6 +43,10 @@ class PeerCustodian(Protocol):
     async def fetch(self, record_id: bytes) -> ClipDownload | None: ...
 
 
+InTurn = Callable[[bytes], list[PeerCustodian]]
+"""Whom to ask for a record, the likeliest first."""
+
+
 def check_fetched(fetched: ClipDownload, facts: RecordFacts) -> None:
     """Raises PROOF_INVALID (leaves against chain roots), UPLOAD_HASH_MISMATCH (bytes against leaves), UPLOAD_INVALID."""
     damaged = check_clip_download(fetched, facts.commitment_root, facts.ciphertext_root)
@@ -111,6 +115,11 @@ class ClipFetcher:
         """
         due, fetched = iter(await self._choose_missing()), list[ClipDownload]()
         installs, turns = list[asyncio.Task[int]](), asyncio.Semaphore(INSTALLS_IN_FLIGHT_COUNT)
+        placement = self._find_placement()
+
+        def in_turn(record_id: bytes) -> list[PeerCustodian]:
+            keepers = placement.keepers(record_id)
+            return sorted(peers, key=lambda peer: (peer.member not in keepers, self._waited_s.get(peer.name, 0.0)))
 
         async def install(batch: Sequence[ClipDownload]) -> int:
             try:
@@ -119,7 +128,7 @@ class ClipFetcher:
                 turns.release()
 
         async def fetch() -> None:
-            async for batch in self._fetch_in_turn(due, peers, fetched):
+            async for batch in self._fetch_in_turn(due, in_turn, fetched):
                 await turns.acquire()
                 installs.append(group.create_task(install(batch)))
 
@@ -132,14 +141,14 @@ class ClipFetcher:
         return sum(work.result() for work in installs) + await self._install(fetched)
 
     async def _fetch_in_turn(
-        self, due: Iterator[RecordFacts], peers: Sequence[PeerCustodian], fetched: list[ClipDownload]
+        self, due: Iterator[RecordFacts], in_turn: InTurn, fetched: list[ClipDownload]
     ) -> AsyncIterator[list[ClipDownload]]:
         """Batches to be installed; the last ones, too few for one, stay in `fetched`."""
         for facts in due:
             if not self._has_room(_ROOM_BYTES):
                 log.warning("clips_not_fetched", code="DISK_RESERVE_REACHED")
                 break
-            if clip := await self._fetch_from_any(facts, peers):
+            if clip := await self._fetch_from_any(facts, in_turn(facts.record_id)):
                 fetched.append(clip)
             if sum(len(frame.ciphertext) for clip in fetched for frame in clip.frames) >= INSTALL_AT_ONCE_MAX_BYTES:
                 batch, fetched[:] = fetched[:], []
@@ -151,7 +160,7 @@ class ClipFetcher:
         return await self.install_checked(fetched)
 
     async def _fetch_from_any(self, facts: RecordFacts, peers: Sequence[PeerCustodian]) -> ClipDownload | None:
-        for peer in self._in_turn(peers, facts.record_id):
+        for peer in peers:
             try:
                 fetched = await self._fetch_timed(peer, facts.record_id)
                 if fetched is not None and fetched.record_id == facts.record_id:
@@ -160,10 +169,6 @@ class ClipFetcher:
             except BlockRobotError as error:
                 log.info("custody_fetch_refused", peer=peer.name, code=error.code)
         return None
-
-    def _in_turn(self, peers: Sequence[PeerCustodian], record_id: bytes) -> list[PeerCustodian]:
-        keepers = self._find_placement().keepers(record_id)
-        return sorted(peers, key=lambda peer: (peer.member not in keepers, self._waited_s.get(peer.name, 0.0)))
 
     async def _fetch_timed(self, peer: PeerCustodian, record_id: bytes) -> ClipDownload | None:
         now_s = asyncio.get_running_loop().time
