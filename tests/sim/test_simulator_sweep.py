@@ -17,6 +17,11 @@ def test_four_nodes_keep_every_promise_under_the_faults_of_a_seed(seed: int) -> 
     assert result.acknowledged > 0
 
 
+@pytest.mark.parametrize("seed", [223, 236])
+def test_a_clip_that_has_just_expired_in_the_end_is_not_taken_for_lost(seed: int) -> None:
+    assert run_seed(plan_of(seed, 4, 10, seed % 2)).violations == ()
+
+
 def test_seven_nodes_with_two_dishonest_ones_keep_every_promise() -> None:
     assert run_seed(plan_of(11, 7, 40, 2)).violations == ()
 
