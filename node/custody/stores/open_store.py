@@ -32,7 +32,7 @@ def open_store(
     if clips is None:
         return index
     # What it does not define is the index's.
-    return cast("CustodyStore", BlobBackedStore(index, open_blobs(clips), open_names(folder, clips)))
+    return cast("CustodyStore", BlobBackedStore(index, open_blobs(clips), open_names(folder, clips), folder))
 
 
 def open_index(uri: str, folder: Path, require_space: Callable[[], None] = lambda: None) -> CustodyStore:

@@ -20,8 +20,8 @@ from network.cluster import Cluster
 from network.provisioning.network_files import HALF_DONE
 from network.provisioning.network_layout import create_network
 from network.provisioning.network_removal import MAKING_MARK, remove_abandoned, remove_network
-from node.custody.blobs.blob_backed_store import OWNER_NAME
 from node.custody.blobs.blob_names import BlobNames
+from node.custody.blobs.blob_store import OWNER_NAME
 from node.custody.blobs.folder_blobs import FolderBlobs
 from tests.world.cuts import is_killed_after
 
