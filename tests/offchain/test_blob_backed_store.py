@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -278,6 +280,32 @@ async def test_a_first_start_that_is_cut_off_may_name_another_place(tmp_path: Pa
     assert not (tmp_path / "one").exists()
     with pytest.raises(BlockRobotError, match="are in folder:other"):
         open_store("sqlite", tmp_path / "custody", clips=read_place("folder:one", tmp_path))
+
+
+@pytest.mark.parametrize("error", [errno.EIO, errno.EACCES])
+async def test_a_folder_that_cannot_be_read_is_no_empty_one(
+    house: CustodianHarness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: int
+) -> None:
+    """An erasure's read-back would see nothing in it."""
+    clip, store, scandir = await house.keep(), house.store, os.scandir
+    assert isinstance(store, BlobBackedStore)
+    await store._blobs.put(store._names.name(clip.record_id, new_generation()), b"left by a crash")
+    folder = store._names.prefix(clip.record_id).rpartition("/")[0]
+    block = house.chain.block(erasure(ERASURE_ID, clip))
+
+    def failing(path: Any) -> Any:
+        if Path(path) == tmp_path / "blobs" / folder:
+            raise OSError(error, os.strerror(error))
+        return scandir(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "scandir", failing)
+        await refused("STORE_UNAVAILABLE", house.custodian.on_finalized_block(block))
+        await refused("STORE_UNAVAILABLE", store.sweep_blobs())
+        assert await house.ready_outbox() == []
+    await house.custodian.on_finalized_block(block)
+    assert [name async for name in store._blobs.names()] == [OWNER_NAME]
+    assert [name async for name in store._blobs.names("no/ne")] == []
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ class FolderBlobs:
         return await self._in_thread((self._folder / name).exists)
 
     async def names(self, prefix: str = "") -> AsyncIterator[str]:
-        walk = os.walk(self._folder / prefix.rpartition("/")[0])
+        walk = os.walk(self._folder / prefix.rpartition("/")[0], onerror=_raise)
         while step := await self._in_thread(lambda: next(walk, None)):
             parent = Path(step[0]).relative_to(self._folder)
             for file in step[2]:
@@ -105,3 +105,8 @@ class FolderBlobs:
         except OSError as error:
             detail = f"The folder of clips {self._folder} fails: {error.strerror}."
             raise BlockRobotError("STORE_UNAVAILABLE", detail) from error
+
+
+def _raise(error: OSError) -> None:
+    if not isinstance(error, FileNotFoundError):  # no blob has been in that folder
+        raise error
