@@ -75,7 +75,7 @@ def test_what_custodians_and_new_nodes_leave_goes_with_their_network(tmp_path: P
     asyncio.run(fill())
     (blob,) = node.glob("clips/*/*/*")
     left = [blob.with_name(unfinished), node / "clips" / unfinished, node / unfinished, node / "node.toml.moving"]
-    left += [node / name for name in ("node.csr", "node-entry.draft.json")]
+    left += [node / name for name in ("node.toml.copying", "node.csr", "node-entry.draft.json")]
     cut_off = place / "nodes" / f".anew.{HALF_DONE}"  # a restore
     left += [cut_off / "owner.lock", cut_off / "anew" / "node.toml"]
     for custody in ("custody", "custody.moved", "custody.moving"):
