@@ -8,11 +8,11 @@ from pathlib import Path
 from consensus.errors import BlockRobotError
 from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, CUSTODY_NAME, NodeConfig, config_to_toml, load_config
-from node.custody.blobs.place_file import PLACE_FILE_NAME, read_place_file
+from node.custody.blobs.place_file import PLACE_FILE_NAME, leave_place, open_names, read_place_file
 from node.custody.stores.copying import Tell, copy_store, require_empty
 from node.custody.stores.custody_store import StoreCounts
-from node.custody.stores.open_store import clear_index, open_index, open_store
-from node.storage.synced_files import sync_directory, write_synced
+from node.custody.stores.open_store import clear_index, open_blobs, open_index, open_store
+from node.storage.synced_files import UNFINISHED, sync_directory, write_synced
 
 MOVING_NAME, MOVED_NAME = "custody.moving", "custody.moved"
 SETTINGS_NAME = "node.toml.moving"
@@ -45,7 +45,7 @@ async def move_custody(
         apart = "the store" if planned.clips is None else planned.clips.url
         detail = (
             f"A move was cut off (rows to {rows}, clips to {apart}). All is where it was: finish that move by the same "
-            "command."
+            f"command, or give it up by `blockrobot node move-custody {config.name} --give-up`."
         )
         raise BlockRobotError("CONFIGURATION_INVALID", detail)
     moving.mkdir(mode=0o700, exist_ok=True)
@@ -69,6 +69,37 @@ async def move_custody(
     sync_directory(config.data_dir)
     finish_move(config.data_dir)
     return counts
+
+
+async def give_up_move(config: NodeConfig) -> None:
+    """Delete what a move that was cut off has copied, so that another can be begun. What it copied from is not touched.
+
+    Raises NOT_FOUND if there is none, CONFIGURATION_INVALID if it has copied all, CLIPS_NOT_THERE, STORE_UNAVAILABLE.
+    """
+    if (config.data_dir / SETTINGS_NAME).exists():
+        detail = "The move has copied all: finish it by the same command, and then move on from there, or back."
+        raise BlockRobotError("CONFIGURATION_INVALID", detail)
+    planned, moving = _read_planned(config.data_dir), config.data_dir / MOVING_NAME
+    if planned is None:
+        raise BlockRobotError("NOT_FOUND", "There is no move of its custodian that was cut off.")
+    _forget_live_names(config)
+    if (
+        planned.custody_store != config.custody_store or planned.custody_store == "sqlite"
+    ):  # else somebody named it since
+        await clear_index(planned.custody_store, moving)
+    if planned.clips is not None and (moving / PLACE_FILE_NAME).exists():
+        async with open_blobs(planned.clips) as blobs:
+            await leave_place(blobs, open_names(moving, planned.clips), moving)
+    _remove_folder(moving)
+    (config.data_dir / COPYING_NAME).unlink()
+    sync_directory(config.data_dir)
+
+
+def _remove_folder(moving: Path) -> None:
+    if moving.exists():
+        for path in (moving / PLACE_FILE_NAME, *moving.glob(f"{UNFINISHED}*")):
+            path.unlink(missing_ok=True)
+        moving.rmdir()
 
 
 def _read_planned(data_dir: Path) -> NodeConfig | None:

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
+import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner, Result
 
 from consensus.errors import BlockRobotError
+from network.cli.node.custody_move_commands import move
 from node.clips_place import ClipsPlace, read_place
 from node.config import load_config
+from node.custody import moving
+from node.custody.blobs import place_file
 from node.custody.blobs.blob_store import OWNER_NAME
-from node.custody.moving import COPYING_NAME, MOVED_NAME, MOVING_NAME, move_custody
+from node.custody.moving import COPYING_NAME, MOVED_NAME, MOVING_NAME, give_up_move, move_custody
 from node.custody.stores import copying
 from node.custody.stores.custody_store import BlockEffects, CustodyStore
 from node.custody.stores.open_store import open_index, open_store
@@ -68,6 +75,10 @@ async def rows_of(store: CustodyStore) -> dict[str, Any]:
     found |= {"backgrounds": await store.background_digests(), "uses": await store.day_uses()}
     counts = dataclasses.replace(await store.counts(), size_bytes=None)
     return found | {"checkpoint": await store.checkpoint(), "counts": counts}
+
+
+async def typed(life: Life, *options: str) -> Result:
+    return await asyncio.to_thread(CliRunner().invoke, move, [str(life.data_dir), *options])
 
 
 def files_in(folder: Path | None) -> list[str]:
@@ -157,6 +168,8 @@ async def test_a_database_of_another_custodian_is_refused_and_not_emptied(
     for _ in range(2):
         with pytest.raises(BlockRobotError, match=r"^FILE_EXISTS: .*name an empty one"):
             await move_custody(load_config(life.data_dir), mongo_database, None)
+        with pytest.raises(BlockRobotError, match=r"^NOT_FOUND"):
+            await give_up_move(load_config(life.data_dir))
     async with open_index(mongo_database, tmp_path) as index:
         assert await index.frames(clip.record_id) == frames
 
@@ -174,6 +187,56 @@ async def test_what_differs_at_the_new_place_ends_the_move(life: Life, monkeypat
     await life.check()
 
 
+async def test_a_move_that_was_cut_off_is_given_up_for_another_place(life: Life) -> None:
+    first, other = (read_place(f"folder:{name}", life.data_dir) for name in ("first", "other"))
+    await cut_off(life, "sqlite", first)
+    refusal = r"cut off \(rows to SQLite, clips to folder:first\).*is where it was.*--give-up"
+    with pytest.raises(BlockRobotError, match=refusal):
+        await move_custody(load_config(life.data_dir), "sqlite", other)
+    assert len(files_in(first.folder)) > 1
+    result = await typed(life, "--give-up", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["clips"] == 0
+    assert files_in(first.folder) == []
+    assert not (life.data_dir / MOVING_NAME).exists()
+    assert json.loads((await typed(life, "--give-up", "--json")).stdout)["error"]["code"] == "NOT_FOUND"
+    assert "takes no new place" in (await typed(life, "--give-up", "--clips", "store")).output
+    await move_custody(load_config(life.data_dir), "sqlite", other)
+    shutil.rmtree(life.data_dir / MOVED_NAME)
+    await move_custody(load_config(life.data_dir), "sqlite", first)
+    await life.check()
+
+
+async def test_giving_up_that_is_cut_off_is_begun_again(life: Life, monkeypatch: pytest.MonkeyPatch) -> None:
+    there = read_place("folder:first", life.data_dir)
+    await cut_off(life, "sqlite", there)
+
+    def cut(*_: Any, **__: Any) -> None:
+        raise OSError("power cut")
+
+    for module, name in ((place_file, "_note"), (moving, "_remove_folder")):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, cut)
+            with pytest.raises(OSError, match="power cut"):
+                await give_up_move(load_config(life.data_dir))
+    await give_up_move(load_config(life.data_dir))
+    assert files_in(there.folder) == []
+    await life.check()
+
+
+async def test_a_disk_that_is_not_mounted_has_nothing_to_give_up(life: Life, tmp_path: Path) -> None:
+    there = read_place("folder:first", life.data_dir)
+    await cut_off(life, "sqlite", there)
+    assert there.folder is not None
+    there.folder.rename(tmp_path / "disk")
+    for work in (give_up_move(load_config(life.data_dir)), move_custody(load_config(life.data_dir), "sqlite", there)):
+        with pytest.raises(BlockRobotError, match=r"^CLIPS_NOT_THERE"):
+            await work
+    (tmp_path / "disk").rename(there.folder)
+    await give_up_move(load_config(life.data_dir))
+    assert files_in(there.folder) == []
+
+
 async def test_a_place_that_could_not_be_taken_has_to_be_given_up_by_nobody(life: Life, tmp_path: Path) -> None:
     taken, free = (read_place(f"folder:{name}", life.data_dir) for name in ("taken", "free"))
     async with open_store("sqlite", tmp_path / "other", clips=taken):
@@ -182,6 +245,24 @@ async def test_a_place_that_could_not_be_taken_has_to_be_given_up_by_nobody(life
         await move_custody(load_config(life.data_dir), "sqlite", taken)
     await move_custody(load_config(life.data_dir), "sqlite", free)
     assert files_in(taken.folder) == [OWNER_NAME]
+    await life.check()
+
+
+async def test_a_move_of_the_rows_alone_that_is_given_up_leaves_the_clips(life: Life, mongo_database: str) -> None:
+    there = read_place("folder:blobs", life.data_dir)
+    await move_custody(load_config(life.data_dir), "sqlite", there)
+    shutil.rmtree(life.data_dir / MOVED_NAME)
+    before = files_in(there.folder)
+    await cut_off(life, mongo_database, there)
+    await give_up_move(load_config(life.data_dir))
+    assert files_in(there.folder) == before
+    await cut_off(life, mongo_database, there)
+    other_words = dataclasses.replace(there, region="elsewhere")
+    with pytest.raises(BlockRobotError, match="another custodian's"):
+        await move_custody(load_config(life.data_dir), mongo_database, other_words)
+    assert files_in(there.folder) == before
+    await move_custody(load_config(life.data_dir), mongo_database, there)
+    assert files_in(there.folder) == before
     await life.check()
 
 

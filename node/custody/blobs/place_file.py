@@ -88,8 +88,25 @@ async def take_place(blobs: BlobStore, names: BlobNames, custody_dir: Path) -> N
     elif found != owner:
         detail = "The place of `clips` is another custodian's. Give this one a bucket, prefix or folder of its own."
         raise BlockRobotError("CONFIGURATION_INVALID", detail)
-    if known is not None and known.is_new:
-        try:
-            _write(custody_dir, msgspec.structs.replace(known, is_new=False))
-        except OSError as error:
-            raise BlockRobotError("STORE_UNAVAILABLE", f"{custody_dir} fails: {error.strerror}.") from error
+    _note(custody_dir, is_new=False)
+
+
+async def leave_place(blobs: BlobStore, names: BlobNames, custody_dir: Path) -> None:
+    """Delete all that this custodian has there; cut off, it can be begun again. Raises as `take_place`."""
+    await take_place(blobs, names, custody_dir)
+    await blobs.clear_unfinished()
+    async for name in blobs.names():
+        if names.read(name) is not None:
+            await blobs.delete(name)
+    _note(custody_dir, is_new=True)
+    await blobs.delete(OWNER_NAME)
+
+
+def _note(custody_dir: Path, *, is_new: bool) -> None:
+    known = read_place_file(custody_dir)
+    if known is None or known.is_new == is_new:
+        return
+    try:
+        _write(custody_dir, msgspec.structs.replace(known, is_new=is_new))
+    except OSError as error:
+        raise BlockRobotError("STORE_UNAVAILABLE", f"{custody_dir} fails: {error.strerror}.") from error
