@@ -194,6 +194,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("GRANTEE_NOT_A_MEMBER", 403, "Only an active member of the staff, or an officer, fetches what was shared, and only under the name that the grant hides.", "Open the share with the wallet for which it was made; an unenrolled member asks their registrar."),
     ErrorEntry("CLIP_QUARANTINED", 403, "The visit was denied by its owner, and nothing of it is released to anybody.", "Wait for the data protection officer's decision: `blockrobot wallet audit` shows it."),
     ErrorEntry("ERASE_KEYS_DAMAGED", 500, "The custodian's erase-key file is damaged.", "Stop the custodian and restore the file from its own backup medium."),
+    ErrorEntry("CLIPS_NOT_THERE", 503, "The place of the custodian's clips is not there as the custodian left it: it may be a disk that is not mounted.", "Mount its disk, or make its bucket reachable, and start again; if the place is lost for good, say so as in docs/how-to/custody.md.", retryable=True),
     ErrorEntry("STORE_UNAVAILABLE", 503, "The custodian's store does not answer.", "Check the store's server and its URI.", retryable=True),
     # Records, robot and wallet
     ErrorEntry("VOUCHER_INVALID", 400, "The enrolment code is damaged.", "Scan or type the code on the card again."),

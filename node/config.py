@@ -207,13 +207,13 @@ class _Section:
         return value
 
 
-def load_config(data_dir: Path) -> NodeConfig:
+def load_config(data_dir: Path, file_name: str = CONFIG_FILE) -> NodeConfig:
     """Raises DATA_DIRECTORY_INVALID if it is missing, CONFIGURATION_INVALID."""
-    path = data_dir / CONFIG_FILE
+    path = data_dir / file_name
     try:
         document = read_toml_text(path.read_bytes())
     except (FileNotFoundError, NotADirectoryError):
-        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {CONFIG_FILE} in {data_dir}.") from None
+        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {file_name} in {data_dir}.") from None
     except TextInvalidError as error:
         raise _invalid(f"it is not TOML: {error}.") from None
     unknown = sorted(set(document) - set(SECTIONS))

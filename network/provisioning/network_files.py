@@ -23,7 +23,7 @@ NETWORK_FILES = "|".join(
         _NODE + r"(?:node\.toml|genesis\.json|directory\.json|node-entry\.json|operator(?:-read)?\.token|owner\.lock)",
         _NODE + r"(?:output\.log|node\.log(?:\.\d+)?|faults\.(?:json|tmp)|prune\.(?:request|tmp))",
         r"nodes/\.[a-z0-9-]+\." + HALF_DONE + r"/owner\.lock",
-        _NODE + r"(?:node\.csr|node-entry\.draft\.json|node\.toml\.moving|" + _UNFINISHED + ")",
+        _NODE + r"(?:node\.csr|node-entry\.draft\.json|node\.toml\.(?:moving|copying)|" + _UNFINISHED + ")",
         _NODE + r"custody(?:\.mov(?:ed|ing))?/custody\.sqlite3(?:-wal|-shm|-journal|-swept)?",
         _NODE + r"custody(?:\.mov(?:ed|ing))?/(?:clips\.json|" + _UNFINISHED + ")",
         _NODE + r"clips/(?:custodian|(?:[0-9a-f]{2}/){2}(?:[0-9a-f]{60}-[0-9a-f]{16}|" + _UNFINISHED + "))",

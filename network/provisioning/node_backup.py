@@ -40,6 +40,7 @@ from network.provisioning.node_certificates import read_report
 from network.provisioning.node_joining import newest_directory
 from node.clips_place import ClipsPlace
 from node.config import CONFIG_FILE, LOOPBACK, NodeConfig, load_config, load_genesis, load_key
+from node.custody.blobs.blob_store import OWNER_NAME
 from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.erase_keys import ERASE_KEYS_FILE_NAME
 from node.custody.stores.open_store import mongo_options
@@ -52,6 +53,7 @@ from node.snapshot.restoring import restore_ledger
 from node.snapshot.snapshot_format import SnapshotFolder
 from node.storage.directory_lock import LOCK_FILE_NAME, DirectoryLock
 from node.storage.lmdb_reader import LedgerFile
+from node.storage.synced_files import write_synced
 
 MANIFEST_FILE = "backup.json"
 VERSION = 1
@@ -302,10 +304,20 @@ def restore(
             distrust(making / CUSTODY_DATABASE)
         if manifest.has(CUSTODY_PLACE):
             _copy(place / CUSTODY_PLACE, making / CUSTODY_PLACE)
+            _make_own_clips_folder(config)
         making.rename(data_dir)
     config = load_config(data_dir)
     warning = " ".join(filter(None, (key_warning, warn_of_restored(config))))
     return Restored(config, own_genesis, head.header.height, has_custody, warning)
+
+
+def _make_own_clips_folder(config: NodeConfig) -> None:
+    """No backup has one: to the custodian it is a lost place, to be filled again."""
+    folder = config.clips_dir
+    if folder is None or not folder.resolve().is_relative_to(config.data_dir.resolve()) or folder.exists():
+        return
+    folder.mkdir(mode=0o700, parents=True)
+    write_synced(folder / OWNER_NAME, b"")
 
 
 def warn_of_restored(config: NodeConfig) -> str:

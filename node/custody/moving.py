@@ -7,26 +7,28 @@ from pathlib import Path
 
 from consensus.errors import BlockRobotError
 from node.clips_place import ClipsPlace
-from node.config import CONFIG_FILE, CUSTODY_NAME, NodeConfig, config_to_toml
-from node.custody.blobs.place_file import PLACE_FILE_NAME
-from node.custody.stores.copying import Tell, copy_store
+from node.config import CONFIG_FILE, CUSTODY_NAME, NodeConfig, config_to_toml, load_config
+from node.custody.blobs.place_file import PLACE_FILE_NAME, leave_place, open_names, read_place_file
+from node.custody.stores.copying import Tell, copy_store, require_empty
 from node.custody.stores.custody_store import StoreCounts
-from node.custody.stores.open_store import open_index, open_store
-from node.storage.synced_files import sync_directory, write_synced
+from node.custody.stores.open_store import clear_index, open_blobs, open_index, open_store
+from node.storage.synced_files import UNFINISHED, sync_directory, write_synced
 
 MOVING_NAME, MOVED_NAME = "custody.moving", "custody.moved"
 SETTINGS_NAME = "node.toml.moving"
 """Its being there says that all is copied, and the new place has only to be named."""
+COPYING_NAME = "node.toml.copying"
+"""What it is until then: a move has begun to copy, and until it is given up, what is at its place is its own."""
 
 
 async def move_custody(
     config: NodeConfig, store: str, clips: ClipsPlace | None, tell: Tell = lambda _done, _all: None
 ) -> StoreCounts:
-    """Copy, compare, and only then let `node.toml` name the new place; begun again after a crash, it goes on.
+    """Copy, compare, and only then let `node.toml` name the new place; cut off, it copies all anew.
 
     What was before stays as `custody.moved` (and in its database, bucket or folder). Clips that lie apart and stay where
     they are are not touched. The caller holds the data directory's lock.
-    Raises CONFIGURATION_INVALID if nothing would change, FILE_EXISTS, STORE_UNAVAILABLE.
+    Raises CONFIGURATION_INVALID if nothing would change or another move is unfinished, FILE_EXISTS, STORE_UNAVAILABLE.
     """
     moving, moved = config.data_dir / MOVING_NAME, config.data_dir / MOVED_NAME
     if (store, clips) == (config.custody_store, config.clips):
@@ -37,7 +39,19 @@ async def move_custody(
     if moved.exists():
         detail = f"{moved} is left of an earlier move: delete it, once nothing of it is needed."
         raise BlockRobotError("FILE_EXISTS", detail)
+    planned = _read_planned(config.data_dir)
+    if planned is not None and (planned.custody_store, _where(planned.clips)) != (store, _where(clips)):
+        rows = "SQLite" if planned.custody_store == "sqlite" else "MongoDB"
+        apart = "the store" if planned.clips is None else planned.clips.url
+        detail = (
+            f"A move was cut off (rows to {rows}, clips to {apart}). All is where it was: finish that move by the same "
+            f"command, or give it up by `blockrobot node move-custody {config.name} --give-up`."
+        )
+        raise BlockRobotError("CONFIGURATION_INVALID", detail)
     moving.mkdir(mode=0o700, exist_ok=True)
+    _forget_live_names(config)
+    if planned is not None or store == "sqlite":
+        await clear_index(store, moving)
     if clips is not None and clips == config.clips:
         old, new = open_index(config.custody_store, config.custody_dir), open_index(store, moving)
         if (config.custody_dir / PLACE_FILE_NAME).exists():
@@ -45,12 +59,63 @@ async def move_custody(
     else:
         old = open_store(config.custody_store, config.custody_dir, clips=config.clips)
         new = open_store(store, moving, clips=clips)
-    async with old as source, new as target:
-        counts = await copy_store(source, target, tell)
     changed = dataclasses.replace(config, custody_store=store, clips=clips)
-    write_synced(config.data_dir / SETTINGS_NAME, config_to_toml(changed).encode())
+    async with old as source, new as target:
+        await require_empty(target)
+        write_synced(config.data_dir / COPYING_NAME, config_to_toml(changed).encode())
+        await target.sweep_blobs()
+        counts = await copy_store(source, target, tell)
+    (config.data_dir / COPYING_NAME).replace(config.data_dir / SETTINGS_NAME)
+    sync_directory(config.data_dir)
     finish_move(config.data_dir)
     return counts
+
+
+async def give_up_move(config: NodeConfig) -> None:
+    """Delete what a move that was cut off has copied, so that another can be begun. What it copied from is not touched.
+
+    Raises NOT_FOUND if there is none, CONFIGURATION_INVALID if it has copied all, CLIPS_NOT_THERE, STORE_UNAVAILABLE.
+    """
+    if (config.data_dir / SETTINGS_NAME).exists():
+        detail = "The move has copied all: finish it by the same command, and then move on from there, or back."
+        raise BlockRobotError("CONFIGURATION_INVALID", detail)
+    planned, moving = _read_planned(config.data_dir), config.data_dir / MOVING_NAME
+    if planned is None:
+        raise BlockRobotError("NOT_FOUND", "There is no move of its custodian that was cut off.")
+    _forget_live_names(config)
+    if (
+        planned.custody_store != config.custody_store or planned.custody_store == "sqlite"
+    ):  # else somebody named it since
+        await clear_index(planned.custody_store, moving)
+    if planned.clips is not None and (moving / PLACE_FILE_NAME).exists():
+        async with open_blobs(planned.clips) as blobs:
+            await leave_place(blobs, open_names(moving, planned.clips), moving)
+    _remove_folder(moving)
+    (config.data_dir / COPYING_NAME).unlink()
+    sync_directory(config.data_dir)
+
+
+def _remove_folder(moving: Path) -> None:
+    if moving.exists():
+        for path in (moving / PLACE_FILE_NAME, *moving.glob(f"{UNFINISHED}*")):
+            path.unlink(missing_ok=True)
+        moving.rmdir()
+
+
+def _read_planned(data_dir: Path) -> NodeConfig | None:
+    return load_config(data_dir, COPYING_NAME) if (data_dir / COPYING_NAME).exists() else None
+
+
+def _where(clips: ClipsPlace | None) -> tuple[str, str] | None:
+    return None if clips is None else (clips.url, clips.endpoint)
+
+
+def _forget_live_names(config: NodeConfig) -> None:
+    """A move of the rows alone has the names of the clips that stay: none of those is a copy to be deleted."""
+    copied = config.data_dir / MOVING_NAME
+    live, taken = read_place_file(config.custody_dir), read_place_file(copied)
+    if live is not None and taken is not None and live.names_key == taken.names_key:
+        (copied / PLACE_FILE_NAME).unlink()
 
 
 async def count_moved(config: NodeConfig) -> StoreCounts:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -12,8 +14,9 @@ from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
 from node.clips_place import read_place
-from node.custody.blobs.blob_backed_store import OWNER_NAME, BlobBackedStore
+from node.custody.blobs.blob_backed_store import BlobBackedStore
 from node.custody.blobs.blob_names import BlobNames, new_generation
+from node.custody.blobs.blob_store import OWNER_NAME
 from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.open_store import open_store
@@ -192,6 +195,117 @@ async def test_a_place_of_another_custodian_is_refused_and_so_is_an_index_withou
     (tmp_path / "one" / PLACE_FILE_NAME).write_text('{"url": "folder:blobs", "names_key": "00"}')
     with pytest.raises(BlockRobotError, match="damaged"):
         open_store("sqlite", tmp_path / "one", clips=place)
+
+
+@pytest.mark.parametrize("has_mount_point", [True, False])
+async def test_a_disk_that_is_not_mounted_at_the_start_is_no_empty_place(tmp_path: Path, has_mount_point: bool) -> None:
+    place, disk = tmp_path / "blobs", tmp_path / "disk"
+    house = CustodianHarness(
+        lambda: open_store("sqlite", tmp_path / "custody", clips=read_place("folder:blobs", tmp_path)),
+        tmp_path / "keys",
+    )
+    async with house.open():
+        gone, kept = await house.keep(), await house.keep()
+    place.rename(disk)
+    if has_mount_point:
+        place.mkdir()
+    for _ in range(2):
+        with pytest.raises(BlockRobotError, match=r"^CLIPS_NOT_THERE: .*folder:blobs"):
+            async with house.open():
+                pass
+    assert place.exists() == has_mount_point
+    assert not has_mount_point or not list(place.iterdir())
+    if has_mount_point:
+        place.rmdir()
+    disk.rename(place)
+    async with house.open() as custodian:
+        await house.follow(erasure(ERASURE_ID, gone))
+        assert read_all(kept, await custodian.export(kept.record_id)) == list(kept.plaintexts)
+    assert len([path for path in place.rglob("*") if path.is_file()]) == 2
+
+
+async def test_of_a_disk_that_goes_while_the_node_runs_nothing_is_erased_lost_or_kept_beside_it(
+    house: CustodianHarness, tmp_path: Path
+) -> None:
+    place, disk = tmp_path / "blobs", tmp_path / "disk"
+    gone, cut, new = await house.keep(), await house.keep(), record_clip()
+    block = house.chain.block(erasure(ERASURE_ID, gone), erasure(b"\xe2" * 32, cut, frames=(1,)))
+    whole = (await path_of(house, gone, tmp_path)).read_bytes()
+    place.rename(disk)
+    place.mkdir()
+    await refused("STORE_UNAVAILABLE", house.custodian.stage(new.upload))
+    await refused("STORE_UNAVAILABLE", house.custodian.export(cut.record_id))
+    await refused("STORE_UNAVAILABLE", house.custodian.on_finalized_block(block))
+    assert await house.ready_outbox() == []
+    assert not list(place.iterdir())
+    place.rmdir()
+    disk.rename(place)
+    assert (await path_of(house, gone, tmp_path)).read_bytes() == whole
+    await house.custodian.on_finalized_block(block)
+    assert len(await house.ready_outbox()) == 2
+    assert read_all(cut, await house.custodian.export(cut.record_id)) == [cut.plaintexts[0], None, cut.plaintexts[2]]
+    left = [path for path in place.rglob("*") if path.is_file()]
+    assert sorted(left) == sorted([place / OWNER_NAME, await path_of(house, cut, tmp_path)])
+
+
+async def test_a_place_that_is_said_to_be_lost_is_filled_again_from_the_others(tmp_path: Path) -> None:
+    """As docs/how-to/custody.md has it: an empty file of the owner's name in a new folder."""
+    place = tmp_path / "blobs"
+    house = CustodianHarness(
+        lambda: open_store("sqlite", tmp_path / "custody", clips=read_place("folder:blobs", tmp_path)),
+        tmp_path / "keys",
+    )
+    clip, desk = record_clip(), CustodyHarness(house)
+    async with house.open():
+        await desk.hold(clip)
+    place.rename(tmp_path / "broken disk")
+    place.mkdir()
+    (place / OWNER_NAME).touch()
+    async with house.open():
+        assert {record_id for record_id, _ in (await desk.scrub()).corrupted} == {clip.record_id}
+        assert (await desk.rebuild(Peer(clip))).is_whole
+        assert await desk.opens(clip)
+    async with house.open():
+        assert (await desk.scrub()).is_clean
+    with pytest.raises(BlockRobotError, match="another custodian's"):
+        async with open_store("sqlite", tmp_path / "other", clips=read_place("folder:blobs", tmp_path)):
+            pass
+
+
+async def test_a_first_start_that_is_cut_off_may_name_another_place(tmp_path: Path) -> None:
+    for name in ("folder:one", "folder:other"):
+        open_store("sqlite", tmp_path / "custody", clips=read_place(name, tmp_path))
+    async with open_store("sqlite", tmp_path / "custody", clips=read_place("folder:other", tmp_path)):
+        pass
+    assert not (tmp_path / "one").exists()
+    with pytest.raises(BlockRobotError, match="are in folder:other"):
+        open_store("sqlite", tmp_path / "custody", clips=read_place("folder:one", tmp_path))
+
+
+@pytest.mark.parametrize("error", [errno.EIO, errno.EACCES])
+async def test_a_folder_that_cannot_be_read_is_no_empty_one(
+    house: CustodianHarness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: int
+) -> None:
+    """An erasure's read-back would see nothing in it."""
+    clip, store, scandir = await house.keep(), house.store, os.scandir
+    assert isinstance(store, BlobBackedStore)
+    await store._blobs.put(store._names.name(clip.record_id, new_generation()), b"left by a crash")
+    folder = store._names.prefix(clip.record_id).rpartition("/")[0]
+    block = house.chain.block(erasure(ERASURE_ID, clip))
+
+    def failing(path: Any) -> Any:
+        if Path(path) == tmp_path / "blobs" / folder:
+            raise OSError(error, os.strerror(error))
+        return scandir(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "scandir", failing)
+        await refused("STORE_UNAVAILABLE", house.custodian.on_finalized_block(block))
+        await refused("STORE_UNAVAILABLE", store.sweep_blobs())
+        assert await house.ready_outbox() == []
+    await house.custodian.on_finalized_block(block)
+    assert [name async for name in store._blobs.names()] == [OWNER_NAME]
+    assert [name async for name in store._blobs.names("no/ne")] == []
 
 
 @pytest.mark.parametrize(

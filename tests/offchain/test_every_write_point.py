@@ -25,7 +25,7 @@ from pymongo.errors import NotPrimaryError
 
 from consensus.errors import BlockRobotError
 from node.clips_place import ClipsPlace, read_place
-from node.custody.blobs.blob_backed_store import OWNER_NAME
+from node.custody.blobs.blob_store import OWNER_NAME
 from node.custody.blobs.folder_blobs import FolderBlobs
 from node.custody.blobs.s3_blobs import S3Blobs
 from node.custody.erase_keys import EraseKeys

@@ -177,7 +177,7 @@ async def test_of_one_clips_blobs_there_is_an_end_and_no_other_name_is_deleted(
     names, other = BlobNames(b"k" * 32), BlobNames(b"o" * 32)
     wanted = [names.name(RECORD, number.to_bytes(8)) for number in range(8)]
     async with S3Blobs(place) as blobs:
-        store = blob_backed_store.BlobBackedStore(SqliteStore(tmp_path / "custody"), blobs, names)
+        store = blob_backed_store.BlobBackedStore(SqliteStore(tmp_path / "custody"), blobs, names, tmp_path)
         prefix = names.prefix(RECORD)
         pages = iter((page(f"ward/{prefix}notes", f"ward/{wanted[0]}"), page(f"ward/{prefix}notes")))
 

@@ -15,7 +15,7 @@ from network.cli.node.node_answers import NodeMoveCustodyAnswer
 from network.cli.node.node_commands import get_node_config
 from node.clips_place import REGION_DEFAULT, read_place
 from node.config import load_config
-from node.custody.moving import MOVED_NAME, count_moved, finish_move, move_custody
+from node.custody.moving import MOVED_NAME, count_moved, finish_move, give_up_move, move_custody
 from node.storage.directory_lock import DirectoryLock
 
 IN_THE_STORE = "store"
@@ -32,6 +32,7 @@ IN_THE_STORE = "store"
 @click.option("--clips-region", default=REGION_DEFAULT, show_default=True, help="The S3 server's region.")
 @click.option("--clips-ca", type=EXISTING_FILE, help="Certificates that the S3 server's is checked by.")
 @click.option("--clips-credentials", type=EXISTING_FILE, help="A file with the two AWS keys under [default].")
+@click.option("--give-up", "is_given_up", is_flag=True, help="Delete what a move that was cut off has copied.")
 @folder_option
 @command_output
 def move(
@@ -42,21 +43,28 @@ def move(
     clips_region: str,
     clips_ca: Path | None,
     clips_credentials: Path | None,
+    is_given_up: bool,
     folder: Path | None,
     as_json: bool,
 ) -> None:
     """Move what a stopped node keeps as a custodian to another store, or its clips to another place. No clip is lost.
 
-    All is copied and compared before node.toml names the new place; cut off, the same command goes on. What it kept
-    before stays in custody.moved until you delete it.
+    All is copied and compared before node.toml names the new place; cut off, the same command begins again, and
+    --give-up deletes what was copied. What it kept before stays in custody.moved until you delete it.
 
     Example: blockrobot node move-custody node-2 --clips s3://ward/node-2 --clips-endpoint https://s3.hospital.example
     """
     if clips is None and (clips_endpoint or clips_ca or clips_credentials):
         raise click.UsageError("An S3 server's options need --clips s3://BUCKET/PREFIX.")
+    if is_given_up and (clips is not None or store is not None):
+        raise click.UsageError("--give-up takes no new place: name that afterwards.")
     config = get_node_config(node, folder)
     lock = DirectoryLock(config.data_dir)
     try:
+        if is_given_up:
+            asyncio.run(give_up_move(config))
+            _tell_given_up(config.name, as_json=as_json)
+            return
         is_finished = finish_move(config.data_dir)
         if is_finished:
             config = load_config(config.data_dir)
@@ -93,3 +101,10 @@ def move(
         f"Start it, see that `blockrobot custody scrub` finds all well, and then delete {escape(str(old))}.",
         soft_wrap=True,
     )
+
+
+def _tell_given_up(name: str, *, as_json: bool) -> None:
+    if as_json:
+        print_answer(NodeMoveCustodyAnswer(node=name, clips=0, frames=0, old=""))
+    else:
+        console.print(f"The move of {escape(name)} is given up. Its clips are where they were.")

@@ -96,12 +96,12 @@ class NodePruneAnswer(Answer, frozen=True, kw_only=True):
 
 
 class NodeMoveCustodyAnswer(Answer, frozen=True, kw_only=True):
-    """A custodian whose clips are at another place."""
+    """A custodian whose clips are at another place, or whose move was given up."""
 
     node: Annotated[str, doc("The node")]
-    clips: Annotated[Count, doc("How many clips were copied")]
+    clips: Annotated[Count, doc("How many clips were copied; of a move that is given up 0")]
     frames: Annotated[Count, doc("How many pictures these have")]
-    old: Annotated[str, doc("What it kept before, to be deleted")]
+    old: Annotated[str, doc("What it kept before, to be deleted; empty if the move is given up")]
 
 
 class SnapshotManifest(Answer, frozen=True, kw_only=True):

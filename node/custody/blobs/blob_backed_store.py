@@ -10,6 +10,7 @@ import asyncio
 import struct
 from collections.abc import Awaitable, Callable, Collection, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -19,13 +20,12 @@ from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from node.custody.blobs.blob_names import GENERATION_BYTES, BlobNames, new_generation
 from node.custody.blobs.blob_store import BlobStore
+from node.custody.blobs.place_file import take_place
 from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow
 
 Write = Callable[[Sequence[Sequence[FrameRow]]], Awaitable[None]]
 log = structlog.get_logger(__name__)
 
-OWNER_NAME = "custodian"
-OWNER_MAX_BYTES = 256
 GENERATIONS_MAX_COUNT = 1_000
 """Of one record's blobs; a write ends those before it, so there are more than two only after many cuts."""
 REFERENCE = struct.Struct(f">{GENERATION_BYTES}sII")
@@ -35,7 +35,9 @@ REFERENCE = struct.Struct(f">{GENERATION_BYTES}sII")
 class BlobBackedStore:
     """A `CustodyStore`; what is not of clips' ciphertexts is the index's."""
 
-    def __init__(self, index: CustodyStore, blobs: BlobStore, names: BlobNames) -> None:
+    def __init__(self, index: CustodyStore, blobs: BlobStore, names: BlobNames, custody_dir: Path) -> None:
+        """`custody_dir`: where the file is that says whether the place has been taken."""
+        self._custody_dir = custody_dir
         self._index = index
         self._blobs = blobs
         self._names = names
@@ -45,10 +47,10 @@ class BlobBackedStore:
         return getattr(self._index, name)
 
     async def __aenter__(self) -> Self:
-        """Raises STORE_UNAVAILABLE, CONFIGURATION_INVALID if the place is another custodian's."""
+        """Raises STORE_UNAVAILABLE, and as `take_place`."""
         await self._blobs.__aenter__()
         try:
-            await self._take_place()
+            await take_place(self._blobs, self._names, self._custody_dir)
             await self._blobs.clear_unfinished()
             await self._index.__aenter__()
         except BaseException as error:
@@ -63,15 +65,6 @@ class BlobBackedStore:
             await self._index.__aexit__(kind, error, trace)
         finally:
             await self._blobs.__aexit__(kind, error, trace)
-
-    async def _take_place(self) -> None:
-        owner = self._names.owner.encode()
-        found = await self._blobs.get(OWNER_NAME, OWNER_MAX_BYTES)
-        if found is None and not await self._blobs.has(OWNER_NAME):
-            await self._blobs.put(OWNER_NAME, owner)
-        elif found != owner:
-            detail = "The place of `clips` is another custodian's. Give this one a bucket, prefix or folder of its own."
-            raise BlockRobotError("CONFIGURATION_INVALID", detail)
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
         await self.stage_all([(clip, frames)])

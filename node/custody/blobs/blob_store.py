@@ -6,6 +6,9 @@ from collections.abc import AsyncIterator
 from types import TracebackType
 from typing import Protocol, Self
 
+OWNER_NAME = "custodian"
+"""Of the blob that says whose place it is: without it the place is not there."""
+
 
 class BlobStore(Protocol):
     """Bytes by name, `/` between folders. Methods raise STORE_UNAVAILABLE.

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import AsyncIterator, Callable
 from itertools import product
 
 from consensus.errors import BlockRobotError
-from node.custody.stores.custody_store import BlockEffects, CustodyStore, OutboxStatus, StoreCounts
+from node.custody.stores.custody_store import (
+    BlockEffects,
+    CustodyStore,
+    OutboxRow,
+    OutboxStatus,
+    RecordFacts,
+    StoreCounts,
+)
 
 Tell = Callable[[int, int], None]
 """Told how many clips are copied, and of how many."""
@@ -17,14 +25,19 @@ OUTBOX_CONTRACTS = ("access", "erasure")
 OUTBOX_STATUSES: tuple[OutboxStatus, ...] = ("ready", "erasing")
 
 
-async def copy_store(source: CustodyStore, target: CustodyStore, tell: Tell = lambda _done, _all: None) -> StoreCounts:
-    """Copy and compare; the checkpoint is written last, so a copy that was cut off is begun again.
-
-    Nobody else may use the two. Raises FILE_EXISTS if the target is another custodian's or newer, STORE_UNAVAILABLE, also
-    for what does not read back as it was written.
-    """
-    if await target.checkpoint() not in {None, await source.checkpoint()}:
+async def require_empty(store: CustodyStore) -> None:
+    """Raise FILE_EXISTS if a custodian has written to it."""
+    held = dataclasses.replace(await store.counts(), size_bytes=None)
+    if any(dataclasses.astuple(held)) or await store.checkpoint() is not None:
         raise BlockRobotError("FILE_EXISTS", "The new store holds a custodian's clips already: name an empty one.")
+
+
+async def copy_store(source: CustodyStore, target: CustodyStore, tell: Tell = lambda _done, _all: None) -> StoreCounts:
+    """Copy into an empty store and compare; the checkpoint is written last.
+
+    Nobody else may use the two. A clip that is half written is left behind, and its erase keys with it. Raises
+    STORE_UNAVAILABLE, also for what does not read back as it was written.
+    """
     counts, done = await source.counts(), 0
     async for clip in source.all_clips():
         if clip.status == "erased":
@@ -33,38 +46,23 @@ async def copy_store(source: CustodyStore, target: CustodyStore, tell: Tell = la
             frames = await source.frames(clip.record_id)
             await target.stage(clip, frames)
             if await target.frames(clip.record_id) != frames:
-                raise BlockRobotError("STORE_UNAVAILABLE", "The new store gives back other pictures than it was given.")
+                raise _differs("pictures")
         done += 1
         tell(done, counts.staged + counts.confirmed + counts.erased)
     await _copy_grants_and_shares(source, target)
     for digest in await source.background_digests():
         if content := await source.background(digest):
             await target.put_background(digest, content)
-    for status, contract in product(OUTBOX_STATUSES, OUTBOX_CONTRACTS):
-        for row in await source.outbox(status, contract, ROWS_MAX_COUNT):
-            await target.add_outbox(row)
-    known = await target.day_uses()
+    for row in await _outbox(source):
+        await target.add_outbox(row)
     for use in await source.day_uses():
-        if use not in known:
-            await target.add_use(use)
-    await _copy_absent(source, target)
-    await target.apply(
-        BlockEffects(
-            visit_restrictions=tuple((await source.visit_restrictions()).values()),
-            checkpoint=await source.checkpoint(),
-        )
-    )
-    copied = await target.counts()
-    if _compared(copied) != _compared(counts):
-        raise BlockRobotError("STORE_UNAVAILABLE", "The new store counts other rows than the old one.")
-    return copied
-
-
-async def _copy_absent(source: CustodyStore, target: CustodyStore) -> None:
-    after = b""
-    while absent := await source.absent(after, ABSENT_AT_ONCE_COUNT):
-        await target.apply(BlockEffects(missing=tuple(absent)))
-        after = absent[-1].record_id
+        await target.add_use(use)
+    async for page in _absent(source):
+        await target.apply(BlockEffects(missing=tuple(page)))
+    await target.apply(BlockEffects(visit_restrictions=tuple((await source.visit_restrictions()).values())))
+    await _require_same(source, target)
+    await target.apply(BlockEffects(checkpoint=await source.checkpoint()))
+    return await target.counts()
 
 
 async def _copy_grants_and_shares(source: CustodyStore, target: CustodyStore) -> None:
@@ -77,6 +75,45 @@ async def _copy_grants_and_shares(source: CustodyStore, target: CustodyStore) ->
             await target.put_part(part)
 
 
-def _compared(counts: StoreCounts) -> tuple[int, ...]:
-    held = (counts.staged, counts.confirmed, counts.erased, counts.frames, counts.missing, counts.elsewhere)
-    return (*held, counts.outbox_ready, counts.outbox_erasing, counts.shares, counts.parts)
+async def _require_same(source: CustodyStore, target: CustodyStore) -> None:
+    copied = _all_rows(target)
+    for what, rows in _all_rows(source).items():
+        async for row in rows:
+            if await anext(copied[what], None) != row:
+                raise _differs(what)
+        if await anext(copied[what], None) is not None:
+            raise _differs(what)
+    if await source.visit_restrictions() != await target.visit_restrictions():
+        raise _differs("restrictions")
+    if await source.background_digests() != await target.background_digests():
+        raise _differs("empty frames")
+    if await source.day_uses() != await target.day_uses():
+        raise _differs("accounts of uploads")
+    if await _outbox(source) != await _outbox(target):
+        raise _differs("owed transactions")
+
+
+def _all_rows(store: CustodyStore) -> dict[str, AsyncIterator[object]]:
+    return {
+        "clips": store.all_clips(),
+        "missing clips": _absent(store),
+        "grants": store.all_grants(),
+        "shares": store.all_shares(),
+        "parts of keys": store.all_parts(),
+    }
+
+
+async def _absent(store: CustodyStore) -> AsyncIterator[list[RecordFacts]]:
+    after = b""
+    while page := await store.absent(after, ABSENT_AT_ONCE_COUNT):
+        yield page
+        after = page[-1].record_id
+
+
+async def _outbox(store: CustodyStore) -> list[OutboxRow]:
+    kinds = product(OUTBOX_STATUSES, OUTBOX_CONTRACTS)
+    return [row for status, contract in kinds for row in await store.outbox(status, contract, ROWS_MAX_COUNT)]
+
+
+def _differs(what: str) -> BlockRobotError:
+    return BlockRobotError("STORE_UNAVAILABLE", f"The new store gives back other {what} than it was given.")

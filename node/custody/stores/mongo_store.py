@@ -528,5 +528,10 @@ class MongoStore(MongoShares, MongoUploads):
         with _answering():
             return await self._collection(name).count_documents(where)
 
+    async def clear(self) -> None:
+        """Delete every row: of a copy that is given up, or begun again."""
+        for name in sorted({*_INDEXES, "backgrounds", "checkpoint"}):
+            await self._delete(name, {})
+
     async def leftovers(self) -> Leftovers:
         return Leftovers(None, None)

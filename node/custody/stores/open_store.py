@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from consensus.errors import BlockRobotError
 from node.clips_place import ClipsPlace
@@ -14,7 +14,10 @@ from node.custody.blobs.blob_store import BlobStore
 from node.custody.blobs.folder_blobs import FolderBlobs
 from node.custody.blobs.place_file import open_names, require_place
 from node.custody.stores.custody_store import CustodyStore
-from node.custody.stores.sqlite_store import SqliteStore
+from node.custody.stores.sqlite_store import DATABASE_FILE_NAME, SqliteStore
+
+if TYPE_CHECKING:
+    from node.custody.stores.mongo_store import MongoStore
 
 MONGO_SCHEMES = ("mongodb://", "mongodb+srv://")
 
@@ -32,7 +35,7 @@ def open_store(
     if clips is None:
         return index
     # What it does not define is the index's.
-    return cast("CustodyStore", BlobBackedStore(index, open_blobs(clips), open_names(folder, clips)))
+    return cast("CustodyStore", BlobBackedStore(index, open_blobs(clips), open_names(folder, clips), folder))
 
 
 def open_index(uri: str, folder: Path, require_space: Callable[[], None] = lambda: None) -> CustodyStore:
@@ -40,10 +43,28 @@ def open_index(uri: str, folder: Path, require_space: Callable[[], None] = lambd
     if uri == "sqlite":
         return SqliteStore(folder, require_space)
     if uri.startswith(MONGO_SCHEMES):
-        from node.custody.stores.mongo_store import MongoStore  # noqa: PLC0415 - pymongo is a sixth of a node's start
-
-        return MongoStore(uri)
+        return _open_mongo(uri)
     raise BlockRobotError("CONFIGURATION_INVALID", "The custody store is sqlite or the URI of a MongoDB database.")
+
+
+async def clear_index(uri: str, folder: Path) -> None:
+    """Leave an index of nothing. Raises STORE_UNAVAILABLE."""
+    if uri.startswith(MONGO_SCHEMES):
+        async with _open_mongo(uri) as index:
+            await index.clear()
+    else:
+        _remove_database(folder)
+
+
+def _remove_database(folder: Path) -> None:
+    for path in folder.glob(f"{DATABASE_FILE_NAME}*"):
+        path.unlink()
+
+
+def _open_mongo(uri: str) -> MongoStore:
+    from node.custody.stores.mongo_store import MongoStore  # noqa: PLC0415 - pymongo is a sixth of a node's start
+
+    return MongoStore(uri)
 
 
 def open_blobs(place: ClipsPlace) -> BlobStore:

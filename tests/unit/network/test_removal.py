@@ -20,8 +20,8 @@ from network.cluster import Cluster
 from network.provisioning.network_files import HALF_DONE
 from network.provisioning.network_layout import create_network
 from network.provisioning.network_removal import MAKING_MARK, remove_abandoned, remove_network
-from node.custody.blobs.blob_backed_store import OWNER_NAME
 from node.custody.blobs.blob_names import BlobNames
+from node.custody.blobs.blob_store import OWNER_NAME
 from node.custody.blobs.folder_blobs import FolderBlobs
 from tests.world.cuts import is_killed_after
 
@@ -75,7 +75,7 @@ def test_what_custodians_and_new_nodes_leave_goes_with_their_network(tmp_path: P
     asyncio.run(fill())
     (blob,) = node.glob("clips/*/*/*")
     left = [blob.with_name(unfinished), node / "clips" / unfinished, node / unfinished, node / "node.toml.moving"]
-    left += [node / name for name in ("node.csr", "node-entry.draft.json")]
+    left += [node / name for name in ("node.toml.copying", "node.csr", "node-entry.draft.json")]
     cut_off = place / "nodes" / f".anew.{HALF_DONE}"  # a restore
     left += [cut_off / "owner.lock", cut_off / "anew" / "node.toml"]
     for custody in ("custody", "custody.moved", "custody.moving"):

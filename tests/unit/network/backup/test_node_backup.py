@@ -209,6 +209,29 @@ async def test_a_custodian_whose_clips_lie_elsewhere_starts_again_without_its_er
         assert node.describe()["finalized_height"] == 0
 
 
+@pytest.mark.parametrize("is_inside", [True, False])
+async def test_a_folder_of_clips_that_no_backup_has_is_lost_if_it_was_the_nodes_own_and_else_asked_for(
+    config: NodeConfig, tmp_path: Path, is_inside: bool
+) -> None:
+    place, out = tmp_path / "disk" / "clips", tmp_path / "backup"
+    clips = "folder" if is_inside else f"folder:{place}"
+    config = changed(config, 'store = "sqlite"', f'store = "sqlite"\nclips = "{clips}"')
+    async with Node(config):
+        pass
+    back_up(config, out, with_keys=True)
+    if not is_inside:
+        place.parent.rename(tmp_path / "not mounted")
+    made = restored_from(out, tmp_path, outside=[place])
+    if not is_inside:
+        with pytest.raises(BlockRobotError, match=r"^CLIPS_NOT_THERE"):
+            async with Node(made.config, restored=True):
+                pass
+        assert not place.exists()
+        return
+    async with Node(made.config, restored=True) as node:
+        assert node.describe()["finalized_height"] == 0
+
+
 @pytest.mark.parametrize("with_erase_keys", [False, True])
 def test_of_a_custodian_with_mongodb_the_place_of_its_clips_and_its_erase_keys_come_back(
     config: NodeConfig, tmp_path: Path, with_erase_keys: bool
