@@ -104,8 +104,7 @@ class Eraser:
         slots = [slot for part in parts for slot in part.slots]
         await asyncio.to_thread(self._keys.destroy, slots)
         self._is_swept = False
-        for record_id in record_ids:
-            await self._store.erase_clip(record_id)
+        await self._store.erase_clips(record_ids)
         await self._read_back(parts)
         await asyncio.to_thread(self._keys.release, slots)
 
@@ -203,10 +202,9 @@ class Eraser:
         slots = [slot for part in parts for slot in part.slots]
         await asyncio.to_thread(self._keys.destroy, slots)
         self._is_swept = False
+        await self._store.erase_clips([part.record_id for part in parts if part.whole])
         for part in parts:
-            if part.whole:
-                await self._store.erase_clip(part.record_id)
-            else:
+            if not part.whole:
                 await self._store.erase_frames(part.record_id, part.indexes)
         self._executed_plans.add(row.key)
 

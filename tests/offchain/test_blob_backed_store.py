@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable
+import asyncio
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
 from node.clips_place import read_place
-from node.custody.blobs.blob_backed_store import OWNER_NAME, BlobBackedStore
+from node.custody.blobs import blob_backed_store
+from node.custody.blobs.blob_backed_store import CALLS_AT_ONCE_COUNT, OWNER_NAME, BlobBackedStore, for_each
 from node.custody.blobs.blob_names import BlobNames, new_generation
 from node.custody.blobs.place_file import PLACE_FILE_NAME
 from node.custody.stores.custody_store import CustodyStore
@@ -21,7 +23,7 @@ from node.custody.stores.share_store import ShareStore
 from node.custody.upload_usage import UploadAccount
 from tests.offchain.desk import CustodyHarness, Peer
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
-from tests.offchain.small_chain import ALICE, RecordedClip, access, erasure, record_clip
+from tests.offchain.small_chain import ALICE, EXPIRES_MS, RecordedClip, access, erasure, record_clip, recorded
 
 KEY = b"k" * 32
 
@@ -115,6 +117,74 @@ async def test_a_clip_is_kept_and_read_by_one_call_and_erased_by_two(
     calls.clear()
     await store.drop_staged(unclaimed.record_id)
     assert calls == ["delete", "names"]
+
+
+async def test_blobs_of_one_erasure_are_deleted_many_at_once_but_not_all(
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One after the other, the clips of a few robots that expire together would take longer than the time between."""
+    clips = [record_clip() for _ in range(CALLS_AT_ONCE_COUNT + 4)]
+    for clip in clips:
+        await house.custodian.stage(clip.upload)
+    await house.follow(*(recorded(clip, expires_at_ms=EXPIRES_MS) for clip in clips))
+    store: Any = house.store
+    delete, at_once = store._blobs.delete, [0]
+
+    async def counted(name: str) -> None:
+        at_once.append(at_once[-1] + 1)
+        await delete(name)
+        at_once.append(at_once[-1] - 1)
+
+    monkeypatch.setattr(store._blobs, "delete", counted)
+    await house.follow(at_ms=EXPIRES_MS)
+    assert max(at_once) == CALLS_AT_ONCE_COUNT
+    assert [name async for name in store._blobs.names()] == [OWNER_NAME]
+    assert house.keys.held_count == 0
+
+
+async def test_of_many_calls_the_first_that_fails_ends_the_others_before_it_is_told() -> None:
+    """Else a write that is given up would go on beside the next one."""
+    begun, ended = list[int](), list[int]()
+
+    async def call(number: int) -> None:
+        begun.append(number)
+        try:
+            await asyncio.sleep(0 if number == 1 else 60)
+            raise BlockRobotError("STORE_UNAVAILABLE")
+        finally:
+            ended.append(number)
+
+    with pytest.raises(BlockRobotError, match=r"^STORE_UNAVAILABLE"):
+        await for_each(range(100), call)
+    assert sorted(ended) == sorted(begun) == list(range(CALLS_AT_ONCE_COUNT))
+
+
+async def test_a_sweep_looks_many_blobs_up_together_and_spares_what_is_written_meanwhile(
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips, store = [await house.keep() for _ in range(5)], house.store
+    assert isinstance(store, BlobBackedStore)
+    monkeypatch.setattr(blob_backed_store, "NAMES_AT_ONCE_COUNT", 4)
+    orphans = [store._names.name(clip.record_id, new_generation()) for clip in clips[:2]]
+    coming = store._names.name(b"?" * 16, new_generation())
+    store._in_flight.add(coming)
+    for name in (*orphans, coming):
+        await store._blobs.put(name, b"left")
+    references, asked = store._index.references, list[int]()
+
+    async def counted(record_ids: Sequence[bytes], size_bytes: int) -> dict[bytes, set[bytes]]:
+        asked.append(len(record_ids))
+        return await references(record_ids, size_bytes)
+
+    monkeypatch.setattr(store._index, "references", counted)
+    assert await store.sweep_blobs() == len(orphans)
+    assert len(asked) == 3
+    assert 1 < max(asked) <= 4
+    left = {name async for name in store._blobs.names()}
+    assert coming in left
+    assert not left & set(orphans)
+    for clip in clips:
+        assert read_all(clip, await house.custodian.export(clip.record_id)) == list(clip.plaintexts)
 
 
 async def test_a_blob_that_is_there_after_it_was_deleted_is_no_erasure(
