@@ -63,11 +63,13 @@ class Eraser:
         self._is_swept = True
         self._has_plans = True
         self._executed_plans: set[tuple[str, bytes, int]] = set()
+        self.asked_count = 0
 
     async def erase_requested(
         self, erasure_id: bytes, record_ids: Sequence[bytes], frames: Sequence[int], height: int
     ) -> None:
         """Erase records or frames; queue a receipt of what remains until when."""
+        self.asked_count += 1
         await self._destroy_parts_of(record_ids, height if frames else None)
         clips = await self._store.clips(record_ids)
         parts = _parts(record_ids, await self._store.frame_places(record_ids), frames)

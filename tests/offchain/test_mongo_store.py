@@ -128,6 +128,7 @@ BY_KEY_ALONE = {
 """What reads and writes single documents by their ids, or by the slots of their keys."""
 LOOK_AT_ALL = {
     "absent",
+    "count_missing",
     "counts",
     "leftovers",
     "sweep",

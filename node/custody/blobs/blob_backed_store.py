@@ -6,12 +6,11 @@ before the rows of an erased clip do; what no row names is swept. Rows from befo
 
 from __future__ import annotations
 
-import asyncio
 import struct
 from collections.abc import Awaitable, Callable, Collection, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import structlog
 
@@ -19,18 +18,16 @@ from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from node.custody.blobs.blob_names import GENERATION_BYTES, BlobNames, new_generation
 from node.custody.blobs.blob_store import BlobStore
+from node.custody.many_at_once import for_each
 from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow
 
 Write = Callable[[Sequence[Sequence[FrameRow]]], Awaitable[None]]
-T = TypeVar("T")
 log = structlog.get_logger(__name__)
 
 OWNER_NAME = "custodian"
 OWNER_MAX_BYTES = 256
 GENERATIONS_MAX_COUNT = 1_000
 """Of one record's blobs; a write ends those before it, so there are more than two only after many cuts."""
-CALLS_AT_ONCE_COUNT = 16
-"""To the blob store, of one piece of work."""
 NAMES_AT_ONCE_COUNT = 1_024
 """Blobs that a sweep looks up in the index together."""
 REFERENCE = struct.Struct(f">{GENERATION_BYTES}sII")
@@ -204,23 +201,6 @@ class BlobBackedStore:
                 raise BlockRobotError("STORE_UNAVAILABLE", "The store of clips names one clip's blobs without an end.")
             found.append(name)
         return found
-
-
-async def for_each(items: Sequence[T], work: Callable[[T], Awaitable[None]]) -> None:
-    """Up to 16 at once, one of them in this task; none is under way any more when this returns or raises."""
-    left = iter(items)
-
-    async def take() -> None:
-        for item in left:
-            await work(item)
-
-    try:
-        async with asyncio.TaskGroup() as group:
-            for _ in items[1:CALLS_AT_ONCE_COUNT]:
-                group.create_task(take())
-            await take()
-    except BaseExceptionGroup as errors:
-        raise errors.exceptions[0] from None
 
 
 def _referring(frames: Sequence[FrameRow], generation: bytes) -> list[FrameRow]:

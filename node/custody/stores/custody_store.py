@@ -309,6 +309,10 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         """All that are not here, `elsewhere` or missing, with record ids above `after`, in order."""
         ...
 
+    async def count_missing(self) -> int:
+        """Those that are to be kept here."""
+        ...
+
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]: ...
 
     async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:

@@ -441,6 +441,9 @@ class MongoStore(MongoShares, MongoUploads):
         found = await self._many("missing", {"_id": {"$gt": after}}, sort=_BY_KEY, limit=limit)
         return rows(documents.missing_row, found)
 
+    async def count_missing(self) -> int:
+        return await self._count("missing", {"elsewhere": False})
+
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
         found = await self._many("missing", {"_id": {"$in": list(record_ids)}}) if record_ids else []
         return {facts.record_id: facts for facts in rows(documents.missing_row, found)}
@@ -514,7 +517,7 @@ class MongoStore(MongoShares, MongoUploads):
             confirmed=await self._count("clips", {"status": "confirmed"}),
             erased=await self._count("clips", {"status": "erased"}),
             frames=await self._count("frames", {}),
-            missing=await self._count("missing", {"elsewhere": False}),
+            missing=await self.count_missing(),
             outbox_ready=await self._count("outbox", {"status": "ready"}),
             outbox_erasing=await self._count("outbox", {"status": "erasing"}),
             size_bytes=await self._size_bytes(),

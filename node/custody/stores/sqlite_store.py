@@ -313,6 +313,9 @@ class SqliteStore(SqliteShares, SqliteUploads):
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE {wanted}"  # noqa: S608
         return [read_missing(row) for row in await self._read(query, height, height, record_id, limit)]
 
+    async def count_missing(self) -> int:
+        return int((await self._read("SELECT count(*) FROM missing WHERE elsewhere = 0"))[0][0])
+
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?"  # noqa: S608
         return {row[0]: read_missing(row) for row in await self._read_each(query, record_ids)}
