@@ -85,6 +85,7 @@ class Custodian(ShareService, ClipFetcher):
         self._shares = Shares(store, self._eraser, erase_keys)
         self._member = member
         self._clock_ms = clock_ms
+        self._following = asyncio.Lock()  # from a block's first write to its last
         self._writing = asyncio.Lock()
         self._allocating = asyncio.Lock()
         self._find_placement = find_placement or (lambda: Placement.even([member], 0))
@@ -291,8 +292,8 @@ class Custodian(ShareService, ClipFetcher):
 
     @asynccontextmanager
     async def at_rest(self) -> AsyncIterator[frozenset[int]]:
-        """Keep store and keys unchanged; yields the erase-key slots of frames under way."""
-        async with self._writing, self._allocating:
+        """Keep store and keys unchanged, between blocks; yields the erase-key slots of frames under way."""
+        async with self._following, self._writing, self._allocating:
             yield frozenset(self._in_flight)
 
     # Blocks
@@ -307,17 +308,28 @@ class Custodian(ShareService, ClipFetcher):
         Those that only record are one write. Raises CUSTODY_OUT_OF_ORDER for a gap or another block of its height.
         """
         due = list(blocks)
-        async with self._writing:
+        async with self._following:
             while due:
-                if not await self._is_next(due[0]):
-                    del due[0]
-                    continue
-                await self._eraser.finish()
-                taken = await self._record_together(due)
+                async with self._writing:
+                    if not await self._is_next(due[0]):
+                        del due[0]
+                        continue
+                    await self._eraser.finish()
+                    taken = await self._record_together(due)
+                    if not taken:
+                        await self._applier(due[0]).apply()
                 if not taken:
-                    await self._applier(due[0]).apply()
-                    await self._close_block(due[0].checkpoint)
+                    await self._close_in_turns(due[0].checkpoint)
                 del due[: max(taken, 1)]
+
+    async def _close_in_turns(self, point: Checkpoint) -> None:
+        """Of many clips that expire together some at a time, so that uploads wait for no more than those."""
+        is_more = True
+        while is_more:
+            async with self._writing:
+                is_more = await self._eraser.erase_some_expired(point.timestamp_ms, point.height)
+                if not is_more:
+                    await self._close_block(point)
 
     def _applier(self, *blocks: FinalizedEvents) -> BlockApplier:
         return BlockApplier(self._store, self._eraser, self._shares, self._member, self._newest_placement(), blocks)
@@ -353,7 +365,7 @@ class Custodian(ShareService, ClipFetcher):
         The next block follows it; states below the checkpoint are skipped.
         """
         point = facts.point
-        async with self._writing:
+        async with self._following, self._writing:
             known = await self.checkpoint()
             if known is not None and known.height >= point.height:
                 return

@@ -84,9 +84,16 @@ class Eraser:
 
         Missing clips are reported too.
         """
-        while record_ids := await self._store.expired(at_ms, RECORDS_A_CALL_MAX_COUNT):
-            await self._expire(record_ids, height)
+        while await self.erase_some_expired(at_ms, height):
+            pass
         await self.report_expired(await self._store.missing_over(at_ms), height)
+
+    async def erase_some_expired(self, at_ms: int, height: int) -> bool:
+        """As many as are reported together; tell whether there may be more."""
+        record_ids = await self._store.expired(at_ms, RECORDS_A_CALL_MAX_COUNT)
+        if record_ids:
+            await self._expire(record_ids, height)
+        return len(record_ids) == RECORDS_A_CALL_MAX_COUNT
 
     async def report_expired(self, record_ids: Sequence[bytes], height: int) -> None:
         for start in range(0, len(record_ids), RECORDS_A_CALL_MAX_COUNT):
