@@ -1,22 +1,31 @@
-"""Fetches missing clips from other custodians, sparing the disk's reserve."""
+"""Fetches missing and damaged clips from other custodians, sparing the disk's reserve."""
 
 from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+from itertools import islice
 from typing import TYPE_CHECKING, Protocol
 
 import structlog
 
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
-from consensus.records.clips import ClipDownload, check_clip_download
+from consensus.records.clips import ClipDownload, FrameDownload, check_clip_download
 from node.custody.block_effects import place
-from node.custody.stores.custody_store import BlockEffects, CustodyStore, RecordFacts
+from node.custody.erase_keys import wrap_frames
+from node.custody.many_at_once import for_each
+from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStore, RecordFacts
 
 if TYPE_CHECKING:
     from consensus.records.placement import Placement
+    from node.custody.erasure import Eraser
+
+Keep = Callable[[Sequence[ClipDownload]], Awaitable[int]]
+ReadFacts = Callable[[Sequence[bytes]], Mapping[bytes, RecordFacts]]
+"""Those of these records that the chain keeps now, with all frames of them that it wants erased."""
 
 FETCH_AT_ONCE_COUNT = 1_024
 """Between two of these rounds nothing is under way."""
@@ -54,14 +63,23 @@ def check_fetched(fetched: ClipDownload, facts: RecordFacts) -> None:
         raise BlockRobotError("UPLOAD_HASH_MISMATCH", f"Frames {damaged} of the fetched clip are damaged.")
 
 
+def _is_whole(fetched: ClipDownload, facts: RecordFacts) -> bool:
+    return not any(frame.erased and frame.index not in facts.erased_frames for frame in fetched.frames)
+
+
+def parts_of(frames: Sequence[FrameDownload]) -> list[tuple[int, bytes, bytes]]:
+    return [(frame.index, frame.ciphertext, frame.sealed_key) for frame in frames]
+
+
 class ClipFetcher:
-    """Mixin of `Custodian` that fetches missing clips. `passes_count`: how often all of them were asked for."""
+    """Mixin of `Custodian` that fetches clips. `passes_count`: how often all missing ones were asked for."""
 
     passes_count = 0
     _asked_range: tuple[tuple[int, bytes], tuple[int, bytes]] | None = None
 
     if TYPE_CHECKING:  # the custodian's own
         _store: CustodyStore
+        _eraser: Eraser
         _has_room: Callable[[int], bool]
         _waited_s: dict[str, float]
         _member: bytes
@@ -73,6 +91,8 @@ class ClipFetcher:
         async def _settle_missing(self, missing: Sequence[RecordFacts]) -> None: ...
 
         async def install_checked(self, fetched: Sequence[ClipDownload]) -> int: ...
+
+        def _taking(self, count: int) -> AbstractAsyncContextManager[list[tuple[int, bytes]]]: ...
 
     async def follow_placement(self) -> int:
         """After custodians or the number of copies changed: sort what is not here into missing and kept elsewhere.
@@ -108,12 +128,67 @@ class ClipFetcher:
         return placement
 
     async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
-        """Fetch up to 1,024 missing clips, newest first, in turns; return those installed.
+        """Fetch up to 1,024 missing clips, newest first, in turns; return those installed."""
+        return await self._fetch_each(await self._choose_missing(), peers, self.install_checked)
 
-        Their keepers are asked first, of these who answered fastest. While some are fetched, those before them are
-        stored, many at once.
+    async def mend(
+        self, damaged: Sequence[RecordFacts], peers: Sequence[PeerCustodian], read_facts: ReadFacts
+    ) -> set[bytes]:
+        """Fetch sound copies of damaged confirmed clips, as missing ones are fetched; return what was mended."""
+        mended: set[bytes] = set()
+
+        async def keep(fetched: Sequence[ClipDownload]) -> int:
+            replaced = await self.repair_clips(fetched, read_facts)
+            mended.update(replaced)
+            return len(replaced)
+
+        await self._fetch_each(damaged, peers, keep, whole=True)
+        return mended
+
+    async def repair_clips(self, fetched: Sequence[ClipDownload], read_facts: ReadFacts) -> list[bytes]:
+        """Replace damaged confirmed clips by other custodians' whole copies; return those that were replaced.
+
+        Old keys go after new rows exist. The caller checked the copies against the chain's roots.
         """
-        due, fetched = iter(await self._choose_missing()), list[ClipDownload]()
+        replaced, unused = list[bytes](), list[int]()
+        async with self._taking(sum(len(clip.frames) for clip in fetched)) as taken, self._writing:
+            left = iter(taken)
+            given = {clip.record_id: list(islice(left, len(clip.frames))) for clip in fetched}
+            facts, clips = read_facts(list(given)), await self._store.clips(list(given))
+
+            async def replace(copy: ClipDownload) -> None:
+                key, own = copy.record_id, given[copy.record_id]
+                over = await self._repair_under(copy, facts.get(key), clips.get(key), own)
+                unused.extend(over)
+                if not {slot for slot, _ in own} <= set(over):
+                    replaced.append(key)
+
+            await for_each(fetched, replace)
+            await self._eraser.destroy_unused(unused)
+        return replaced
+
+    async def _repair_under(
+        self, fetched: ClipDownload, facts: RecordFacts | None, clip: ClipRow | None, taken: Sequence[tuple[int, bytes]]
+    ) -> list[int]:
+        """Return the slots of which nobody needs the keys any more."""
+        slots = [slot for slot, _ in taken]
+        if facts is None or clip is None or clip.status != "confirmed" or not _is_whole(fetched, facts):
+            return slots
+        present = [frame for frame in fetched.frames if frame.index not in facts.erased_frames]
+        old = [place.slot for place in await self._store.frame_places([clip.record_id])]
+        rows = wrap_frames(clip.record_id, parts_of(present), taken[: len(present)])
+        await self._store.replace_frames(clip.record_id, rows)
+        return [*old, *slots[len(present) :]]
+
+    async def _fetch_each(
+        self, wanted: Sequence[RecordFacts], peers: Sequence[PeerCustodian], keep: Keep, *, whole: bool = False
+    ) -> int:
+        """Return how many were kept. `whole`: copies that lack a frame which is not erased are passed over.
+
+        Keepers are asked first, of these who answered fastest. While some are fetched, those before them are stored, many
+        at once.
+        """
+        due, fetched = iter(wanted), list[ClipDownload]()
         installs, turns = list[asyncio.Task[int]](), asyncio.Semaphore(INSTALLS_IN_FLIGHT_COUNT)
         placement = self._find_placement()
 
@@ -123,12 +198,12 @@ class ClipFetcher:
 
         async def install(batch: Sequence[ClipDownload]) -> int:
             try:
-                return await self._install(batch)
+                return await keep(batch)
             finally:
                 turns.release()
 
         async def fetch() -> None:
-            async for batch in self._fetch_in_turn(due, in_turn, fetched):
+            async for batch in self._fetch_in_turn(due, in_turn, fetched, whole=whole):
                 await turns.acquire()
                 installs.append(group.create_task(install(batch)))
 
@@ -138,34 +213,33 @@ class ClipFetcher:
                     group.create_task(fetch())
         except BaseExceptionGroup as errors:
             raise errors.exceptions[0] from None
-        return sum(work.result() for work in installs) + await self._install(fetched)
+        return sum(work.result() for work in installs) + (await keep(fetched) if fetched else 0)
 
     async def _fetch_in_turn(
-        self, due: Iterator[RecordFacts], in_turn: InTurn, fetched: list[ClipDownload]
+        self, due: Iterator[RecordFacts], in_turn: InTurn, fetched: list[ClipDownload], *, whole: bool
     ) -> AsyncIterator[list[ClipDownload]]:
         """Batches to be installed; the last ones, too few for one, stay in `fetched`."""
         for facts in due:
             if not self._has_room(_ROOM_BYTES):
                 log.warning("clips_not_fetched", code="DISK_RESERVE_REACHED")
                 break
-            if clip := await self._fetch_from_any(facts, in_turn(facts.record_id)):
+            if clip := await self._fetch_from_any(facts, in_turn(facts.record_id), whole=whole):
                 fetched.append(clip)
             if sum(len(frame.ciphertext) for clip in fetched for frame in clip.frames) >= INSTALL_AT_ONCE_MAX_BYTES:
                 batch, fetched[:] = fetched[:], []
                 yield batch
 
-    async def _install(self, fetched: Sequence[ClipDownload]) -> int:
-        if not fetched:
-            return 0
-        return await self.install_checked(fetched)
-
-    async def _fetch_from_any(self, facts: RecordFacts, peers: Sequence[PeerCustodian]) -> ClipDownload | None:
+    async def _fetch_from_any(
+        self, facts: RecordFacts, peers: Sequence[PeerCustodian], *, whole: bool
+    ) -> ClipDownload | None:
         for peer in peers:
             try:
                 fetched = await self._fetch_timed(peer, facts.record_id)
                 if fetched is not None and fetched.record_id == facts.record_id:
                     check_fetched(fetched, facts)
-                    return fetched
+                    if not whole or _is_whole(fetched, facts):
+                        return fetched
+                    log.info("custody_copy_not_whole", peer=peer.name)
             except BlockRobotError as error:
                 log.info("custody_fetch_refused", peer=peer.name, code=error.code)
         return None

@@ -19,12 +19,12 @@ import structlog
 from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
 from consensus.primitives.hashing import sha256
-from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_download, check_clip_upload
+from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_upload
 from consensus.records.commitments import ciphertext_leaves
 from consensus.records.placement import Placement
 from node.custody.block_effects import BlockApplier, build_release, matches_roots, only_records
 from node.custody.chain_facts import ChainFacts
-from node.custody.clip_fetching import ClipFetcher, check_fetched
+from node.custody.clip_fetching import ClipFetcher, check_fetched, parts_of
 from node.custody.erase_keys import ErasableKeys, unwrap_key, wipe_keys, wrap_frames
 from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvents
@@ -85,6 +85,7 @@ class Custodian(ShareService, ClipFetcher):
         self._shares = Shares(store, self._eraser, erase_keys)
         self._member = member
         self._clock_ms = clock_ms
+        self._following = asyncio.Lock()  # from a block's first write to its last
         self._writing = asyncio.Lock()
         self._allocating = asyncio.Lock()
         self._find_placement = find_placement or (lambda: Placement.even([member], 0))
@@ -291,38 +292,9 @@ class Custodian(ShareService, ClipFetcher):
 
     @asynccontextmanager
     async def at_rest(self) -> AsyncIterator[frozenset[int]]:
-        """Keep store and keys unchanged; yields the erase-key slots of frames under way."""
-        async with self._writing, self._allocating:
+        """Keep store and keys unchanged, between blocks; yields the erase-key slots of frames under way."""
+        async with self._following, self._writing, self._allocating:
             yield frozenset(self._in_flight)
-
-    async def repair_clip(self, fetched: ClipDownload, read_facts: Callable[[], RecordFacts | None]) -> bool:
-        """Replace a damaged confirmed clip by another custodian's whole copy.
-
-        `read_facts` returns the chain's present record, None if not kept. Old keys go after new rows exist. False if
-        unneeded or incomplete. Raises as `install`.
-        """
-        async with self._taking(len(fetched.frames)) as taken, self._writing:
-            unused = await self._repair_under(fetched, read_facts(), taken)
-            await self._eraser.destroy_unused(unused)
-        return not {slot for slot, _ in taken} <= set(unused)
-
-    async def _repair_under(
-        self, fetched: ClipDownload, facts: RecordFacts | None, taken: Sequence[tuple[int, bytes]]
-    ) -> list[int]:
-        slots = [slot for slot, _ in taken]
-        clip = (await self._store.clips([fetched.record_id])).get(fetched.record_id)
-        if facts is None or clip is None or clip.status != "confirmed":
-            return slots
-        if check_clip_download(fetched, facts.commitment_root, facts.ciphertext_root):
-            await self._eraser.destroy_unused(slots)
-            raise BlockRobotError("UPLOAD_HASH_MISMATCH", "The other custodian's copy is damaged too.")
-        present = [frame for frame in fetched.frames if frame.index not in facts.erased_frames]
-        if any(frame.erased for frame in present):
-            return slots
-        old = [place.slot for place in await self._store.frame_places([clip.record_id])]
-        used = taken[: len(present)]
-        await self._store.replace_frames(clip.record_id, wrap_frames(clip.record_id, _parts_of(present), used))
-        return old if len(used) == len(taken) else [*old, *slots[len(used) :]]
 
     # Blocks
 
@@ -336,17 +308,28 @@ class Custodian(ShareService, ClipFetcher):
         Those that only record are one write. Raises CUSTODY_OUT_OF_ORDER for a gap or another block of its height.
         """
         due = list(blocks)
-        async with self._writing:
+        async with self._following:
             while due:
-                if not await self._is_next(due[0]):
-                    del due[0]
-                    continue
-                await self._eraser.finish()
-                taken = await self._record_together(due)
+                async with self._writing:
+                    if not await self._is_next(due[0]):
+                        del due[0]
+                        continue
+                    await self._eraser.finish()
+                    taken = await self._record_together(due)
+                    if not taken:
+                        await self._applier(due[0]).apply()
                 if not taken:
-                    await self._applier(due[0]).apply()
-                    await self._close_block(due[0].checkpoint)
+                    await self._close_in_turns(due[0].checkpoint)
                 del due[: max(taken, 1)]
+
+    async def _close_in_turns(self, point: Checkpoint) -> None:
+        """Of many clips that expire together some at a time, so that uploads wait for no more than those."""
+        is_more = True
+        while is_more:
+            async with self._writing:
+                is_more = await self._eraser.erase_some_expired(point.timestamp_ms, point.height)
+                if not is_more:
+                    await self._close_block(point)
 
     def _applier(self, *blocks: FinalizedEvents) -> BlockApplier:
         return BlockApplier(self._store, self._eraser, self._shares, self._member, self._newest_placement(), blocks)
@@ -382,7 +365,7 @@ class Custodian(ShareService, ClipFetcher):
         The next block follows it; states below the checkpoint are skipped.
         """
         point = facts.point
-        async with self._writing:
+        async with self._following, self._writing:
             known = await self.checkpoint()
             if known is not None and known.height >= point.height:
                 return
@@ -564,7 +547,7 @@ class Custodian(ShareService, ClipFetcher):
 
     async def install_checked(self, fetched: Sequence[ClipDownload]) -> int:
         """Store those that are still missing; return how many. The caller checked them against the chain's roots."""
-        parts = {clip.record_id: _parts_of([frame for frame in clip.frames if not frame.erased]) for clip in fetched}
+        parts = {clip.record_id: parts_of([frame for frame in clip.frames if not frame.erased]) for clip in fetched}
         async with self._taking(sum(map(len, parts.values()))) as taken:
             left = iter(taken)
             rows = {key: wrap_frames(key, own, list(islice(left, len(own)))) for key, own in parts.items()}
@@ -593,7 +576,3 @@ class Custodian(ShareService, ClipFetcher):
 def _fetched_row(fetched: ClipDownload) -> ClipRow:
     leaves = (tuple(fetched.commitment_leaves), tuple(fetched.ciphertext_leaves))
     return ClipRow(fetched.record_id, fetched.txid, 0, "staged", *leaves)
-
-
-def _parts_of(frames: Sequence[FrameDownload]) -> list[tuple[int, bytes, bytes]]:
-    return [(frame.index, frame.ciphertext, frame.sealed_key) for frame in frames]

@@ -63,11 +63,13 @@ class Eraser:
         self._is_swept = True
         self._has_plans = True
         self._executed_plans: set[tuple[str, bytes, int]] = set()
+        self.asked_count = 0
 
     async def erase_requested(
         self, erasure_id: bytes, record_ids: Sequence[bytes], frames: Sequence[int], height: int
     ) -> None:
         """Erase records or frames; queue a receipt of what remains until when."""
+        self.asked_count += 1
         await self._destroy_parts_of(record_ids, height if frames else None)
         clips = await self._store.clips(record_ids)
         parts = _parts(record_ids, await self._store.frame_places(record_ids), frames)
@@ -82,9 +84,16 @@ class Eraser:
 
         Missing clips are reported too.
         """
-        while record_ids := await self._store.expired(at_ms, RECORDS_A_CALL_MAX_COUNT):
-            await self._expire(record_ids, height)
+        while await self.erase_some_expired(at_ms, height):
+            pass
         await self.report_expired(await self._store.missing_over(at_ms), height)
+
+    async def erase_some_expired(self, at_ms: int, height: int) -> bool:
+        """As many as are reported together; tell whether there may be more."""
+        record_ids = await self._store.expired(at_ms, RECORDS_A_CALL_MAX_COUNT)
+        if record_ids:
+            await self._expire(record_ids, height)
+        return len(record_ids) == RECORDS_A_CALL_MAX_COUNT
 
     async def report_expired(self, record_ids: Sequence[bytes], height: int) -> None:
         for start in range(0, len(record_ids), RECORDS_A_CALL_MAX_COUNT):
@@ -104,8 +113,7 @@ class Eraser:
         slots = [slot for part in parts for slot in part.slots]
         await asyncio.to_thread(self._keys.destroy, slots)
         self._is_swept = False
-        for record_id in record_ids:
-            await self._store.erase_clip(record_id)
+        await self._store.erase_clips(record_ids)
         await self._read_back(parts)
         await asyncio.to_thread(self._keys.release, slots)
 
@@ -203,10 +211,9 @@ class Eraser:
         slots = [slot for part in parts for slot in part.slots]
         await asyncio.to_thread(self._keys.destroy, slots)
         self._is_swept = False
+        await self._store.erase_clips([part.record_id for part in parts if part.whole])
         for part in parts:
-            if part.whole:
-                await self._store.erase_clip(part.record_id)
-            else:
+            if not part.whole:
                 await self._store.erase_frames(part.record_id, part.indexes)
         self._executed_plans.add(row.key)
 

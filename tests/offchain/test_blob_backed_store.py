@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import os
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +14,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consensus.errors import BlockRobotError
+from consensus.records.clips import ClipDownload
 from node.clips_place import read_place
+from node.custody.blobs import blob_backed_store
 from node.custody.blobs.blob_backed_store import BlobBackedStore
 from node.custody.blobs.blob_names import BlobNames, new_generation
 from node.custody.blobs.blob_store import OWNER_NAME
 from node.custody.blobs.place_file import PLACE_FILE_NAME
+from node.custody.chain_facts import ChainFacts
+from node.custody.many_at_once import AT_ONCE_COUNT, for_each
+from node.custody.repair import rebuild
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.open_store import open_store
 from node.custody.stores.share_store import ShareStore
 from node.custody.upload_usage import UploadAccount
 from tests.offchain.desk import CustodyHarness, Peer
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
-from tests.offchain.small_chain import ALICE, RecordedClip, access, erasure, record_clip
+from tests.offchain.small_chain import ALICE, EXPIRES_MS, RecordedClip, access, erasure, record_clip, recorded
+from tests.offchain.test_fetching import DeafPeer
 
 KEY = b"k" * 32
 
@@ -83,6 +90,56 @@ async def test_what_happened_to_a_blob_is_found_by_the_scrub_and_mended_from_ano
     assert (await desk.scrub()).is_clean
 
 
+class ErasingPeer(Peer):
+    """Another custodian, asked for a clip of which a picture is erased meanwhile."""
+
+    def __init__(self, desk: CustodyHarness, *clips: RecordedClip) -> None:
+        super().__init__(*clips)
+        self.desk, self.asked = desk, list[bytes]()
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        self.asked.append(record_id)
+        assert not self.desk.house.custodian._writing.locked()
+        if len(self.asked) == len(self.clips):
+            clip = self.clips[record_id]
+            await self.desk.house.follow(erasure(ERASURE_ID, clip, frames=(0,)))
+            self.desk.state.erasure(clip, frames=(0,))
+        return await super().fetch(record_id)
+
+
+async def test_a_place_that_lost_all_clips_is_filled_some_at_a_time_and_what_is_erased_meanwhile_stays_so(
+    house: CustodianHarness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk, clips, rests = CustodyHarness(house), [record_clip() for _ in range(5)], list[int]()
+    await desk.hold(*clips)
+    for clip in clips:
+        (await path_of(house, clip, tmp_path)).unlink()
+    monkeypatch.setattr(rebuild, "RECORDS_AT_ONCE_COUNT", 2)
+    caught_up, scanned, erased_frames = rebuild.caught_up, list[int](), ChainFacts.erased_frames
+
+    def counted(*given: Any) -> Any:
+        rests.append(1)
+        return caught_up(*given)
+
+    def noted(facts: ChainFacts) -> dict[bytes, frozenset[int]]:
+        scanned.append(facts.point.height)
+        return erased_frames(facts)
+
+    monkeypatch.setattr(rebuild, "caught_up", counted)
+    monkeypatch.setattr(ChainFacts, "erased_frames", noted)
+    peer = ErasingPeer(desk, *clips)
+    report = await desk.rebuild(DeafPeer(), peer)
+    assert (report.mended, report.is_whole) == (sorted(clip.record_id for clip in clips), True)
+    assert sorted(peer.asked) == sorted(peer.clips)
+    assert len(rests) == 1 + 3
+    assert len(scanned) == 2 * 3 + 2, "of each batch when it is read and when it is judged; and for what is written"
+    for clip in clips:
+        whole, first = list(clip.plaintexts), clip.record_id == peer.asked[-1]
+        expected = [None, *whole[1:]] if first else whole
+        assert read_all(clip, await house.custodian.export(clip.record_id)) == expected
+    assert (await desk.scrub()).is_clean
+
+
 async def test_an_erased_clip_leaves_no_blob_and_an_erased_picture_no_bytes(
     house: CustodianHarness, tmp_path: Path
 ) -> None:
@@ -118,6 +175,74 @@ async def test_a_clip_is_kept_and_read_by_one_call_and_erased_by_two(
     calls.clear()
     await store.drop_staged(unclaimed.record_id)
     assert calls == ["delete", "names"]
+
+
+async def test_blobs_of_one_erasure_are_deleted_many_at_once_but_not_all(
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One after the other, the clips of a few robots that expire together would take longer than the time between."""
+    clips = [record_clip() for _ in range(AT_ONCE_COUNT + 4)]
+    for clip in clips:
+        await house.custodian.stage(clip.upload)
+    await house.follow(*(recorded(clip, expires_at_ms=EXPIRES_MS) for clip in clips))
+    store: Any = house.store
+    delete, at_once = store._blobs.delete, [0]
+
+    async def counted(name: str) -> None:
+        at_once.append(at_once[-1] + 1)
+        await delete(name)
+        at_once.append(at_once[-1] - 1)
+
+    monkeypatch.setattr(store._blobs, "delete", counted)
+    await house.follow(at_ms=EXPIRES_MS)
+    assert max(at_once) == AT_ONCE_COUNT
+    assert [name async for name in store._blobs.names()] == [OWNER_NAME]
+    assert house.keys.held_count == 0
+
+
+async def test_of_many_calls_the_first_that_fails_ends_the_others_before_it_is_told() -> None:
+    """Else a write that is given up would go on beside the next one."""
+    begun, ended = list[int](), list[int]()
+
+    async def call(number: int) -> None:
+        begun.append(number)
+        try:
+            await asyncio.sleep(0 if number == 1 else 60)
+            raise BlockRobotError("STORE_UNAVAILABLE")
+        finally:
+            ended.append(number)
+
+    with pytest.raises(BlockRobotError, match=r"^STORE_UNAVAILABLE"):
+        await for_each(range(100), call)
+    assert sorted(ended) == sorted(begun) == list(range(AT_ONCE_COUNT))
+
+
+async def test_a_sweep_looks_many_blobs_up_together_and_spares_what_is_written_meanwhile(
+    house: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips, store = [await house.keep() for _ in range(5)], house.store
+    assert isinstance(store, BlobBackedStore)
+    monkeypatch.setattr(blob_backed_store, "NAMES_AT_ONCE_COUNT", 4)
+    orphans = [store._names.name(clip.record_id, new_generation()) for clip in clips[:2]]
+    coming = store._names.name(b"?" * 16, new_generation())
+    store._in_flight.add(coming)
+    for name in (*orphans, coming):
+        await store._blobs.put(name, b"left")
+    references, asked = store._index.references, list[int]()
+
+    async def counted(record_ids: Sequence[bytes], size_bytes: int) -> dict[bytes, set[bytes]]:
+        asked.append(len(record_ids))
+        return await references(record_ids, size_bytes)
+
+    monkeypatch.setattr(store._index, "references", counted)
+    assert await store.sweep_blobs() == len(orphans)
+    assert len(asked) == 3
+    assert 1 < max(asked) <= 4
+    left = {name async for name in store._blobs.names()}
+    assert coming in left
+    assert not left & set(orphans)
+    for clip in clips:
+        assert read_all(clip, await house.custodian.export(clip.record_id)) == list(clip.plaintexts)
 
 
 async def test_a_blob_that_is_there_after_it_was_deleted_is_no_erasure(

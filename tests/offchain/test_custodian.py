@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from functools import partial
 
@@ -173,6 +174,46 @@ async def test_nobody_erases_anothers_record_even_if_a_contract_let_her(opened: 
     assert (await opened.custodian.export(clip.record_id)).frames[0].erased is False
     receipt = next(arguments for call, arguments in await opened.ready_outbox() if call == "erasure.receipt")
     assert receipt[1] == 0
+
+
+async def test_uploads_go_on_while_many_clips_of_one_block_are_erased_and_upkeep_waits_for_its_end(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of a robot expire together, hundreds at a time."""
+    monkeypatch.setattr("node.custody.erasure.RECORDS_A_CALL_MAX_COUNT", 2)
+    custodian, store, order, works = opened.custodian, opened.store, list[str](), list[asyncio.Task[None]]()
+    clips = [record_clip() for _ in range(7)]
+    for clip in clips:
+        await custodian.stage(clip.upload)
+    await opened.follow(*(recorded(clip, expires_at_ms=START_MS + 50_000) for clip in clips))
+    coming, erase_clips = record_clip(), store.erase_clips
+
+    async def upload() -> None:
+        await custodian.stage(msgspec.structs.replace(coming.upload, valid_until_ms=START_MS + 90_000))
+        order.append("uploaded")
+
+    async def keep_up() -> None:
+        async with custodian.at_rest():
+            assert await store.expired(START_MS + 50_000, 1) == []
+            order.append(f"at rest at {opened.chain.height}")
+
+    async def noted(record_ids: list[bytes]) -> None:
+        if not works:
+            works.extend(asyncio.create_task(work()) for work in (upload, keep_up))
+            while not custodian._writing._waiters:  # until the upload waits
+                await asyncio.to_thread(bool)
+        order.append(f"erased {len(record_ids)}")
+        await erase_clips(record_ids)
+
+    monkeypatch.setattr(store, "erase_clips", noted)
+    await opened.follow(at_ms=START_MS + 50_000)
+    order.append("followed")
+    await asyncio.wait(works)
+    assert order[:3] == ["erased 2", "uploaded", "erased 2"]
+    assert order[3:] == ["erased 2", "erased 1", "followed", f"at rest at {opened.chain.height}"]
+    await opened.follow(recorded(coming))
+    assert read_all(coming, await custodian.export(coming.record_id)) == list(coming.plaintexts)
+    assert opened.keys.held_count == len(coming.plaintexts)
 
 
 async def test_an_expired_record_is_erased_unasked(opened: CustodianHarness) -> None:

@@ -24,7 +24,7 @@ class PowerCutError(Exception):
     """The process ends here."""
 
 
-WRITES = ["apply", "add_outbox", "erase_clip", "erase_frames", "sweep", "mark_outbox_ready", "drop_staged"]
+WRITES = ["apply", "add_outbox", "erase_clips", "erase_frames", "sweep", "mark_outbox_ready", "drop_staged"]
 
 
 def cut_power_at(house: CustodianHarness, monkeypatch: pytest.MonkeyPatch, step: int, *, after: bool) -> list[str]:

@@ -60,12 +60,12 @@ REFUSALS = (
 )
 
 
-async def _repair(house: CustodianHarness, case: Case) -> bool:
+async def _repair(house: CustodianHarness, case: Case) -> list[bytes]:
     """Whoever mends read before that the chain keeps the record."""
     clip, told = case.clip, recorded(case.clip)[2]
     roots = told["commitment_root"], told["ciphertext_root"]
     facts = RecordFacts(clip.record_id, clip.upload.txid, ALICE, *roots, told["expires_at_ms"], height=1)
-    return await house.custodian.repair_clip(held_by_peer(clip), lambda: facts)
+    return await house.custodian.repair_clips([held_by_peer(clip)], lambda _record_ids: {clip.record_id: facts})
 
 
 RELEASES: dict[str, Work] = {

@@ -11,18 +11,19 @@ from tests.offchain.small_chain import erasure, record_clip
 from tests.offchain.test_sharing import revoked, share
 
 
-@pytest.mark.parametrize(("loses", "frames"), [("erase_clip", ()), ("erase_frames", (1,))])
+@pytest.mark.parametrize(("loses", "frames"), [("erase_clips", ()), ("erase_frames", (1,))])
 async def test_a_deletion_that_the_store_lost_is_done_again_at_the_next_try(
     opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch, loses: str, frames: tuple[int, ...]
 ) -> None:
     clip, second = await opened.keep(), await opened.keep()
     delete, lost = getattr(opened.store, loses), []
 
-    async def lose_the_first_of_each(record_id: bytes, *more: Any) -> None:
+    async def lose_the_first_of_each(named: Any, *more: Any) -> None:
+        record_id = named if frames else named[0]
         if record_id not in lost:
             lost.append(record_id)
             return
-        await delete(record_id, *more)
+        await delete(named, *more)
 
     monkeypatch.setattr(opened.store, loses, lose_the_first_of_each)
     block = opened.chain.block(erasure(ERASURE_ID, clip, frames=frames), erasure(b"\xe2" * 32, second, frames=frames))
@@ -72,16 +73,16 @@ async def test_what_the_state_says_is_erased_is_read_back_too(
     clip = await opened.keep()
     with monkeypatch.context() as patch:
 
-        async def lose(_record_id: bytes) -> None:
+        async def lose(_record_ids: Any) -> None:
             return
 
-        patch.setattr(opened.store, "erase_clip", lose)
+        patch.setattr(opened.store, "erase_clips", lose)
         await refused("STORE_UNAVAILABLE", opened.custodian.eraser.erase_again([clip.record_id]))
     await opened.custodian.eraser.erase_again([clip.record_id])
     assert await opened.store.frame_places([clip.record_id]) == []
 
 
-@pytest.mark.parametrize(("deletes", "frames"), [("erase_clip", ()), ("erase_frames", (1,))])
+@pytest.mark.parametrize(("deletes", "frames"), [("erase_clips", ()), ("erase_frames", (1,))])
 async def test_no_row_is_deleted_before_its_keys_are_destroyed(
     opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch, deletes: str, frames: tuple[int, ...]
 ) -> None:
@@ -91,9 +92,9 @@ async def test_no_row_is_deleted_before_its_keys_are_destroyed(
     slots = [place.slot for place in places if not frames or place.index in frames]
     delete, found = getattr(opened.store, deletes), []
 
-    async def look_first(record_id: bytes, *more: Any) -> None:
+    async def look_first(named: Any, *more: Any) -> None:
         found.extend(opened.keys.read(slot) for slot in slots)
-        await delete(record_id, *more)
+        await delete(named, *more)
 
     monkeypatch.setattr(opened.store, deletes, look_first)
     await opened.custodian.on_finalized_block(opened.chain.block(erasure(ERASURE_ID, clip, frames=frames)))

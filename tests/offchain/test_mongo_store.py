@@ -129,6 +129,7 @@ BY_KEY_ALONE = {
 LOOK_AT_ALL = {
     "clear",
     "absent",
+    "count_missing",
     "counts",
     "leftovers",
     "sweep",
@@ -155,6 +156,8 @@ QUERIES: Mapping[str, Query] = {
     "frame_places": lambda store: store.frame_places([RECORD_ID, b"\x09" * 16]),
     "stage_all": lambda store: store.stage_all([make_clip(1), make_clip(2)]),
     "erase_clip": lambda store: store.erase_clip(RECORD_ID),
+    "erase_clips": lambda store: store.erase_clips([RECORD_ID, b"\x09" * 16]),
+    "references": lambda store: store.references([RECORD_ID, b"\x09" * 16], 16),
     "replace_frames": lambda store: store.replace_frames(RECORD_ID, [FrameRow(RECORD_ID, 0, b"new", b"wrapped", 8)]),
     "drop_staged": lambda store: store.drop_staged(RECORD_ID),
     "lapsed": lambda store: store.lapsed(5000, 10),

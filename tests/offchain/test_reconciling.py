@@ -315,7 +315,13 @@ class _Watched:
         return self._state.get(key)
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
-        for row in self._state.scan(prefix, limit):
+        return self._watch(self._state.scan(prefix, limit))
+
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        return self._watch(self._state.scan_range(start, end))
+
+    def _watch(self, rows: Iterator[tuple[bytes, bytes]]) -> Iterator[tuple[bytes, bytes]]:
+        for row in rows:
             self.is_held.set()
             self.read_on.wait(10)
             self.rows_of_turn_count += threading.current_thread() is self._loop_thread

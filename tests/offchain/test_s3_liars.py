@@ -164,11 +164,41 @@ async def test_a_list_of_keys_has_an_end_and_all_its_pages(
 
         liar.lies["list"] = last
         assert await names_of(blobs) == ["one", "two"]
-        monkeypatch.setattr(s3_blobs, "PAGES_MAX_COUNT", 3)
         liar.lies["list"] = saying(page("ward/one", then="t"))
         await refused(names_of(blobs), "no end")
         monkeypatch.setattr(s3_blobs, "LISTING_MAX_S", 0.0)
         await refused(names_of(blobs), "TimeoutError")
+
+
+def counting(pages_count: int) -> Answer:
+    """So many pages of one key each, and after the last one the first again."""
+
+    async def answer(request: web.Request) -> web.Response:
+        at = int(request.query.get("continuation-token", "0"))
+        return web.Response(text=page(f"ward/{at:06}", then=str((at + 1) % pages_count)))
+
+    return answer
+
+
+async def test_a_list_may_have_any_number_of_pages_but_none_twice_and_that_of_one_clip_few(
+    liar: Liar, place: ClipsPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(s3_blobs, "PAGES_OF_A_CLIP_MAX_COUNT", 5)
+    async with S3Blobs(place) as blobs:
+        for pages_count in (1, 2, 7):
+            liar.lies["list"], liar.asked = counting(pages_count), []
+            await refused(names_of(blobs), "no end")
+            assert len(liar.asked) <= 4 * pages_count
+        liar.lies["list"], liar.asked = counting(1_000), []
+        await refused(names_of(blobs, "0"), "one clip's")
+        assert len(liar.asked) == 5
+
+        async def long(request: web.Request) -> web.Response:
+            at = int(request.query.get("continuation-token", "0"))
+            return web.Response(text=page(f"ward/{at:06}", then=str(at + 1) if at < 99 else ""))
+
+        liar.lies["list"] = long
+        assert len(await names_of(blobs)) == 100
 
 
 async def test_of_one_clips_blobs_there_is_an_end_and_no_other_name_is_deleted(

@@ -407,14 +407,14 @@ async def test_a_rebuild_that_a_failing_store_cut_off_is_done_again(
     kept, gone = record_clip(), record_clip()
     await desk.hold(kept, gone)
     desk.record(gone, status="erased", height=2)
-    original = desk.house.store.erase_clip
+    original = desk.house.store.erase_clips
 
-    async def fail(_: bytes) -> None:
+    async def fail(_: object) -> None:
         raise BlockRobotError("STORE_UNAVAILABLE")
 
-    monkeypatch.setattr(desk.house.store, "erase_clip", fail)
+    monkeypatch.setattr(desk.house.store, "erase_clips", fail)
     await refused("STORE_UNAVAILABLE", desk.rebuild())
-    monkeypatch.setattr(desk.house.store, "erase_clip", original)
+    monkeypatch.setattr(desk.house.store, "erase_clips", original)
     assert (await desk.rebuild()).is_whole
     assert (await desk.scrub()).is_clean
     assert await desk.opens(kept)

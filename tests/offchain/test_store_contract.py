@@ -182,6 +182,30 @@ async def test_an_erased_clip_leaves_a_mark_that_says_nothing(store: CustodyStor
     assert await store.clips_of_owner(OWNER) == []
 
 
+async def test_many_clips_are_erased_at_once_and_others_stay(store: CustodyStore) -> None:
+    for number in (1, 2, 3):
+        await stage(store, number)
+    for _ in range(2):
+        await store.erase_clips([record_id(number) for number in (1, 2, 4)])
+    await store.erase_clips([])
+    found = await store.clips([record_id(number) for number in (1, 2, 3, 4)])
+    assert {known: clip.status for known, clip in found.items()} == {
+        record_id(number): "staged" if number == 3 else "erased" for number in (1, 2, 3, 4)
+    }
+    assert {place.record_id for place in await store.frame_places(list(found))} == {record_id(3)}
+
+
+async def test_what_frames_have_in_place_of_ciphertexts_is_read_by_its_length(store: CustodyStore) -> None:
+    index = getattr(store, "_index", store)
+    texts = (b"r" * 16, b"s" * 16, b"s" * 16, b"t" * 17)
+    for number in (1, 2):
+        rows = [FrameRow(record_id(number), at, text, b"wrapped", 9 * number + at) for at, text in enumerate(texts)]
+        await index.stage(clip(number, frames=4), rows[: 4 // number])
+    found = await index.references([record_id(number) for number in (1, 2, 3)], 16)
+    assert found == {record_id(1): {b"r" * 16, b"s" * 16}, record_id(2): {b"r" * 16, b"s" * 16}}
+    assert await index.references([], 16) == {}
+
+
 async def test_an_erased_clip_is_never_confirmed_again(store: CustodyStore) -> None:
     await store.erase_clip(record_id(1))
     await store.apply(BlockEffects(confirmed=(facts(1),)))

@@ -6,7 +6,6 @@ before the rows of an erased clip do; what no row names is swept. Rows from befo
 
 from __future__ import annotations
 
-import asyncio
 import struct
 from collections.abc import Awaitable, Callable, Collection, Sequence
 from dataclasses import replace
@@ -21,6 +20,7 @@ from consensus.limits import CLIP_SIZE_MAX_BYTES
 from node.custody.blobs.blob_names import GENERATION_BYTES, BlobNames, new_generation
 from node.custody.blobs.blob_store import BlobStore
 from node.custody.blobs.place_file import take_place
+from node.custody.many_at_once import for_each
 from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow
 
 Write = Callable[[Sequence[Sequence[FrameRow]]], Awaitable[None]]
@@ -28,6 +28,8 @@ log = structlog.get_logger(__name__)
 
 GENERATIONS_MAX_COUNT = 1_000
 """Of one record's blobs; a write ends those before it, so there are more than two only after many cuts."""
+NAMES_AT_ONCE_COUNT = 1_024
+"""Blobs that a sweep looks up in the index together."""
 REFERENCE = struct.Struct(f">{GENERATION_BYTES}sII")
 """Generation, offset and length in bytes; shorter than any ciphertext."""
 
@@ -89,7 +91,7 @@ class BlobBackedStore:
         }
         self._in_flight.update(blobs)
         try:
-            await asyncio.gather(*(self._blobs.put(name, content) for name, content in blobs.items()))
+            await for_each(list(blobs), lambda name: self._blobs.put(name, blobs[name]))
             await write([_referring(frames, generation) for _, frames, generation in named])
         finally:
             self._in_flight.difference_update(blobs)
@@ -121,33 +123,52 @@ class BlobBackedStore:
         await self._delete_all(record_id, self._named_by(record_id, rows) - spared, spared)
 
     async def erase_clip(self, record_id: bytes) -> None:
-        await self._delete_all(record_id, self._named_by(record_id, await self._index.frames(record_id)))
-        await self._index.erase_clip(record_id)
+        await self.erase_clips([record_id])
+
+    async def erase_clips(self, record_ids: Sequence[bytes]) -> None:
+        named = await self._named(record_ids)
+        await for_each(record_ids, lambda record_id: self._delete_all(record_id, named[record_id]))
+        await self._index.erase_clips(record_ids)
 
     async def drop_staged(self, record_id: bytes) -> None:
         clip = (await self._index.clips([record_id])).get(record_id)
-        named = self._named_by(record_id, await self._index.frames(record_id))
+        named = await self._named([record_id])
         await self._index.drop_staged(record_id)
         if clip is None or clip.status == "staged":
-            await self._delete_all(record_id, named)
+            await self._delete_all(record_id, named[record_id])
 
     async def sweep_blobs(self) -> int:
         """Of this custodian's names only. What is being written is in flight until its rows are there."""
-        count = 0
+        count, batch = 0, dict[str, bytes]()
         async for name in self._blobs.names():
-            meant = self._names.read(name)
-            if meant is None or name in self._in_flight:
-                continue
-            if name not in self._named_by(meant[0], await self._index.frames(meant[0])):
-                await self._blobs.delete(name)
-                count += 1
+            if (meant := self._names.read(name)) is not None:
+                batch[name] = meant[0]
+            if len(batch) >= NAMES_AT_ONCE_COUNT:
+                count += await self._sweep(batch)
+                batch.clear()
+        count += await self._sweep(batch)
         if count:
             log.info("custody_blobs_swept", count=count)
         return count
 
+    async def _sweep(self, listed: dict[str, bytes]) -> int:
+        """Record ids by the names of their blobs. The rows are read after it was seen that a blob is not in flight."""
+        settled = {name: record_id for name, record_id in listed.items() if name not in self._in_flight}
+        named = await self._named(sorted(set(settled.values())))
+        unnamed = [name for name, record_id in settled.items() if name not in named[record_id]]
+        await for_each(unnamed, self._blobs.delete)
+        return len(unnamed)
+
+    async def _named(self, record_ids: Sequence[bytes]) -> dict[bytes, set[str]]:
+        found = await self._index.references(record_ids, REFERENCE.size)
+        return {record_id: self._names_of(record_id, found.get(record_id, ())) for record_id in record_ids}
+
     def _named_by(self, record_id: bytes, rows: Sequence[FrameRow]) -> set[str]:
-        texts = (row.ciphertext for row in rows if len(row.ciphertext) == REFERENCE.size)
-        return {self._names.name(record_id, REFERENCE.unpack(text)[0]) for text in texts}
+        return self._names_of(record_id, [row.ciphertext for row in rows if len(row.ciphertext) == REFERENCE.size])
+
+    def _names_of(self, record_id: bytes, references: Collection[bytes]) -> set[str]:
+        generations = {REFERENCE.unpack(reference)[0] for reference in references}
+        return {self._names.name(record_id, generation) for generation in generations}
 
     async def _delete_all(self, record_id: bytes, named: Collection[str] = (), spared: Collection[str] = ()) -> None:
         """All but `spared`; first those that rows have `named`, so that one list is enough to see that none is left.
@@ -162,7 +183,7 @@ class BlobBackedStore:
                 raise BlockRobotError("STORE_UNAVAILABLE", detail)
 
     async def _delete(self, names: Collection[str]) -> None:
-        await asyncio.gather(*map(self._blobs.delete, names))
+        await for_each(list(names), self._blobs.delete)
 
     async def _listed(self, record_id: bytes, spared: Collection[str]) -> list[str]:
         found: list[str] = []

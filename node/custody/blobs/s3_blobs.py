@@ -36,7 +36,8 @@ TRIES_MAX_COUNT = 3
 CONNECTIONS_MAX_COUNT = 16
 ANSWER_MAX_BYTES = 2 << 20
 """Of all but a blob: a page has up to 1,000 keys of up to 1,024 bytes, and some 350 bytes more for each."""
-PAGES_MAX_COUNT = 10_000
+PAGES_OF_A_CLIP_MAX_COUNT = 100
+"""A clip has one blob, and rarely a few. How many the bucket has nobody can say: of its pages only none comes twice."""
 CREDENTIALS_MAX_BYTES = 1 << 16
 USER_AGENT = "blockrobot"
 _KEYS = ("aws_access_key_id", "aws_secret_access_key", "aws_session_token")
@@ -206,7 +207,8 @@ class S3Blobs:
         own, clock = self._place.prefix, asyncio.get_running_loop().time
         asked: dict[str, str] = {"Bucket": self._place.bucket, "Prefix": own + prefix}
         left_s = CALL_MAX_S if prefix else LISTING_MAX_S
-        for _ in range(PAGES_MAX_COUNT):
+        marked, pages_count = "", 0
+        while True:
             since = clock()
             async with _asking(min(CALL_MAX_S, left_s)):
                 page = await self._client.list_objects_v2(**asked)
@@ -217,9 +219,15 @@ class S3Blobs:
             left_s -= clock() - since
             for key in keys:
                 yield key.removeprefix(own)
-            if not asked["ContinuationToken"]:
+            token, pages_count = asked["ContinuationToken"], pages_count + 1
+            if not token:
                 return
-        raise _wrong_answer("its list of keys has no end")
+            if token == marked:
+                raise _wrong_answer("its list of keys has no end")
+            if prefix and pages_count >= PAGES_OF_A_CLIP_MAX_COUNT:
+                raise _wrong_answer("its list of one clip's keys has no end")
+            if pages_count & (pages_count - 1) == 0:  # marked anew at each power of two, it meets itself in any circle
+                marked = token
 
     async def clear_unfinished(self) -> None:
         """An object is there whole or not at all."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from consensus.errors import BlockRobotError
@@ -12,8 +12,10 @@ from node.custody.clip_fetching import PeerCustodian
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
 from node.custody.erasure import RECORDS_A_CALL_MAX_COUNT
+from node.custody.many_at_once import for_each
 from node.custody.repair.scrub import (
     GONE_CODES,
+    RECORDS_AT_ONCE_COUNT,
     OpenFacts,
     RecordComparer,
     ScrubReport,
@@ -27,7 +29,6 @@ from node.custody.stores.custody_store import BlockEffects, ClipRow, CustodyStor
 
 FRUITLESS_PASSES_MAX_COUNT = 2
 _TELL_EVERY_COUNT = 100
-_STORE_FAULTS = frozenset({"STORE_UNAVAILABLE", "ERASE_KEYS_DAMAGED"})
 
 FindPeers = Callable[[], Sequence[PeerCustodian]]
 Pause = Callable[[], Awaitable[None]]
@@ -76,6 +77,7 @@ class Rebuild:
         self._pause = pause
         self._tell = tell
         self._report = RebuildReport()
+        self._erased_frames: tuple[int, dict[bytes, frozenset[int]]] | None = None
 
     async def run(self) -> RebuildReport:
         """Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
@@ -88,10 +90,8 @@ class Rebuild:
             await self._custodian.eraser.erase_expired(facts.point.timestamp_ms, facts.point.height)
             await self._custodian.eraser.finish()
             await self._store.apply(BlockEffects(checkpoint=facts.point))
-        suspects = await self._find_suspects()
+        await self._mend()
         await self._fetch_missing()
-        await self._repair(await self._find_damaged(suspects))
-        self._report.still_missing_count = (await self._store.counts()).missing
         return self._report
 
     async def _set_right(self, facts: ChainFacts) -> None:
@@ -150,74 +150,79 @@ class Rebuild:
         await self._custodian.eraser.destroy_unused(slots)
         self._report.keys_destroyed_count = len(slots)
 
-    async def _find_suspects(self) -> list[bytes]:
-        suspects, done, total = [], 0, (await self._store.counts()).confirmed
-        with self._open_facts() as facts:
-            judge = RecordComparer(self._custodian, self._store, facts)
-            async for clip in self._store.all_clips():
-                record = facts.record(clip.record_id)
-                if record is None or clip.status != "confirmed":
-                    continue
-                if await _is_damaged(judge, record, clip):
-                    suspects.append(clip.record_id)
-                done += 1
-                if done % _TELL_EVERY_COUNT == 0:
-                    self._tell("compared", done, total)
-        return suspects
+    async def _mend(self) -> None:
+        """Some clips at a time: read while the custodian goes on, and judged at rest if they look damaged."""
+        done, total = 0, (await self._store.counts()).confirmed
+        async for clips in self._confirmed_clips():
+            with self._open_facts() as facts:
+                suspects = await self._find_damaged(facts, clips)
+            if suspects:
+                await self._repair(await self._judge([each.record_id for each in suspects]))
+            done += len(clips)
+            self._tell("compared", done, total)
 
-    async def _find_damaged(self, suspects: Sequence[bytes]) -> list[bytes]:
-        if not suspects:
-            return []
+    async def _confirmed_clips(self) -> AsyncIterator[list[ClipRow]]:
+        batch: list[ClipRow] = []
+        async for clip in self._store.all_clips():
+            if clip.status == "confirmed":
+                batch.append(clip)
+            if len(batch) >= RECORDS_AT_ONCE_COUNT:
+                yield batch
+                batch = []
+        yield batch
+
+    async def _judge(self, suspects: Sequence[bytes]) -> list[RecordFacts]:
         async with caught_up(self._custodian, self._open_facts) as (facts, _):
-            judge = RecordComparer(self._custodian, self._store, facts)
-            clips, damaged = await self._store.clips(suspects), []
-            for record_id in suspects:
-                clip, record = clips.get(record_id), facts.record(record_id)
-                is_held = clip is not None and clip.status == "confirmed"
-                if clip and record and is_held and await _is_damaged(judge, record, clip):
-                    damaged.append(record_id)
-        return damaged
+            clips = await self._store.clips(suspects)
+            return await self._find_damaged(facts, [clip for clip in clips.values() if clip.status == "confirmed"])
+
+    async def _find_damaged(self, facts: ChainFacts, clips: Sequence[ClipRow]) -> list[RecordFacts]:
+        judge, damaged = RecordComparer(self._custodian, self._store, facts), list[RecordFacts]()
+
+        async def look(clip: ClipRow) -> None:
+            record = facts.record(clip.record_id)
+            if record is not None and await _is_damaged(judge, record, clip):
+                damaged.append(replace(record.facts, erased_frames=tuple(sorted(judge.erased_frames(record)))))
+
+        await for_each(clips, look)
+        return sorted(damaged, key=lambda each: each.record_id)
+
+    async def _repair(self, damaged: Sequence[RecordFacts]) -> None:
+        """A damaged clip stays until there is a sound copy: its blobs may only be where nobody looks today."""
+        mended = await self._custodian.mend(damaged, self._find_peers(), self._read_kept)
+        for facts in damaged:
+            (self._report.mended if facts.record_id in mended else self._report.still_damaged).append(facts.record_id)
+        self._tell("mended", len(self._report.mended), 0)
+
+    def _read_kept(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
+        """While the custodian writes nothing else: what a later block erases it erases itself."""
+        with self._open_facts() as facts:
+            asked_count = self._custodian.eraser.asked_count
+            if self._erased_frames is None or self._erased_frames[0] != asked_count:
+                self._erased_frames = asked_count, facts.erased_frames()  # reads all erasures that ever were
+            asked, kept = self._erased_frames[1], dict[bytes, RecordFacts]()
+            for record_id in record_ids:
+                record = facts.record(record_id)
+                if record is not None and record.is_kept(facts.point.timestamp_ms):
+                    erased = {*record.facts.erased_frames, *asked.get(record_id, ())}
+                    kept[record_id] = replace(record.facts, erased_frames=tuple(sorted(erased)))
+        return kept
 
     async def _fetch_missing(self) -> None:
-        total, fruitless = (await self._store.counts()).missing, 0
+        """What is missing is counted anew only where nothing came: that takes long where much is."""
+        total, fruitless = await self._store.count_missing(), 0
         left, passes = total, self._custodian.passes_count
         while left and fruitless < FRUITLESS_PASSES_MAX_COUNT:
             self._tell("fetched", total - left, total)
-            await self._custodian.fetch_missing(self._find_peers())
-            before, left = left, (await self._store.counts()).missing
+            before, fetched = left, await self._custodian.fetch_missing(self._find_peers())
+            left = left - fetched if 0 < fetched < left else await self._store.count_missing()
             if left < before:
                 passes, fruitless = self._custodian.passes_count, 0
             else:
                 fruitless = self._custodian.passes_count - passes
                 await self._pause()
-        self._report.fetched_count = total - left
-
-    async def _repair(self, damaged: Sequence[bytes]) -> None:
-        for number, record_id in enumerate(damaged):
-            self._tell("mended", number, len(damaged))
-            is_mended = await self._repair_one(record_id)
-            (self._report.mended if is_mended else self._report.still_damaged).append(record_id)
-
-    async def _repair_one(self, record_id: bytes) -> bool:
-        for peer in self._find_peers():
-            try:
-                fetched = await peer.fetch(record_id)
-                if fetched is None or fetched.record_id != record_id:
-                    continue
-                if await self._custodian.repair_clip(fetched, lambda: self._read_kept(record_id)):
-                    return True
-            except BlockRobotError as error:
-                if error.code in _STORE_FAULTS:
-                    raise
-        return False
-
-    def _read_kept(self, record_id: bytes) -> RecordFacts | None:
-        with self._open_facts() as facts:
-            record = facts.record(record_id)
-            if record is None or not record.is_kept(facts.point.timestamp_ms):
-                return None
-            asked = facts.erased_frames().get(record_id, frozenset())
-            return replace(record.facts, erased_frames=tuple(sorted({*record.facts.erased_frames, *asked})))
+        self._report.still_missing_count = await self._store.count_missing()
+        self._report.fetched_count = max(0, total - self._report.still_missing_count)
 
 
 async def _is_damaged(judge: RecordComparer, record: RecordState, clip: ClipRow) -> bool:

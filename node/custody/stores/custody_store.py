@@ -267,10 +267,18 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         """By record and index."""
         ...
 
+    async def references(self, record_ids: Sequence[bytes], size_bytes: int) -> dict[bytes, set[bytes]]:
+        """What rows of frames have in place of ciphertexts: whatever has this length, by record."""
+        ...
+
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None: ...
 
     async def erase_clip(self, record_id: bytes) -> None:
         """Leaves an erased mark."""
+        ...
+
+    async def erase_clips(self, record_ids: Sequence[bytes]) -> None:
+        """Many at once, as `erase_clip`; interrupted, some are erased and the others are not."""
         ...
 
     async def drop_staged(self, record_id: bytes) -> None:
@@ -299,6 +307,10 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
 
     async def absent(self, after: bytes, limit: int) -> list[RecordFacts]:
         """All that are not here, `elsewhere` or missing, with record ids above `after`, in order."""
+        ...
+
+    async def count_missing(self) -> int:
+        """Those that are to be kept here."""
         ...
 
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]: ...

@@ -368,19 +368,35 @@ class MongoStore(MongoShares, MongoUploads):
         found = await self._many("frames", where, sort=_BY_PLACE, fields=fields) if record_ids else []
         return rows(documents.frame_place, found)
 
+    async def references(self, record_ids: Sequence[bytes], size_bytes: int) -> dict[bytes, set[bytes]]:
+        where, fields = {"record_id": {"$in": list(record_ids)}}, ("record_id", "ciphertext")
+        held = await self._many("frames", where, sort=_rising("record_id"), fields=fields) if record_ids else []
+        found: dict[bytes, set[bytes]] = {}
+        for record_id, text in rows(
+            lambda document: (bytes(document["record_id"]), bytes(document["ciphertext"])), held
+        ):
+            if len(text) == size_bytes:
+                found.setdefault(record_id, set()).add(text)
+        return found
+
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
         await self._bulk("frames", [DeleteOne(documents.frame_key(record_id, index)) for index in indexes])
 
     async def erase_clip(self, record_id: bytes) -> None:
-        """See `CustodyStore.erase_clip`; marks first, so a half-erased clip is never served."""
-        mark = documents.clip_document(ClipRow(record_id, b"", 0, "erased", (), ()))
+        await self.erase_clips([record_id])
+
+    async def erase_clips(self, record_ids: Sequence[bytes]) -> None:
+        """See `CustodyStore.erase_clips`; marks first, so a half-erased clip is never served."""
+        ids = list(dict.fromkeys(record_ids))
+        marks = [documents.clip_document(ClipRow(record_id, b"", 0, "erased", (), ())) for record_id in ids]
 
         async def erase() -> None:
-            await self._bulk("clips", [ReplaceOne({"_id": record_id}, mark, upsert=True)])
-            await self._delete("frames", {"record_id": record_id})
-            await self._delete("missing", {"_id": record_id})
+            await self._replace("clips", marks)
+            await self._delete("frames", {"record_id": {"$in": ids}})
+            await self._delete("missing", {"_id": {"$in": ids}})
 
-        await self._together(erase)
+        if ids:
+            await self._together(erase)
 
     async def drop_staged(self, record_id: bytes) -> None:
         """See `CustodyStore.drop_staged`; the clip goes last, so no frame is orphaned."""
@@ -424,6 +440,9 @@ class MongoStore(MongoShares, MongoUploads):
     async def absent(self, after: bytes, limit: int) -> list[RecordFacts]:
         found = await self._many("missing", {"_id": {"$gt": after}}, sort=_BY_KEY, limit=limit)
         return rows(documents.missing_row, found)
+
+    async def count_missing(self) -> int:
+        return await self._count("missing", {"elsewhere": False})
 
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
         found = await self._many("missing", {"_id": {"$in": list(record_ids)}}) if record_ids else []
@@ -498,7 +517,7 @@ class MongoStore(MongoShares, MongoUploads):
             confirmed=await self._count("clips", {"status": "confirmed"}),
             erased=await self._count("clips", {"status": "erased"}),
             frames=await self._count("frames", {}),
-            missing=await self._count("missing", {"elsewhere": False}),
+            missing=await self.count_missing(),
             outbox_ready=await self._count("outbox", {"status": "ready"}),
             outbox_erasing=await self._count("outbox", {"status": "erasing"}),
             size_bytes=await self._size_bytes(),

@@ -258,13 +258,28 @@ class SqliteStore(SqliteShares, SqliteUploads):
         query = "SELECT record_id, place, slot FROM frames WHERE record_id = ? ORDER BY id"
         return [FramePlace(*row) for row in await self._read_each(query, sorted(record_ids))]
 
+    async def references(self, record_ids: Sequence[bytes], size_bytes: int) -> dict[bytes, set[bytes]]:
+        query = f"SELECT record_id, ciphertext FROM frames WHERE record_id = ? AND length(ciphertext) = {size_bytes:d}"  # noqa: S608
+        found: dict[bytes, set[bytes]] = {}
+        for record_id, reference in await self._read_each(query, record_ids):
+            found.setdefault(record_id, set()).add(reference)
+        return found
+
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
         which = f"(SELECT number FROM clips WHERE record_id = ?) * {PLACES_COUNT} + ?"  # noqa: S608
         query = f"DELETE FROM stored_frames WHERE id = {which}"  # noqa: S608
         await self._write_one(query, *((record_id, index) for index in indexes))
 
     async def erase_clip(self, record_id: bytes) -> None:
-        await self._write(lambda database: delete_clip(database, record_id))
+        await self.erase_clips([record_id])
+
+    async def erase_clips(self, record_ids: Sequence[bytes]) -> None:
+        def erase(database: sqlite3.Connection) -> None:
+            for record_id in record_ids:
+                delete_clip(database, record_id)
+
+        if record_ids:
+            await self._write(erase)
 
     async def drop_staged(self, record_id: bytes) -> None:
         await self._write_one("DELETE FROM clips WHERE record_id = ? AND status = 'staged'", (record_id,))
@@ -297,6 +312,9 @@ class SqliteStore(SqliteShares, SqliteUploads):
         )
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE {wanted}"  # noqa: S608
         return [read_missing(row) for row in await self._read(query, height, height, record_id, limit)]
+
+    async def count_missing(self) -> int:
+        return int((await self._read("SELECT count(*) FROM missing WHERE elsewhere = 0"))[0][0])
 
     async def missing_clips(self, record_ids: Sequence[bytes]) -> dict[bytes, RecordFacts]:
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?"  # noqa: S608
