@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from urllib.parse import urlsplit
 
-from playwright.async_api import Page, Request, expect
+from playwright.async_api import Page, Request, Route, expect
 
 from clients.wallet.ledger.visit_audit import audit_all
 from tests.ui.recorded_network import RecordedNetwork
@@ -80,3 +81,26 @@ async def test_what_is_typed_stays_in_another_language(recorded_network: Recorde
         await page.locator("#bar select").select_option("en")
         await expect(page.locator("#share-with")).to_have_value("somebody")
         await expect(page.locator("#share-date")).to_be_visible()
+
+
+async def test_what_is_typed_while_the_language_changes_stays(recorded_network: RecordedNetwork, page: Page) -> None:
+    """The new words wait for the custodians' network: until they are there, the old page is typed into."""
+    asked, may_answer = asyncio.Event(), asyncio.Event()
+
+    async def hold(route: Route) -> None:
+        asked.set()
+        await may_answer.wait()
+        await route.continue_()
+
+    async with serve_wallet(recorded_network) as served:
+        await open_page(page, served)
+        await page.locator(".latest a").first.click()
+        await page.locator("input[data-visit]").first.check()
+        await page.locator(".actions button").first.click()
+        await expect(page.locator("#share-with")).to_be_visible()
+        await page.route("**/api/shares*", hold)
+        await page.locator("#bar select").select_option("pt")
+        await asked.wait()
+        await page.locator("#share-with").fill("somebody")
+        may_answer.set()
+        await expect(page.get_by_label("Com quem?")).to_have_value("somebody")

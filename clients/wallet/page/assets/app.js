@@ -29,6 +29,7 @@ const news = h("div", { class: "news", id: "news" });
 let overview = null;
 let verified = null;
 let shown = null;
+let shownAt = "";
 let newest = null;
 let missed = null;  // what was new while a view was on its way: that was perhaps read before it
 let leaving = new AbortController();
@@ -85,7 +86,7 @@ function showNoPlace() {
   return { title: t("problem.noPlace"), node: h("div", { class: "card" }, h("p", {}, t("problem.noPlaceText")), h("p", {}, h("a", { href: "#/" }, t("problem.noPlaceNext")))) };
 }
 
-async function showPlace({ keepFocus = false, kept = null } = {}) {
+async function showPlace({ keepFocus = false, kept = null, keepTyped = false } = {}) {
   context.kept = kept;
   leaving.abort();
   leaving = new AbortController();
@@ -108,7 +109,9 @@ async function showPlace({ keepFocus = false, kept = null } = {}) {
     view = { title: t("problem.title"), node: problemCard(error, () => showPlace()) };
   }
   if (signal.aborted || isClosed) return;
+  const typed = keepTyped && shownAt === location.hash ? readTyped() : [];  // not before: they go on typing until now
   shown = view;
+  shownAt = location.hash;
   const heading = h("h1", { tabindex: -1 }, view.title);
   replace(main, warnings(), view.back && h("p", { class: "back" }, h("a", { href: view.back.href }, `← ${view.back.label}`)), heading, view.node);
   main.removeAttribute("aria-busy");
@@ -118,6 +121,7 @@ async function showPlace({ keepFocus = false, kept = null } = {}) {
     window.scrollTo(0, 0);
   }
   view.onShown?.();
+  writeTyped(typed);
   if (missed) await takeMissed(missed);
   dropNewsShown();
 }
@@ -191,17 +195,23 @@ function commandToType(typed) {
 async function changeLanguage(code) {
   await loadTexts(code);
   overview = await get("overview");
-  const typed = [...main.querySelectorAll("input[id]:not([type=password]), select[id], textarea[id]")].map(({ id, value }) => ({ id, value }));
   const at = window.scrollY;
-  await showPlace({ keepFocus: true, kept: shown?.keep?.() ?? null });
+  await showPlace({ keepFocus: true, kept: shown?.keep?.() ?? null, keepTyped: true });
+  focusOn(bar.querySelector("select"), { stay: true });
+  window.scrollTo(0, at);
+}
+
+function readTyped() {
+  return [...main.querySelectorAll("input[id]:not([type=password]), select[id], textarea[id]")].map(({ id, value }) => ({ id, value }));
+}
+
+function writeTyped(typed) {
   for (const { id, value } of typed) {
     const field = document.getElementById(id);
     if (!field || field.value === value) continue;
     field.value = value;
     field.dispatchEvent(new Event("change"));
   }
-  focusOn(bar.querySelector("select"), { stay: true });
-  window.scrollTo(0, at);
 }
 
 async function lock() {
