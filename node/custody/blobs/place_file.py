@@ -19,7 +19,7 @@ PLACE_FILE_MAX_BYTES = 4096
 OWNER_MAX_BYTES = 256
 
 
-class PlaceFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class PlaceFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`custody/clips.json`: where the clips that the index refers to are, and the key of their names (hex).
 
     `is_new`: the place has not been taken yet. Later, one without its owner's file is another than the one that was.
