@@ -73,10 +73,11 @@ def audit_chain(honest: Sequence[SimNode], numbers: Mapping[bytes, int], now: fl
     node, placement = max(honest, key=lambda node: node.ledger_height), placement_of(honest)
     with node.ledger.snapshot() as snapshot:
         now_ms = 0 if snapshot.position is None else snapshot.position.timestamp_ms
-        rows = [(record_id, row) for (record_id,), row in RECORD.rows(snapshot) if row.status == "active"]
         records = [
-            record_id for record_id, row in rows if row.expires_at_ms > now_ms
-        ]  # custodians report the others soon
+            record_id
+            for (record_id,), row in RECORD.rows(snapshot)
+            if row.status == "active" and row.expires_at_ms > now_ms
+        ]
         erasures = [(erasure_id, row) for (erasure_id,), row in REQUEST.rows(snapshot)]
     history.add(
         ChainAudit(

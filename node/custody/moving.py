@@ -83,9 +83,8 @@ async def give_up_move(config: NodeConfig) -> None:
     if planned is None:
         raise BlockRobotError("NOT_FOUND", "There is no move of its custodian that was cut off.")
     _forget_live_names(config)
-    if (
-        planned.custody_store != config.custody_store or planned.custody_store == "sqlite"
-    ):  # else somebody named it since
+    was_named_since = planned.custody_store == config.custody_store != "sqlite"
+    if not was_named_since:
         await clear_index(planned.custody_store, moving)
     if planned.clips is not None and (moving / PLACE_FILE_NAME).exists():
         async with open_blobs(planned.clips) as blobs:

@@ -43,7 +43,7 @@ async def main(folder: Path, point: str) -> None:
             await store.stage(clip, frames)
         await store.sweep()
         for clip, frames in clips[::2]:
-            await store.erase_clip(clip.record_id)
+            await store.erase_clips([clip.record_id])
             sys.stdout.write("\n".join([*(piece.hex() for piece in pieces_of(clip, frames)), ""]))
         cut_off(point)
         await store.sweep()

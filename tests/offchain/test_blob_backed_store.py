@@ -471,4 +471,4 @@ def test_every_method_of_a_store_that_takes_or_gives_frames_is_the_wrappers_own(
     }
     own = {name for name in vars(BlobBackedStore) if not name.startswith("_")}
     assert {name for name, types in told.items() if "FrameRow" in types} <= own <= set(told)
-    assert {"erase_frames", "erase_clip", "drop_staged", "sweep_blobs"} <= own
+    assert {"erase_frames", "erase_clips", "drop_staged", "sweep_blobs"} <= own

@@ -155,7 +155,6 @@ QUERIES: Mapping[str, Query] = {
     "frames": lambda store: store.frames(RECORD_ID),
     "frame_places": lambda store: store.frame_places([RECORD_ID, b"\x09" * 16]),
     "stage_all": lambda store: store.stage_all([make_clip(1), make_clip(2)]),
-    "erase_clip": lambda store: store.erase_clip(RECORD_ID),
     "erase_clips": lambda store: store.erase_clips([RECORD_ID, b"\x09" * 16]),
     "references": lambda store: store.references([RECORD_ID, b"\x09" * 16], 16),
     "replace_frames": lambda store: store.replace_frames(RECORD_ID, [FrameRow(RECORD_ID, 0, b"new", b"wrapped", 8)]),
@@ -271,7 +270,7 @@ async def test_what_writes_single_frames_names_their_shard(mongo_database: str) 
             await store.stage(clip, frames)
             await store.replace_frames(clip.record_id, frames)
             await store.erase_frames(clip.record_id, [0])
-            await store.erase_clip(clip.record_id)
+            await store.erase_clips([clip.record_id])
     asked = [where for command in commands.sent if command.collection == "frames" for where in command.filters]
     assert len(asked) > len(frames)
     assert all("record_id" in where for where in asked)

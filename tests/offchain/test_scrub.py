@@ -237,7 +237,7 @@ async def test_frames_without_a_clip_and_keys_without_a_frame_are_found_and_go(d
     store, keys = desk.house.store, desk.house.keys
     await desk.house.custodian.stage(orphan.upload)
     frames = await store.frames(orphan.record_id)
-    await store.erase_clip(orphan.record_id)
+    await store.erase_clips([orphan.record_id])
     await store.stage(ClipRow(orphan.record_id, b"", 0, "erased", (), ()), frames)
     ((lone, _),) = keys.allocate(1)
     report = await desk.scrub()

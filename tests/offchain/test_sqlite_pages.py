@@ -129,7 +129,7 @@ async def test_of_many_clips_that_came_and_went_not_a_byte_of_an_erased_one_is_l
             (gone if number % 2 else kept).append((clip, frames))
             if number % 8 == 7:
                 for clip, _ in gone[-4:]:
-                    await store.erase_clip(clip.record_id)
+                    await store.erase_clips([clip.record_id])
                 await store.sweep()
         left = await store.leftovers()
         assert (left.log_bytes, left.dirty_bytes) == (0, 0)
@@ -169,7 +169,7 @@ async def test_page_numbers_that_reused_pages_leave_in_the_list_of_free_ones_are
         for clip, frames in clips[:6]:
             await store.stage(clip, frames)
         for clip, _ in clips[:4]:
-            await store.erase_clip(clip.record_id)
+            await store.erase_clips([clip.record_id])
         await store.sweep()
         for clip, frames in clips[6:]:
             await store.stage(clip, frames)
@@ -197,7 +197,7 @@ async def test_a_sweep_that_cannot_open_the_database_again_stops_nothing_but_its
                 with pytest.raises(BlockRobotError, match=r"^STORE_UNAVAILABLE:"):
                     await action()
         assert await store.frames(clip.record_id) == frames
-        await store.erase_clip(clip.record_id)
+        await store.erase_clips([clip.record_id])
         await store.sweep()
         assert await store.frames(clip.record_id) == []
         with monkeypatch.context() as patches:

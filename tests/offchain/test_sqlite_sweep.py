@@ -72,7 +72,7 @@ async def test_a_sweep_reads_the_pages_that_were_written_however_many_there_are(
             await store.stage(clip, frames)
             if number % 50 == 7:
                 await store.sweep()
-                await store.erase_clip(clip.record_id)
+                await store.erase_clips([clip.record_id])
                 written = len(read_written_pages(log))
                 with counted(monkeypatch, PageFile, "_page") as reads:
                     await store.sweep()
@@ -110,7 +110,7 @@ class Churn:
     async def erase(self) -> None:
         record_id = self.choose()
         self.gone += pieces_of(*self.kept.pop(record_id))
-        await self.store.erase_clip(record_id)
+        await self.store.erase_clips([record_id])
 
     async def erase_frame(self) -> None:
         clip, rows = self.kept[self.choose()]

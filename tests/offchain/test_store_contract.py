@@ -107,7 +107,7 @@ async def test_a_confirmed_clip_knows_its_owner_from_the_chain(store: CustodySto
 async def test_what_the_chain_says_of_a_confirmed_clip_alone_is_corrected(store: CustodyStore) -> None:
     staged, confirmed, erased = [await stage(store, number) for number in (1, 2, 3)]
     await store.apply(BlockEffects(confirmed=(facts(2, owner=STRANGER), facts(3))))
-    await store.erase_clip(erased.record_id)
+    await store.erase_clips([erased.record_id])
     for number in (1, 2, 3):
         await store.correct(facts(number, expires_at_ms=7000, height=4))
     found = await store.clips([record_id(number) for number in (1, 2, 3)])
@@ -175,7 +175,7 @@ async def test_an_erased_clip_leaves_a_mark_that_says_nothing(store: CustodyStor
     await stage(store, 1)
     await store.apply(BlockEffects(confirmed=(facts(1),), missing=(facts(1),)))
     for _ in range(2):
-        await store.erase_clip(record_id(1))
+        await store.erase_clips([record_id(1)])
     assert await store.clips([record_id(1)]) == {record_id(1): ClipRow(record_id(1), b"", 0, "erased", (), ())}
     assert await store.frame_places([record_id(1)]) == []
     assert await store.missing(10) == []
@@ -207,7 +207,7 @@ async def test_what_frames_have_in_place_of_ciphertexts_is_read_by_its_length(st
 
 
 async def test_an_erased_clip_is_never_confirmed_again(store: CustodyStore) -> None:
-    await store.erase_clip(record_id(1))
+    await store.erase_clips([record_id(1)])
     await store.apply(BlockEffects(confirmed=(facts(1),)))
     assert (await store.clips([record_id(1)]))[record_id(1)].status == "erased"
 
@@ -337,7 +337,7 @@ async def test_backgrounds_are_kept_by_hash(store: CustodyStore) -> None:
 async def test_walks_over_all_clips_and_slots_see_each_once(store: CustodyStore) -> None:
     for number in (3, 1, 2):
         await stage(store, number)
-    await store.erase_clip(record_id(2))
+    await store.erase_clips([record_id(2)])
     found = [(row.record_id, row.status) async for row in store.all_clips()]
     assert found == [(record_id(1), "staged"), (record_id(2), "erased"), (record_id(3), "staged")]
     assert sorted([slot async for slot in store.slots_in_use()]) == [100, 101, 300, 301]
@@ -422,7 +422,7 @@ async def test_a_store_says_how_much_it_holds_and_of_what_there_are_frames(store
         await stage(store, number)
     await store.apply(BlockEffects(confirmed=(facts(1), facts(2)), missing=(facts(7),), outbox=(row(0), row(1))))
     await store.add_outbox(row(2, status="erasing"))
-    await store.erase_clip(record_id(2))
+    await store.erase_clips([record_id(2)])
     await store.erase_frames(record_id(1), [0])
     counts = await store.counts()
     assert (counts.staged, counts.confirmed, counts.erased) == (1, 1, 1)

@@ -122,9 +122,6 @@ class BlobBackedStore:
         spared = self._named_by(record_id, kept)
         await self._delete_all(record_id, self._named_by(record_id, rows) - spared, spared)
 
-    async def erase_clip(self, record_id: bytes) -> None:
-        await self.erase_clips([record_id])
-
     async def erase_clips(self, record_ids: Sequence[bytes]) -> None:
         named = await self._named(record_ids)
         await for_each(record_ids, lambda record_id: self._delete_all(record_id, named[record_id]))

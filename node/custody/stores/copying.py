@@ -41,7 +41,7 @@ async def copy_store(source: CustodyStore, target: CustodyStore, tell: Tell = la
     counts, done = await source.counts(), 0
     async for clip in source.all_clips():
         if clip.status == "erased":
-            await target.erase_clip(clip.record_id)
+            await target.erase_clips([clip.record_id])
         else:
             frames = await source.frames(clip.record_id)
             await target.stage(clip, frames)

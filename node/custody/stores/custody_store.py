@@ -273,12 +273,8 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None: ...
 
-    async def erase_clip(self, record_id: bytes) -> None:
-        """Leaves an erased mark."""
-        ...
-
     async def erase_clips(self, record_ids: Sequence[bytes]) -> None:
-        """Many at once, as `erase_clip`; interrupted, some are erased and the others are not."""
+        """Leaves a mark of each; interrupted, some are erased and the others are not."""
         ...
 
     async def drop_staged(self, record_id: bytes) -> None:

@@ -382,9 +382,6 @@ class MongoStore(MongoShares, MongoUploads):
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
         await self._bulk("frames", [DeleteOne(documents.frame_key(record_id, index)) for index in indexes])
 
-    async def erase_clip(self, record_id: bytes) -> None:
-        await self.erase_clips([record_id])
-
     async def erase_clips(self, record_ids: Sequence[bytes]) -> None:
         """See `CustodyStore.erase_clips`; marks first, so a half-erased clip is never served."""
         ids = list(dict.fromkeys(record_ids))

@@ -270,9 +270,6 @@ class SqliteStore(SqliteShares, SqliteUploads):
         query = f"DELETE FROM stored_frames WHERE id = {which}"  # noqa: S608
         await self._write_one(query, *((record_id, index) for index in indexes))
 
-    async def erase_clip(self, record_id: bytes) -> None:
-        await self.erase_clips([record_id])
-
     async def erase_clips(self, record_ids: Sequence[bytes]) -> None:
         def erase(database: sqlite3.Connection) -> None:
             for record_id in record_ids:
