@@ -41,7 +41,8 @@ from node.custody.stores.custody_store import (
     OutboxRow,
     RecordFacts,
 )
-from node.custody.upload_usage import DayUse, UploadTerms, Use, require_quota_of
+from node.custody.upload_queue import PendingUpload, UploadQueue
+from node.custody.upload_usage import DayUse, UploadTerms, Use, find_day, require_quota
 from node.process_memory import wipe
 
 LAPSED_AT_ONCE_COUNT = 64
@@ -88,6 +89,7 @@ class Custodian(ShareService, ClipFetcher):
         self._following = asyncio.Lock()  # from a block's first write to its last
         self._writing = asyncio.Lock()
         self._allocating = asyncio.Lock()
+        self._uploads = UploadQueue(self._keep_all)
         self._find_placement = find_placement or (lambda: Placement.even([member], 0))
         self._placed_by: Placement | None = None
         self._placed_up_to: bytes | None = None  # of what is absent, the last record that was sorted; None: all were
@@ -139,8 +141,10 @@ class Custodian(ShareService, ClipFetcher):
         await self._check_in_time(clip)
         await self.require_quota(clip.size_bytes, terms)  # before any key is made for it, which is flushed to the disk
         await self._find_missing(clip)
-        pairs = list(enumerate(zip(upload.ciphertexts, upload.sealed_keys, strict=True)))
-        await self._keep(clip, [(index, text, key) for index, (text, key) in pairs], terms)
+        pairs = enumerate(zip(upload.ciphertexts, upload.sealed_keys, strict=True))
+        async with self._taking(len(leaves)) as taken:
+            rows = wrap_frames(clip.record_id, [(index, text, key) for index, (text, key) in pairs], taken)
+            await self._uploads.keep(PendingUpload(clip, rows, terms), self._writing)
 
     async def _is_known(self, clip: ClipRow) -> bool:
         known = (await self._store.clips([clip.record_id])).get(clip.record_id)
@@ -163,22 +167,28 @@ class Custodian(ShareService, ClipFetcher):
         return facts
 
     async def _check_in_time(self, clip: ClipRow) -> None:
-        point = await self.checkpoint()
+        block_ms = await self._block_time_ms()
         # A clock that is behind the chain is wrong; nobody's upload is refused for it.
-        now_ms = max(self._clock_ms(), 0 if point is None else point.timestamp_ms)
+        now_ms = max(self._clock_ms(), block_ms)
         if clip.valid_until_ms > now_ms + TRANSACTION_LIFETIME_MAX_MS + CLOCK_SLACK_MS:
             raise BlockRobotError("UPLOAD_INVALID", "The transaction's expiry is more than ten minutes ahead.")
-        late = point is not None and clip.valid_until_ms <= point.timestamp_ms
-        if late and not await self._store.missing_clips([clip.record_id]):
+        if clip.valid_until_ms <= block_ms and not await self._store.missing_clips([clip.record_id]):
             raise BlockRobotError("TRANSACTION_EXPIRED", "The record's transaction can no longer become final.")
 
     async def require_quota(
         self, size_bytes: int, terms: UploadTerms | None, in_flight: Mapping[bytes, Use] = MappingProxyType({})
-    ) -> int:
-        """Return the upload's day, counting `in_flight`. Raises UPLOAD_QUOTA_EXCEEDED."""
+    ) -> None:
+        """Beside those `in_flight`; no check without `terms`. Raises UPLOAD_QUOTA_EXCEEDED."""
+        if terms is not None:
+            staged, days = await self._store.use_by_robot("staged"), await self._store.day_uses()
+            require_quota(size_bytes, terms, staged, days, await self._block_time_ms(), in_flight)
+
+    async def _add_use(self, robot: bytes, size_bytes: int) -> None:
+        await self._store.add_use(DayUse(find_day(await self._block_time_ms()), robot, size_bytes))
+
+    async def _block_time_ms(self) -> int:
         point = await self.checkpoint()
-        now_ms = 0 if point is None else point.timestamp_ms
-        return await require_quota_of(self._store, size_bytes, terms, now_ms, in_flight)
+        return 0 if point is None else point.timestamp_ms
 
     @asynccontextmanager
     async def _taking(self, count: int) -> AsyncIterator[list[tuple[int, bytes]]]:
@@ -196,29 +206,39 @@ class Custodian(ShareService, ClipFetcher):
             wipe_keys(taken)
             self._in_flight.difference_update(slots)
 
-    async def _keep(self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]], terms: UploadTerms | None) -> None:
-        async with self._taking(len(frames)) as taken:
-            rows = wrap_frames(clip.record_id, frames, taken)
-            slots = [slot for slot, _ in taken]
-            async with self._writing:
-                try:
-                    known = await self._is_known(clip)
-                    facts = await self._find_missing(clip)
-                    day = 0 if known else await self.require_quota(clip.size_bytes, terms)
-                except BlockRobotError:
-                    await self._eraser.destroy_unused(slots)
-                    raise
-                if known:
-                    await self._eraser.destroy_unused(slots)
-                    await self._settle_missing([] if facts is None else [facts])
-                    return
-                if terms is not None:
-                    await self._store.add_use(DayUse(day, clip.robot, clip.size_bytes))
-                # From here on a failure leaves the slots alone: the store may hold the rows although it did not answer.
-                if facts is None:
-                    await self._stage([(clip, rows)])
-                else:
-                    await self._keep_missing([(clip, rows, facts)])
+    async def _keep_all(self, uploads: Sequence[PendingUpload]) -> None:
+        in_flight, unused, here = dict[bytes, Use](), list[int](), list[RecordFacts]()
+        staged, missing = list[PendingUpload](), list[tuple[PendingUpload, RecordFacts]]()
+        for upload in uploads:
+            clip = upload.clip
+            try:
+                is_known = await self._is_known(clip)
+                facts = await self._find_missing(clip)
+                if not is_known:
+                    await self.require_quota(clip.size_bytes, upload.terms, in_flight)
+            except BlockRobotError as refusal:
+                upload.refusal = refusal
+                unused += upload.slots
+                continue
+            if is_known:
+                unused += upload.slots
+                here += [] if facts is None else [facts]
+                continue
+            if upload.terms is not None:
+                in_flight[clip.robot] = in_flight.get(clip.robot, Use()) + Use(1, clip.size_bytes)
+            if facts is None:
+                staged.append(upload)
+            else:
+                missing.append((upload, facts))
+        await self._eraser.destroy_unused(unused)
+        await self._settle_missing(here)
+        for robot in sorted(in_flight):
+            await self._add_use(robot, in_flight[robot].size_bytes)
+        # From here on a failure leaves the slots alone: the store may hold the rows although it did not answer.
+        if staged:
+            await self._stage([(upload.clip, upload.rows) for upload in staged])
+        if missing:
+            await self._keep_missing([(upload.clip, upload.rows, facts) for upload, facts in missing])
 
     async def _stage(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
         """The keys of what an earlier try left half written go with its rows."""
@@ -495,8 +515,8 @@ class Custodian(ShareService, ClipFetcher):
             if await self._store.background(digest) is not None:
                 return
             if terms is not None:
-                day = await self.require_quota(len(content), terms)
-                await self._store.add_use(DayUse(day, terms.robot, len(content)))
+                await self.require_quota(len(content), terms)
+                await self._add_use(terms.robot, len(content))
             await self._store.put_background(digest, content)
 
     async def holds(self, record_id: bytes) -> bool:

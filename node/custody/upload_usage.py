@@ -103,17 +103,3 @@ def require_quota(
             raise _refuse(whose, "that are not recorded yet reach", f"{most_mib} MiB", mib_name, 5)
         if day_bytes > most_day_mib * MIB_BYTES:
             raise _refuse(whose, "of today reach", f"{most_day_mib} MiB a day", day_name, until_tomorrow_s)
-
-
-async def require_quota_of(
-    account: UploadAccount,
-    size_bytes: int,
-    terms: UploadTerms | None,
-    timestamp_ms: int,
-    in_flight: Mapping[bytes, Use] = MappingProxyType({}),
-) -> int:
-    """Return the upload's day; no check without `terms`. Raises UPLOAD_QUOTA_EXCEEDED."""
-    if terms is not None:
-        staged, days = await account.use_by_robot("staged"), await account.day_uses()
-        require_quota(size_bytes, terms, staged, days, timestamp_ms, in_flight)
-    return find_day(timestamp_ms)

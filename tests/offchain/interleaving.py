@@ -15,7 +15,7 @@ from tests.offchain.house import CustodianHarness
 NEVER = 1 << 30
 
 
-class _CountedLock(asyncio.Lock):
+class CountedLock(asyncio.Lock):
     """A lock that tells how many wait for it."""
 
     def __init__(self, news: asyncio.Event) -> None:
@@ -49,7 +49,7 @@ class Interleaving:
         self.house = house
         self._stops: dict[str, _Stop] = {}
         self._news = asyncio.Event()
-        self._lock = _CountedLock(self._news)
+        self._lock = CountedLock(self._news)
         house.custodian._writing = self._lock
         self._stop_around(house.store, CustodyStore)
         if isinstance(house.store, BlobBackedStore):
