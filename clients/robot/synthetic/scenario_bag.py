@@ -84,9 +84,10 @@ def make_bag(
     cache.mkdir(parents=True, exist_ok=True)
     _remove_abandoned(cache)
     unfinished = cache / f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}"
+    unfinished.mkdir()
     try:
-        _write(scene, uids, unfinished, progress or _silent, workers)
-        _settle(unfinished, target)
+        _write(scene, uids, unfinished / target.name, progress or _silent, workers)  # which names its files so
+        _settle(unfinished / target.name, target)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     return target

@@ -87,6 +87,7 @@ def test_an_unfinished_bag_in_the_cache_is_made_anew(small_scenario: Scenario, t
     assert second == first
     assert BagSource(second).frame_count == 6
     assert [path.name for path in tmp_path.iterdir()] == [first.name]
+    assert {path.name for path in first.iterdir()} == {f"{first.name}.mcap", "metadata.yaml"}
 
 
 def _leave_unfinished(cache: Path, name: str) -> Path:
