@@ -12,17 +12,13 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import islice, takewhile
-from types import MappingProxyType
 
 import structlog
 
 from consensus.errors import BlockRobotError
-from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
-from consensus.primitives.hashing import sha256
-from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_upload
-from consensus.records.commitments import ciphertext_leaves
+from consensus.records.clips import ClipDownload, FrameDownload
 from consensus.records.placement import Placement
-from node.custody.block_effects import BlockApplier, build_release, matches_roots, only_records
+from node.custody.block_effects import BlockApplier, build_release, only_records
 from node.custody.chain_facts import ChainFacts
 from node.custody.clip_fetching import ClipFetcher, check_fetched, parts_of
 from node.custody.erase_keys import ErasableKeys, unwrap_key, wipe_keys, wrap_frames
@@ -31,7 +27,7 @@ from node.custody.finalized_events import FinalizedEvents
 from node.custody.repair.reconciliation import Reconciliation
 from node.custody.restrictions import find_restrictions, is_void, require_release
 from node.custody.share_service import ShareService
-from node.custody.shares import CLOCK_SLACK_MS, Shares, grant_covers
+from node.custody.shares import Shares, grant_covers
 from node.custody.stores.custody_store import (
     BlockEffects,
     Checkpoint,
@@ -41,8 +37,8 @@ from node.custody.stores.custody_store import (
     OutboxRow,
     RecordFacts,
 )
-from node.custody.upload_queue import PendingUpload, UploadQueue
-from node.custody.upload_usage import DayUse, UploadTerms, Use, find_day, require_quota
+from node.custody.uploads.upload_queue import UploadQueue
+from node.custody.uploads.upload_service import UploadService
 from node.process_memory import wipe
 
 LAPSED_AT_ONCE_COUNT = 64
@@ -59,7 +55,7 @@ def _log_slots(count: int) -> None:
     log.info("custody_reads_slots", count=count)
 
 
-class Custodian(ShareService, ClipFetcher):
+class Custodian(UploadService, ShareService, ClipFetcher):
     """One custodian; `member` is its 33-byte chain key.
 
     Methods raise STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED; unfinished work continues at the next block.
@@ -89,7 +85,7 @@ class Custodian(ShareService, ClipFetcher):
         self._following = asyncio.Lock()  # from a block's first write to its last
         self._writing = asyncio.Lock()
         self._allocating = asyncio.Lock()
-        self._uploads = UploadQueue(self._keep_all)
+        self._uploads = UploadQueue(self._keep_uploads)
         self._find_placement = find_placement or (lambda: Placement.even([member], 0))
         self._placed_by: Placement | None = None
         self._placed_up_to: bytes | None = None  # of what is absent, the last record that was sorted; None: all were
@@ -114,81 +110,7 @@ class Custodian(ShareService, ClipFetcher):
         async with self._writing:
             await self._settle_missing(await self._store.missing(_SETTLED_AT_START_COUNT))
 
-    # Uploads
-
-    async def stage(self, upload: ClipUpload, terms: UploadTerms | None = None) -> None:
-        """Store a clip until its record is final, or confirm at once. Idempotent.
-
-        With `terms` it counts for its robot's quotas. Raises UPLOAD_INVALID (sizes, expiry), UPLOAD_CONFLICT,
-        UPLOAD_HASH_MISMATCH, CLIP_ERASED, TRANSACTION_EXPIRED, UPLOAD_QUOTA_EXCEEDED.
-        """
-        check_clip_upload(upload)
-        leaves = await asyncio.to_thread(ciphertext_leaves, upload.ciphertexts, upload.sealed_keys)
-        clip = ClipRow(
-            record_id=upload.record_id,
-            txid=upload.txid,
-            valid_until_ms=upload.valid_until_ms,
-            status="staged",
-            commitment_leaves=tuple(upload.commitment_leaves),
-            ciphertext_leaves=tuple(leaves),
-            robot=b"" if terms is None else terms.robot,
-            size_bytes=upload.size_bytes,
-        )
-        if await self._is_known(clip):
-            async with self._writing:
-                await self._settle_missing(list((await self._store.missing_clips([clip.record_id])).values()))
-            return
-        await self._check_in_time(clip)
-        await self.require_quota(clip.size_bytes, terms)  # before any key is made for it, which is flushed to the disk
-        await self._find_missing(clip)
-        pairs = enumerate(zip(upload.ciphertexts, upload.sealed_keys, strict=True))
-        async with self._taking(len(leaves)) as taken:
-            rows = wrap_frames(clip.record_id, [(index, text, key) for index, (text, key) in pairs], taken)
-            await self._uploads.keep(PendingUpload(clip, rows, terms), self._writing)
-
-    async def _is_known(self, clip: ClipRow) -> bool:
-        known = (await self._store.clips([clip.record_id])).get(clip.record_id)
-        if known is None:
-            return False
-        if known.status == "erased":
-            raise BlockRobotError("CLIP_ERASED", "The record of this clip is erased; it is not kept again.")
-        if (known.commitment_leaves, known.ciphertext_leaves) != (clip.commitment_leaves, clip.ciphertext_leaves):
-            raise BlockRobotError("UPLOAD_CONFLICT")
-        if known.status == "staged" and clip.valid_until_ms > known.valid_until_ms:
-            await self._check_in_time(clip)
-            await self._store.extend_staged(clip.record_id, clip.txid, clip.valid_until_ms)
-        return True
-
-    async def _find_missing(self, clip: ClipRow) -> RecordFacts | None:
-        """Raises UPLOAD_HASH_MISMATCH."""
-        facts = (await self._store.missing_clips([clip.record_id])).get(clip.record_id)
-        if facts is not None and not matches_roots(clip, facts):
-            raise BlockRobotError("UPLOAD_HASH_MISMATCH", "The clip is not the one that its record commits to.")
-        return facts
-
-    async def _check_in_time(self, clip: ClipRow) -> None:
-        block_ms = await self._block_time_ms()
-        # A clock that is behind the chain is wrong; nobody's upload is refused for it.
-        now_ms = max(self._clock_ms(), block_ms)
-        if clip.valid_until_ms > now_ms + TRANSACTION_LIFETIME_MAX_MS + CLOCK_SLACK_MS:
-            raise BlockRobotError("UPLOAD_INVALID", "The transaction's expiry is more than ten minutes ahead.")
-        if clip.valid_until_ms <= block_ms and not await self._store.missing_clips([clip.record_id]):
-            raise BlockRobotError("TRANSACTION_EXPIRED", "The record's transaction can no longer become final.")
-
-    async def require_quota(
-        self, size_bytes: int, terms: UploadTerms | None, in_flight: Mapping[bytes, Use] = MappingProxyType({})
-    ) -> None:
-        """Beside those `in_flight`; no check without `terms`. Raises UPLOAD_QUOTA_EXCEEDED."""
-        if terms is not None:
-            staged, days = await self._store.use_by_robot("staged"), await self._store.day_uses()
-            require_quota(size_bytes, terms, staged, days, await self._block_time_ms(), in_flight)
-
-    async def _add_use(self, robot: bytes, size_bytes: int) -> None:
-        await self._store.add_use(DayUse(find_day(await self._block_time_ms()), robot, size_bytes))
-
-    async def _block_time_ms(self) -> int:
-        point = await self.checkpoint()
-        return 0 if point is None else point.timestamp_ms
+    # Keeping
 
     @asynccontextmanager
     async def _taking(self, count: int) -> AsyncIterator[list[tuple[int, bytes]]]:
@@ -205,40 +127,6 @@ class Custodian(ShareService, ClipFetcher):
         finally:
             wipe_keys(taken)
             self._in_flight.difference_update(slots)
-
-    async def _keep_all(self, uploads: Sequence[PendingUpload]) -> None:
-        in_flight, unused, here = dict[bytes, Use](), list[int](), list[RecordFacts]()
-        staged, missing = list[PendingUpload](), list[tuple[PendingUpload, RecordFacts]]()
-        for upload in uploads:
-            clip = upload.clip
-            try:
-                is_known = await self._is_known(clip)
-                facts = await self._find_missing(clip)
-                if not is_known:
-                    await self.require_quota(clip.size_bytes, upload.terms, in_flight)
-            except BlockRobotError as refusal:
-                upload.refusal = refusal
-                unused += upload.slots
-                continue
-            if is_known:
-                unused += upload.slots
-                here += [] if facts is None else [facts]
-                continue
-            if upload.terms is not None:
-                in_flight[clip.robot] = in_flight.get(clip.robot, Use()) + Use(1, clip.size_bytes)
-            if facts is None:
-                staged.append(upload)
-            else:
-                missing.append((upload, facts))
-        await self._eraser.destroy_unused(unused)
-        await self._settle_missing(here)
-        for robot in sorted(in_flight):
-            await self._add_use(robot, in_flight[robot].size_bytes)
-        # From here on a failure leaves the slots alone: the store may hold the rows although it did not answer.
-        if staged:
-            await self._stage([(upload.clip, upload.rows) for upload in staged])
-        if missing:
-            await self._keep_missing([(upload.clip, upload.rows, facts) for upload, facts in missing])
 
     async def _stage(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
         """The keys of what an earlier try left half written go with its rows."""
@@ -499,25 +387,6 @@ class Custodian(ShareService, ClipFetcher):
         finally:
             wipe(erase_key)
         return FrameDownload(index=index, erased=False, ciphertext=row.ciphertext, sealed_key=sealed_key)
-
-    async def put_background(
-        self, digest: bytes, content: bytes, terms: UploadTerms | None, require_approved: Callable[[], None]
-    ) -> None:
-        """Store an empty frame under its SHA-256; `terms` count for the robot's day.
-
-        `require_approved` runs between blocks, never during a withdrawal. Raises UPLOAD_HASH_MISMATCH,
-        UPLOAD_QUOTA_EXCEEDED.
-        """
-        if sha256(content) != digest:
-            raise BlockRobotError("UPLOAD_HASH_MISMATCH")
-        async with self._writing:
-            require_approved()
-            if await self._store.background(digest) is not None:
-                return
-            if terms is not None:
-                await self.require_quota(len(content), terms)
-                await self._add_use(terms.robot, len(content))
-            await self._store.put_background(digest, content)
 
     async def holds(self, record_id: bytes) -> bool:
         return record_id in await self._store.clips([record_id])

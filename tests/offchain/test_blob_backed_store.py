@@ -27,7 +27,7 @@ from node.custody.repair import rebuild
 from node.custody.stores.custody_store import CustodyStore
 from node.custody.stores.open_store import open_store
 from node.custody.stores.share_store import ShareStore
-from node.custody.upload_usage import UploadAccount
+from node.custody.uploads.upload_usage import UploadAccount
 from tests.offchain.desk import CustodyHarness, Peer
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import ALICE, EXPIRES_MS, RecordedClip, access, erasure, record_clip, recorded

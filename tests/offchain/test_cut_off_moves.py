@@ -23,7 +23,7 @@ from node.custody.moving import COPYING_NAME, MOVED_NAME, MOVING_NAME, give_up_m
 from node.custody.stores import copying
 from node.custody.stores.custody_store import BlockEffects, CustodyStore
 from node.custody.stores.open_store import open_index, open_store
-from node.custody.upload_usage import DayUse
+from node.custody.uploads.upload_usage import DayUse
 from tests.offchain.house import read_all
 from tests.offchain.small_chain import erasure
 from tests.offchain.stored_clips import make_clip

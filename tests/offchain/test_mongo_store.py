@@ -28,7 +28,7 @@ from node.custody.stores.mongo_store import (
 )
 from node.custody.stores.open_store import open_store
 from node.custody.stores.sqlite_store import SqliteStore
-from node.custody.upload_usage import DayUse, Use
+from node.custody.uploads.upload_usage import DayUse, Use
 from tests.offchain.recorded_commands import recorded_commands
 from tests.offchain.stored_clips import make_clip
 

@@ -24,7 +24,7 @@ from node.custody.coordination.upload_admission import (
 )
 from node.custody.coordination.upload_report import LATELY_S, RefusedUploads, describe_uploads
 from node.custody.stores.custody_store import CustodyStore
-from node.custody.upload_usage import DayUse, UploadTerms, Use, find_day, require_quota
+from node.custody.uploads.upload_usage import DayUse, UploadTerms, Use, find_day, require_quota
 from node.ledger.ledger_writer import FinalityFeed
 from node.limits.disk_reserve import DiskReserve
 from node.storage.memory_store import MemoryStore

@@ -10,13 +10,13 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow
-from node.custody.upload_queue import (
+from node.custody.uploads.upload_queue import (
     WRITTEN_TOGETHER_MAX_BYTES,
     WRITTEN_TOGETHER_MAX_COUNT,
     PendingUpload,
     UploadQueue,
 )
-from node.custody.upload_usage import UploadTerms, Use
+from node.custody.uploads.upload_usage import UploadTerms, Use
 from tests.offchain.house import ACCESS_ID, CustodianHarness, read_all
 from tests.offchain.interleaving import CountedLock
 from tests.offchain.small_chain import ALICE, RecordedClip, access, record_clip, recorded

@@ -34,7 +34,7 @@ from node.custody.erase_keys import EraseKeys
 from node.custody.repair.scrub import RecordComparer, ScrubReport, scrub
 from node.custody.stores.custody_store import Checkpoint, ClipRow
 from node.custody.stores.sqlite_store import SqliteStore
-from node.custody.upload_usage import UploadTerms
+from node.custody.uploads.upload_usage import UploadTerms
 from node.storage import lmdb_layout as layout
 from node.storage.ledger_store import Position
 from node.storage.lmdb_reader import LedgerFile

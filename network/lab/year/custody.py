@@ -22,7 +22,7 @@ from node.custody.finalized_events import FinalizedEvents
 from node.custody.repair.scrub import ScrubReport, scrub
 from node.custody.stores.custody_store import Checkpoint, OutboxRow
 from node.custody.stores.sqlite_store import SqliteStore
-from node.custody.upload_usage import UploadTerms
+from node.custody.uploads.upload_usage import UploadTerms
 from node.storage.lmdb_store import LmdbStore
 
 OUTBOX_BATCH_COUNT = 64

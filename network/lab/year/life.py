@@ -34,7 +34,7 @@ from network.lab.year.custody import Custodians
 from network.lab.year.people import PURPOSE, SENSOR, Person, Visit, make_person, seal_record
 from network.lab.year.plan import Event, Kind, YearOptions
 from network.sim.workload import make_material
-from node.custody.upload_usage import UploadTerms
+from node.custody.uploads.upload_usage import UploadTerms
 
 Story = AsyncGenerator[list[Transaction], list[Receipt]]
 """Yields calls, and is sent their receipts once the block that has them is followed by every custodian."""

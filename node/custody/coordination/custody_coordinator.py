@@ -39,7 +39,7 @@ from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
 from node.custody.finalized_events import CUSTODIANS_REMOVED, FinalizedEvents, collect_events
 from node.custody.stores.custody_store import Checkpoint, CustodyStore, OutboxRow
-from node.custody.upload_usage import UploadAccount
+from node.custody.uploads.upload_usage import UploadAccount
 from node.ledger.ledger_writer import FinalityFeed
 from node.limits.disk_reserve import DiskReserve
 from node.mempool.transaction_pool import TransactionPool

@@ -18,7 +18,7 @@ from consensus.state.records import RECORD, VISIT, is_frame_approved
 from consensus.state.settings import read_quotas
 from node.custody.coordination.upload_report import RefusedUploads
 from node.custody.custodian import Custodian
-from node.custody.upload_usage import UploadTerms, Use
+from node.custody.uploads.upload_usage import UploadTerms, Use
 from node.ledger.ledger_writer import FinalityFeed
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 

@@ -16,7 +16,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import MIB_BYTES
 from consensus.state.settings import UploadQuotas
 from node.custody.coordination.custody_answers import RobotUploads, UploadReport
-from node.custody.upload_usage import USAGE_KEPT_DAYS, DayUse, UploadAccount, Use, find_day
+from node.custody.uploads.upload_usage import USAGE_KEPT_DAYS, DayUse, UploadAccount, Use, find_day
 from node.limits.disk_reserve import DiskReserve
 
 log = structlog.get_logger(__name__)

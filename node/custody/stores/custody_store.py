@@ -12,7 +12,7 @@ from typing import Literal, Protocol, Self
 
 from consensus.primitives.encoding import Wire
 from node.custody.stores.share_store import ShareStore
-from node.custody.upload_usage import UploadAccount
+from node.custody.uploads.upload_usage import UploadAccount
 
 ClipStatus = Literal["staged", "confirmed", "erased"]
 OutboxStatus = Literal["erasing", "ready"]

@@ -9,7 +9,7 @@ from pymongo import ReplaceOne, UpdateOne
 
 from consensus.primitives.encoding import u64
 from node.custody.stores.mongo_documents import STATUSES, rows
-from node.custody.upload_usage import USAGE_KEPT_DAYS, DayUse, Use
+from node.custody.uploads.upload_usage import USAGE_KEPT_DAYS, DayUse, Use
 
 Document = dict[str, Any]
 

@@ -6,7 +6,7 @@ import sqlite3
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from node.custody.upload_usage import USAGE_KEPT_DAYS, DayUse, Use
+from node.custody.uploads.upload_usage import USAGE_KEPT_DAYS, DayUse, Use
 
 UPLOADS_SCHEMA = """
 CREATE INDEX clips_by_robot ON clips (status, robot, size_bytes);

@@ -18,7 +18,7 @@ from consensus.state.settings import read_quotas
 from contracts.execution.sender_admission import find_account, is_admitted
 from contracts.state.view import MemoryState
 from node.api.access.principals import resolve_principal
-from node.custody.upload_usage import DayUse, UploadTerms, require_quota
+from node.custody.uploads.upload_usage import DayUse, UploadTerms, require_quota
 from node.limits.account_byte_limiter import VISITS_PART, AccountByteLimiter
 from node.mempool.mempool import Mempool
 from node.mempool.transaction_cache import TransactionCache

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from consensus.errors import BlockRobotError
 from consensus.limits import MIB_BYTES
 from node.custody.stores.custody_store import ClipRow, FrameRow
-from node.custody.upload_usage import UploadTerms
+from node.custody.uploads.upload_usage import UploadTerms
 
 WRITTEN_TOGETHER_MAX_COUNT = 16
 WRITTEN_TOGETHER_MAX_BYTES = 3 * MIB_BYTES
