@@ -22,6 +22,7 @@ SLOW_KINDS = ("process", "browser", "stores", "ros", "docs")
 SLOWEST_FIRST = (
     "demo",
     "cluster",
+    "offchain",
     "ui",
     "security",
     "benchmarks",
