@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import socket
 import tarfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from consensus.errors import BlockRobotError
@@ -22,9 +23,12 @@ def only_one_on_this_machine() -> Iterator[None]:
     """Wait until nobody else on this machine has the ports."""
     with socket.socket(socket.AF_UNIX) as lock:
         while True:
-            with suppress(OSError):
+            try:
                 lock.bind(_LOCK_NAME)
                 break
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
             time.sleep(_LOOK_EVERY_S)
         yield
 

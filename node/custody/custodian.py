@@ -36,6 +36,8 @@ from node.custody.stores.custody_store import (
     FrameRow,
     OutboxRow,
     RecordFacts,
+    Unwritten,
+    require_written,
 )
 from node.custody.uploads.upload_queue import UploadQueue
 from node.custody.uploads.upload_service import UploadService
@@ -85,7 +87,7 @@ class Custodian(UploadService, ShareService, ClipFetcher):
         self._following = asyncio.Lock()  # from a block's first write to its last
         self._writing = asyncio.Lock()
         self._allocating = asyncio.Lock()
-        self._uploads = UploadQueue(self._keep_uploads)
+        self._uploads = UploadQueue(self._write_uploads)
         self._find_placement = find_placement or (lambda: Placement.even([member], 0))
         self._placed_by: Placement | None = None
         self._placed_up_to: bytes | None = None  # of what is absent, the last record that was sorted; None: all were
@@ -128,14 +130,20 @@ class Custodian(UploadService, ShareService, ClipFetcher):
             wipe_keys(taken)
             self._in_flight.difference_update(slots)
 
-    async def _stage(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
-        """The keys of what an earlier try left half written go with its rows."""
-        left = await self._store.frame_places([clip.record_id for clip, _ in clips])
-        await self._store.stage_all(clips)
-        await self._eraser.destroy_unused([place.slot for place in left])
+    async def _stage(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> Unwritten:
+        """Keys of what was not written are destroyed, and those of what an earlier try left half written.
 
-    async def _keep_missing(self, found: Sequence[tuple[ClipRow, Sequence[FrameRow], RecordFacts]]) -> None:
-        """Store clips of final records, without the frames that were erased before they came."""
+        Where it raises, all keys stay: the store may hold the rows although it did not answer.
+        """
+        left = await self._store.frame_places([clip.record_id for clip, _ in clips])
+        unwritten = await self._store.stage_all(clips)
+        unused = [place.slot for place in left if place.record_id not in unwritten]
+        unused += [row.slot for clip, rows in clips if clip.record_id in unwritten for row in rows]
+        await self._eraser.destroy_unused(unused)
+        return unwritten
+
+    async def _keep_missing(self, found: Sequence[tuple[ClipRow, Sequence[FrameRow], RecordFacts]]) -> Unwritten:
+        """Store clips of final records, without the frames that were erased before they came. Keys: as `_stage`."""
         confirmed = [
             (
                 replace(
@@ -150,10 +158,12 @@ class Custodian(UploadService, ShareService, ClipFetcher):
             )
             for clip, rows, facts in found
         ]
-        await self._stage(confirmed)
-        await self._settle_missing([facts for *_, facts in found], {clip.record_id: clip for clip, _ in confirmed})
+        unwritten = await self._stage(confirmed)
+        here = {clip.record_id: clip for clip, _ in confirmed if clip.record_id not in unwritten}
+        await self._settle_missing([facts for *_, facts in found], here)
         erased = {row.slot for _, rows, facts in found for row in rows if row.index in facts.erased_frames}
         await self._eraser.destroy_unused(sorted(erased))
+        return unwritten
 
     async def _settle_missing(
         self, missing: Sequence[RecordFacts], clips: Mapping[bytes, ClipRow] | None = None
@@ -162,6 +172,8 @@ class Custodian(UploadService, ShareService, ClipFetcher):
 
         `clips`: as just stored.
         """
+        if not missing:
+            return
         if clips is None:
             clips = await self._store.clips([facts.record_id for facts in missing])
         here = [facts for facts in missing if facts.record_id in clips and clips[facts.record_id].status == "confirmed"]
@@ -231,13 +243,22 @@ class Custodian(UploadService, ShareService, ClipFetcher):
                 del due[: max(taken, 1)]
 
     async def _close_in_turns(self, point: Checkpoint) -> None:
-        """Of many clips that expire together some at a time, so that uploads wait for no more than those."""
+        """Of many clips that lapse or expire together some at a time, so that uploads wait for no more than those."""
         is_more = True
         while is_more:
             async with self._writing:
-                is_more = await self._eraser.erase_some_expired(point.timestamp_ms, point.height)
+                is_more = await self._drop_some_lapsed(point.timestamp_ms) or await self._eraser.erase_some_expired(
+                    point.timestamp_ms, point.height
+                )
                 if not is_more:
                     await self._close_block(point)
+
+    async def _drop_some_lapsed(self, at_ms: int) -> bool:
+        """Tell whether there may be more."""
+        lapsed = await self._store.lapsed(at_ms, LAPSED_AT_ONCE_COUNT)
+        if lapsed:
+            await self._eraser.drop_staged(lapsed)
+        return len(lapsed) == LAPSED_AT_ONCE_COUNT
 
     def _applier(self, *blocks: FinalizedEvents) -> BlockApplier:
         return BlockApplier(self._store, self._eraser, self._shares, self._member, self._newest_placement(), blocks)
@@ -288,8 +309,8 @@ class Custodian(UploadService, ShareService, ClipFetcher):
             await self._eraser.finish()
 
     async def _close_block(self, point: Checkpoint) -> None:
-        while lapsed := await self._store.lapsed(point.timestamp_ms, LAPSED_AT_ONCE_COUNT):
-            await self._eraser.drop_staged(lapsed)
+        while await self._drop_some_lapsed(point.timestamp_ms):
+            pass
         await self._shares.close_block(point.timestamp_ms)
         await self._eraser.erase_expired(point.timestamp_ms, point.height)
         await self._eraser.finish()
@@ -458,7 +479,7 @@ class Custodian(UploadService, ShareService, ClipFetcher):
                 )
                 await self._settle_missing([facts for key, facts in missing.items() if key in known])
                 if found:
-                    await self._keep_missing(found)
+                    require_written(await self._keep_missing(found))
         return len(found)
 
 

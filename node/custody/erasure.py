@@ -125,7 +125,7 @@ class Eraser:
         places = await self._store.frame_places([record_id])
         self._is_swept = False
         await self._store.stage(ClipRow(record_id, b"", 0, "staged", (), ()), [])
-        await self._store.drop_staged(record_id)
+        await self._store.drop_staged([record_id])
         await self.destroy_unused([place.slot for place in places])
 
     async def drop_staged(self, record_ids: Sequence[bytes]) -> None:
@@ -135,8 +135,7 @@ class Eraser:
         """
         slots = [place.slot for place in await self._store.frame_places(record_ids)]
         self._is_swept = False
-        for record_id in record_ids:
-            await self._store.drop_staged(record_id)
+        await self._store.drop_staged(record_ids)
         await self.destroy_unused(slots)
 
     async def destroy_parts(self, places: Sequence[PartPlace]) -> None:

@@ -31,6 +31,11 @@ class CountedLock(asyncio.Lock):
         finally:
             self.waiting -= 1
 
+    async def is_waited_for(self) -> None:
+        while not self.waiting:
+            self._news.clear()
+            await self._news.wait()
+
 
 class _Stop:
     """One piece of work, that goes on to a place among its calls of the store, and from there when it is told."""

@@ -173,7 +173,7 @@ async def test_a_clip_is_kept_and_read_by_one_call_and_erased_by_two(
     assert calls == ["put", "get", "delete", "names"]
     await house.custodian.stage(unclaimed.upload)
     calls.clear()
-    await store.drop_staged(unclaimed.record_id)
+    await store.drop_staged([unclaimed.record_id])
     assert calls == ["delete", "names"]
 
 

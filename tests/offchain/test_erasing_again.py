@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -110,9 +111,9 @@ async def test_what_was_never_erased_keeps_its_keys_until_its_rows_are_gone(
     slots = [place.slot for place in await opened.store.frame_places([clip.record_id])]
     delete, found = opened.store.drop_staged, []
 
-    async def look_first(record_id: bytes) -> None:
+    async def look_first(record_ids: Sequence[bytes]) -> None:
         found.extend(opened.keys.read(slot) is not None for slot in slots)
-        await delete(record_id)
+        await delete(record_ids)
 
     monkeypatch.setattr(opened.store, "drop_staged", look_first)
     eraser = opened.custodian.eraser

@@ -158,7 +158,7 @@ QUERIES: Mapping[str, Query] = {
     "erase_clips": lambda store: store.erase_clips([RECORD_ID, b"\x09" * 16]),
     "references": lambda store: store.references([RECORD_ID, b"\x09" * 16], 16),
     "replace_frames": lambda store: store.replace_frames(RECORD_ID, [FrameRow(RECORD_ID, 0, b"new", b"wrapped", 8)]),
-    "drop_staged": lambda store: store.drop_staged(RECORD_ID),
+    "drop_staged": lambda store: store.drop_staged([RECORD_ID]),
     "lapsed": lambda store: store.lapsed(5000, 10),
     "expired": lambda store: store.expired(5000, 10),
     "missing": lambda store: store.missing(10),

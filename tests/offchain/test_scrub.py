@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
@@ -17,7 +17,8 @@ from node.custody.chain_facts import ChainFacts
 from node.custody.custodian import Custodian
 from node.custody.repair import scrub
 from node.custody.repair.scrub import find_unclaimed_keys
-from node.custody.stores.custody_store import BlockEffects, ClipRow
+from node.custody.stores.custody_store import BlockEffects, ClipRow, RecordFacts
+from node.custody.uploads.upload_queue import PendingUpload
 from tests.offchain.desk import CustodyHarness, Peer
 from tests.offchain.house import ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import BOB, EXPIRES_MS, RecordedClip, erasure, record_clip, recorded
@@ -255,7 +256,7 @@ async def test_an_index_that_is_lost_whole_is_made_again_from_the_state(desk: Cu
     await desk.hold(*clips)
     for clip in clips:
         await desk.house.store.stage(ClipRow(clip.record_id, b"", 0, "staged", (), ()), [])
-        await desk.house.store.drop_staged(clip.record_id)
+        await desk.house.store.drop_staged([clip.record_id])
     assert (await desk.scrub()).missing == sorted(clip.record_id for clip in clips)
     rebuilt = await desk.rebuild(Peer(*clips))
     assert rebuilt.is_whole
@@ -383,19 +384,15 @@ async def test_an_upload_on_its_way_is_no_orphan(desk: CustodyHarness, monkeypat
     await desk.hold(record_clip())
     coming, reports = record_clip(), []
     custodian, store = desk.house.custodian, desk.house.store
-    original = custodian._is_known
-    asked: list[ClipRow] = []
+    original = custodian._let_in
 
-    async def scrubbed_meanwhile(clip: ClipRow) -> bool:
-        asked.append(clip)
-        if len(asked) == 1:
-            return await original(clip)
+    async def scrubbed_meanwhile(uploads: Sequence[PendingUpload]) -> dict[PendingUpload, RecordFacts | None]:
         custodian._writing.release()
         reports.append(await desk.scrub())
         await custodian._writing.acquire()
-        return await original(clip)
+        return await original(uploads)
 
-    monkeypatch.setattr(custodian, "_is_known", scrubbed_meanwhile)
+    monkeypatch.setattr(custodian, "_let_in", scrubbed_meanwhile)
     await custodian.stage(coming.upload)
     assert [report.is_clean for report in reports] == [True]
     assert len(await store.frames(coming.record_id)) == 3

@@ -127,7 +127,7 @@ class Churn:
 
     async def drop(self) -> None:
         record_id = self.choose()
-        await self.store.drop_staged(record_id)
+        await self.store.drop_staged([record_id])
         if not await self.store.clips([record_id]):
             self.gone += pieces_of(*self.kept.pop(record_id))
 

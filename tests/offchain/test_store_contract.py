@@ -216,8 +216,7 @@ async def test_only_staged_clips_can_be_dropped(store: CustodyStore) -> None:
     await stage(store, 1)
     await stage(store, 2)
     await store.apply(BlockEffects(confirmed=(facts(2),)))
-    for number in (1, 2, 3):
-        await store.drop_staged(record_id(number))
+    await store.drop_staged([record_id(number) for number in (1, 2, 3)])
     assert list(await store.clips([record_id(1), record_id(2)])) == [record_id(2)]
     assert {place.record_id for place in await store.frame_places([record_id(1), record_id(2)])} == {record_id(2)}
 
@@ -412,7 +411,7 @@ async def test_an_upload_cut_off_between_frames_and_clip_is_not_seen_but_purged(
         assert await store.clips([record_id(1)]) == {}
         assert [found async for found in store.all_clips()] == []
         assert await store.lapsed(1000, 10) == [record_id(1)]
-        await store.drop_staged(record_id(1))
+        await store.drop_staged([record_id(1)])
         assert await store.frame_places([record_id(1)]) == []
         assert await store.lapsed(1000, 10) == []
 

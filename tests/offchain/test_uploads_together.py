@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Sequence
+import itertools
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 
+import msgspec
 import pytest
 
 from consensus.errors import BlockRobotError
-from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow
+from node.custody import custodian as custodian_module
+from node.custody.stores.custody_store import BlockEffects, ClipRow, FrameRow, Unwritten
 from node.custody.uploads.upload_queue import (
     WRITTEN_TOGETHER_MAX_BYTES,
     WRITTEN_TOGETHER_MAX_COUNT,
@@ -20,9 +23,11 @@ from node.custody.uploads.upload_usage import UploadTerms, Use
 from tests.offchain.house import ACCESS_ID, CustodianHarness, read_all
 from tests.offchain.interleaving import CountedLock
 from tests.offchain.small_chain import ALICE, RecordedClip, access, record_clip, recorded
+from tests.offchain.test_fetching import Peer, held_by_peer
 from tests.offchain.test_uploads import ROBOT, SECOND, size_of, terms
 
 Told = list[str]
+Keep = Callable[[PendingUpload, asyncio.Lock], Awaitable[None]]
 
 
 @pytest.fixture
@@ -30,9 +35,9 @@ def writes(opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch) -> list[li
     """The records of each write of clips."""
     noted, original = list[list[bytes]](), opened.store.stage_all
 
-    async def stage_all(clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
+    async def stage_all(clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> Unwritten:
         noted.append([clip.record_id for clip, _ in clips])
-        await original(clips)
+        return await original(clips)
 
     monkeypatch.setattr(opened.store, "stage_all", stage_all)
     return noted
@@ -46,19 +51,34 @@ async def told(work: Awaitable[None]) -> str:
     return "kept"
 
 
+def calling_after(count: int, then: Callable[[], None], keep: Keep) -> Keep:
+    """As `keep`; once it was called so often, all of them wait."""
+    calls = itertools.count(1)
+
+    async def counted(upload: PendingUpload, lock: asyncio.Lock) -> None:
+        if next(calls) == count:
+            asyncio.get_running_loop().call_soon(then)
+        await keep(upload, lock)
+
+    return counted
+
+
 async def upload_together(
-    house: CustodianHarness, *uploads: tuple[RecordedClip, UploadTerms], meanwhile: BlockEffects | None = None
+    house: CustodianHarness,
+    *uploads: tuple[RecordedClip, UploadTerms],
+    meanwhile: Callable[[], Awaitable[None]] | None = None,
 ) -> Told:
     """Keep the custodian busy until all wait for it; `meanwhile` happens then."""
-    news = asyncio.Event()
-    house.custodian._writing = lock = CountedLock(news)
-    async with lock:
-        tasks = [asyncio.create_task(told(house.custodian.stage(clip.upload, allowed))) for clip, allowed in uploads]
-        while lock.waiting < len(uploads):
-            news.clear()
-            await news.wait()
-        if meanwhile is not None:
-            await house.store.apply(meanwhile)
+    queue, all_wait = house.custodian._uploads, asyncio.Event()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(queue, "keep", calling_after(len(uploads), all_wait.set, queue.keep))
+        async with house.custodian._writing:
+            tasks = [
+                asyncio.create_task(told(house.custodian.stage(clip.upload, allowed))) for clip, allowed in uploads
+            ]
+            await all_wait.wait()
+            if meanwhile is not None:
+                await meanwhile()
     return await asyncio.gather(*tasks)
 
 
@@ -118,7 +138,8 @@ async def test_clips_that_are_awaited_by_then_are_judged_and_released(opened: Cu
         for clip in (right, wrong)
     ]
     uploads = [(clip, terms()) for clip in (wrong, early, right)]
-    codes = await upload_together(opened, *uploads, meanwhile=BlockEffects(missing=tuple(recorded_since)))
+    effects = BlockEffects(missing=tuple(recorded_since))
+    codes = await upload_together(opened, *uploads, meanwhile=lambda: opened.store.apply(effects))
     assert codes == ["UPLOAD_HASH_MISMATCH", "kept", "kept"]
     rows = await opened.store.clips([clip.record_id for clip, _ in uploads])
     assert {key: row.status for key, row in rows.items()} == {
@@ -128,9 +149,113 @@ async def test_clips_that_are_awaited_by_then_are_judged_and_released(opened: Cu
     assert opened.keys.held_count == len(right.plaintexts) + len(early.plaintexts)
 
 
+async def test_a_clip_that_is_dropped_while_its_next_upload_waits_is_kept_anew(opened: CustodianHarness) -> None:
+    """Its transaction has expired; the block that says so makes the robot send it again."""
+    clip = record_clip()
+    again = msgspec.structs.replace(clip.upload, valid_until_ms=clip.upload.valid_until_ms + 1000)
+    await opened.custodian.stage(clip.upload, terms())
+    opened.custodian._writing = lock = CountedLock(asyncio.Event())
+    async with lock:
+        task = asyncio.create_task(opened.custodian.stage(again, terms()))
+        await lock.is_waited_for()
+        await opened.custodian.eraser.drop_staged([clip.record_id])
+    await task
+    assert (await opened.store.clips([clip.record_id]))[clip.record_id].valid_until_ms == again.valid_until_ms
+    assert opened.keys.held_count == len(clip.plaintexts)
+
+
+async def test_uploads_do_not_wait_for_all_that_lapses_with_a_block(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(custodian_module, "LAPSED_AT_ONCE_COUNT", 2)
+    lapsing, coming = [record_clip() for _ in range(5)], record_clip(valid_until_ms=opened.chain.time_ms + 100_000)
+    for clip in lapsing:
+        await opened.custodian.stage(clip.upload)
+    left, tasks, drop = list[int](), list[asyncio.Task[None]](), opened.store.drop_staged
+    opened.custodian._writing = lock = CountedLock(asyncio.Event())
+
+    async def drop_while_it_waits(record_ids: Sequence[bytes]) -> None:
+        left.append((await opened.store.counts()).staged)
+        if not tasks:
+            tasks.append(asyncio.create_task(opened.custodian.stage(coming.upload)))
+            await lock.is_waited_for()
+        await drop(record_ids)
+
+    monkeypatch.setattr(opened.store, "drop_staged", drop_while_it_waits)
+    await opened.follow(at_ms=lapsing[0].upload.valid_until_ms)
+    await asyncio.gather(*tasks)
+    assert left == [5, 4, 2], "of five that lapsed two were dropped, and one came"
+    assert list(await opened.store.clips([clip.record_id for clip in (*lapsing, coming)])) == [coming.record_id]
+    assert opened.keys.held_count == len(coming.plaintexts)
+
+
+async def test_what_is_read_for_many_uploads_is_read_once(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blocks wait meanwhile, and a server may be far."""
+    asked, reads = list[str](), ["clips", "missing_clips", "use_by_robot", "day_uses"]
+
+    def counted(name: str) -> Callable[..., Awaitable[object]]:
+        original = getattr(opened.store, name)
+
+        async def call(*arguments: object) -> object:
+            asked.append(name)
+            return await original(*arguments)
+
+        return call
+
+    async def count_from_now_on() -> None:
+        for name in reads:
+            monkeypatch.setattr(opened.store, name, counted(name))
+
+    uploads = [(record_clip(1), terms()) for _ in range(8)]
+    assert set(await upload_together(opened, *uploads, meanwhile=count_from_now_on)) == {"kept"}
+    assert sorted(asked) == sorted(reads)
+
+
+async def test_a_clip_that_the_store_refuses_is_refused_alone_and_leaves_nothing(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips, stage_all = [record_clip() for _ in range(3)], opened.store.stage_all
+    awaited = record_clip()
+    await opened.follow(recorded(awaited))
+    refused = {clips[1].record_id, awaited.record_id}
+
+    async def refuse(found: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> Unwritten:
+        told = {clip.record_id: BlockRobotError("STORE_UNAVAILABLE") for clip, _ in found if clip.record_id in refused}
+        return {**told, **await stage_all([one for one in found if one[0].record_id not in refused])}
+
+    uploads = [(clip, terms()) for clip in (*clips, awaited)]
+    with monkeypatch.context() as patch:
+        patch.setattr(opened.store, "stage_all", refuse)
+        assert await upload_together(opened, *uploads) == ["kept", "STORE_UNAVAILABLE", "kept", "STORE_UNAVAILABLE"]
+        with pytest.raises(BlockRobotError, match="STORE_UNAVAILABLE"):
+            await opened.custodian.fetch_missing([Peer(held_by_peer(awaited))])
+    assert opened.keys.held_count == 2 * len(clips[0].plaintexts)
+    sizes = [size_of(clips[0].upload), size_of(clips[2].upload)]
+    assert [use.size_bytes for use in await opened.store.day_uses()] == [sum(sizes)]
+    for clip, allowed in uploads:
+        await opened.custodian.stage(clip.upload, allowed)
+    assert opened.keys.held_count == 4 * len(clips[0].plaintexts)
+
+
+async def test_a_read_that_fails_before_anything_is_written_leaves_no_key(
+    opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(*_arguments: object) -> None:
+        raise BlockRobotError("STORE_UNAVAILABLE")
+
+    clips = [record_clip() for _ in range(2)]
+    with monkeypatch.context() as patch:
+        patch.setattr(opened.store, "add_use", fail)
+        assert await upload_together(opened, *((clip, terms()) for clip in clips)) == ["STORE_UNAVAILABLE"] * 2
+    assert opened.keys.held_count == 0
+
+
 async def test_a_store_that_fails_refuses_all_that_it_was_to_write_and_takes_them_afterwards(
     opened: CustodianHarness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Nobody knows what it has written, so the keys stay."""
     clips = [record_clip() for _ in range(3)]
 
     async def fail(*_arguments: object) -> None:
@@ -140,6 +265,7 @@ async def test_a_store_that_fails_refuses_all_that_it_was_to_write_and_takes_the
         patch.setattr(opened.store, "stage_all", fail)
         uploads = [(clip, terms()) for clip in clips]
         assert await upload_together(opened, *uploads) == ["STORE_UNAVAILABLE"] * 3
+    assert opened.keys.held_count == sum(len(clip.plaintexts) for clip in clips)
     assert await upload_together(opened, *uploads) == ["kept"] * 3
     assert (await opened.store.use_by_robot("staged")) == {ROBOT: Use(3, sum(size_of(clip.upload) for clip in clips))}
 
@@ -186,6 +312,21 @@ async def test_a_write_is_of_so_many_clips_and_bytes(sizes: list[int], writes: l
     tasks = await written.keep([pending(size) for size in sizes])
     assert await asyncio.gather(*tasks) == ["kept"] * len(sizes)
     assert [len(write) for write in written.writes] == writes
+
+
+async def test_what_is_written_is_said_at_once_whoever_has_the_lock_next() -> None:
+    written = Written()
+    written.go_on.set()
+    async with written.lock:
+        first = asyncio.create_task(told(written.queue.keep(pending(), written.lock)))
+        await asyncio.sleep(0)
+        block = asyncio.create_task(written.lock.acquire())
+        await asyncio.sleep(0)
+        second = asyncio.create_task(told(written.queue.keep(pending(), written.lock)))
+        await asyncio.sleep(0)
+    assert await asyncio.gather(first, second) == ["kept", "kept"]
+    assert await block
+    assert [len(write) for write in written.writes] == [2]
 
 
 @pytest.mark.parametrize(

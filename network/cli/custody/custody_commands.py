@@ -215,7 +215,8 @@ def scrub(node: str | None, folder: Path | None, after: bytes | None, as_json: b
     """Prove now that chain and store agree, and that of what was erased no ciphertext and no key is left.
 
     Looks at every record both ways, every frame's bytes, every slot of the erase keys and, in SQLite, every free page.
-    Changes nothing but that it lists as missing what is missing. Exits 0 if all is as it must be, 1 otherwise.
+    Lists as missing what is missing, and deletes blobs that no row names; else it changes nothing. Exits 0 if all is as
+    it must be, 1 otherwise.
 
     With --after, records are looked at from there on, in the order of their ids, and all else once more.
 

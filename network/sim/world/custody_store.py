@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from node.custody.erase_keys import ERASE_KEY_BYTES
-from node.custody.stores.custody_store import Checkpoint, ClipRow, FrameRow, Leftovers
+from node.custody.stores.custody_store import Checkpoint, ClipRow, FrameRow, Leftovers, Unwritten
 from node.custody.stores.sqlite_schema import SCHEMA
 from node.custody.stores.sqlite_store import SqliteStore
 
@@ -44,10 +44,12 @@ class SimCustodyStore(SqliteStore):
         with self._memory as database:
             work(database)
 
-    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
-        await super().stage_all(clips)
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> Unwritten:
+        unwritten = await super().stage_all(clips)
         for clip, _ in clips:
-            self._note_kept(clip.record_id)
+            if clip.record_id not in unwritten:
+                self._note_kept(clip.record_id)
+        return unwritten
 
     async def sweep(self) -> None:
         """There is no file that could hold deleted rows."""

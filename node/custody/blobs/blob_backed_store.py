@@ -7,7 +7,7 @@ before the rows of an erased clip do; what no row names is swept. Rows from befo
 from __future__ import annotations
 
 import struct
-from collections.abc import Awaitable, Callable, Collection, Sequence
+from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -21,9 +21,9 @@ from node.custody.blobs.blob_names import GENERATION_BYTES, BlobNames, new_gener
 from node.custody.blobs.blob_store import BlobStore
 from node.custody.blobs.place_file import take_place
 from node.custody.many_at_once import for_each
-from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow
+from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow, Unwritten, require_written
 
-Write = Callable[[Sequence[Sequence[FrameRow]]], Awaitable[None]]
+Write = Callable[[Mapping[bytes, Sequence[FrameRow]]], Awaitable[Unwritten]]
 log = structlog.get_logger(__name__)
 
 GENERATIONS_MAX_COUNT = 1_000
@@ -69,35 +69,49 @@ class BlobBackedStore:
             await self._blobs.__aexit__(kind, error, trace)
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        await self.stage_all([(clip, frames)])
+        require_written(await self.stage_all([(clip, frames)]))
 
-    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
-        async def write(rows: Sequence[Sequence[FrameRow]]) -> None:
-            await self._index.stage_all([(clip, own) for (clip, _), own in zip(clips, rows, strict=True)])
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> Unwritten:
+        """A clip whose blob is refused keeps no other away."""
 
-        await self._write([(clip.record_id, frames) for clip, frames in clips], write)
+        async def write(rows: Mapping[bytes, Sequence[FrameRow]]) -> Unwritten:
+            found = [(clip, rows[clip.record_id]) for clip, _ in clips if clip.record_id in rows]
+            return await self._index.stage_all(found) if found else {}
+
+        return await self._write({clip.record_id: frames for clip, frames in clips}, write)
 
     async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-        await self._write([(record_id, frames)], lambda rows: self._index.replace_frames(record_id, rows[0]))
+        async def write(rows: Mapping[bytes, Sequence[FrameRow]]) -> Unwritten:
+            if record_id in rows:
+                await self._index.replace_frames(record_id, rows[record_id])
+            return {}
 
-    async def _write(self, clips: Sequence[tuple[bytes, Sequence[FrameRow]]], write: Write) -> None:
+        require_written(await self._write({record_id: frames}, write))
+
+    async def _write(self, clips: Mapping[bytes, Sequence[FrameRow]], write: Write) -> Unwritten:
         """New blobs, the rows, and only then the end of what these named before."""
-        before = {place.record_id for place in await self._index.frame_places([record_id for record_id, _ in clips])}
-        named = [(record_id, frames, new_generation()) for record_id, frames in clips]
-        blobs = {
-            self._names.name(record_id, generation): b"".join(frame.ciphertext for frame in frames)
-            for record_id, frames, generation in named
-            if frames
-        }
-        self._in_flight.update(blobs)
+        before = {place.record_id for place in await self._index.frame_places(list(clips))}
+        generations = {record_id: new_generation() for record_id in clips}
+        names = {key: self._names.name(key, generations[key]) for key, frames in clips.items() if frames}
+        refused = dict[bytes, BlockRobotError]()
+
+        async def put(record_id: bytes) -> None:
+            try:
+                await self._blobs.put(names[record_id], b"".join(frame.ciphertext for frame in clips[record_id]))
+            except BlockRobotError as error:
+                refused[record_id] = error
+
+        self._in_flight.update(names.values())
         try:
-            await for_each(list(blobs), lambda name: self._blobs.put(name, blobs[name]))
-            await write([_referring(frames, generation) for _, frames, generation in named])
+            await for_each(list(names), put)
+            rows = {key: _referring(clips[key], generations[key]) for key in clips if key not in refused}
+            unwritten = {**refused, **await write(rows)}
         finally:
-            self._in_flight.difference_update(blobs)
-        for record_id, frames, _ in named:
-            if record_id in before or not frames:
-                await self._delete_all(record_id, spared=blobs)
+            self._in_flight.difference_update(names.values())
+        for record_id, frames in clips.items():
+            if record_id not in unwritten and (record_id in before or not frames):
+                await self._delete_all(record_id, spared=names.values())
+        return unwritten
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
         """A ciphertext that the blob store has lost is empty."""
@@ -127,12 +141,11 @@ class BlobBackedStore:
         await for_each(record_ids, lambda record_id: self._delete_all(record_id, named[record_id]))
         await self._index.erase_clips(record_ids)
 
-    async def drop_staged(self, record_id: bytes) -> None:
-        clip = (await self._index.clips([record_id])).get(record_id)
-        named = await self._named([record_id])
-        await self._index.drop_staged(record_id)
-        if clip is None or clip.status == "staged":
-            await self._delete_all(record_id, named[record_id])
+    async def drop_staged(self, record_ids: Sequence[bytes]) -> None:
+        clips, named = await self._index.clips(record_ids), await self._named(record_ids)
+        await self._index.drop_staged(record_ids)
+        gone = [key for key in record_ids if key not in clips or clips[key].status == "staged"]
+        await for_each(gone, lambda record_id: self._delete_all(record_id, named[record_id]))
 
     async def sweep_blobs(self) -> int:
         """Of this custodian's names only. What is being written is in flight until its rows are there."""

@@ -1,6 +1,6 @@
 """Scrub: verifies chain against store both ways, and that erased data is gone.
 
-Repairs nothing; missing clips are listed for fetching.
+Repairs nothing; missing clips are listed for fetching, blobs that no row names are deleted.
 """
 
 from __future__ import annotations

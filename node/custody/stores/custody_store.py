@@ -5,17 +5,26 @@ Writes are idempotent; a clip's row follows its frames, a checkpoint its effects
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal, Protocol, Self
 
+from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire
 from node.custody.stores.share_store import ShareStore
 from node.custody.uploads.upload_usage import UploadAccount
 
 ClipStatus = Literal["staged", "confirmed", "erased"]
 OutboxStatus = Literal["erasing", "ready"]
+Unwritten = Mapping[bytes, BlockRobotError]
+"""Clips, by record, of which a store knows that nothing was written, and why."""
+
+
+def require_written(unwritten: Unwritten) -> None:
+    """Raise the first one's error."""
+    for error in unwritten.values():
+        raise error
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,8 +242,11 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None: ...
 
-    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
-        """Many at once, as `stage`; interrupted, each clip is there with all its frames, or not there."""
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> Unwritten:
+        """Many at once; interrupted, each clip is there with all its frames, or not there.
+
+        Where it raises, each may have been written or not, or be written later.
+        """
         ...
 
     async def correct(self, facts: RecordFacts) -> None:
@@ -277,8 +289,8 @@ class CustodyStore(ReceiptOutbox, ShareStore, UploadAccount, Protocol):
         """Leaves a mark of each; interrupted, some are erased and the others are not."""
         ...
 
-    async def drop_staged(self, record_id: bytes) -> None:
-        """Without a mark; others stay."""
+    async def drop_staged(self, record_ids: Sequence[bytes]) -> None:
+        """Without marks; others stay. Interrupted, some are dropped and the others are not."""
         ...
 
     async def sweep(self) -> None:

@@ -38,7 +38,9 @@ from node.custody.stores.custody_store import (
     OutboxStatus,
     RecordFacts,
     StoreCounts,
+    Unwritten,
     VisitRestrictions,
+    require_written,
 )
 from node.custody.stores.mongo_documents import STAGING, STATUSES, Document, is_passing, rows
 from node.custody.stores.mongo_shares import BY_SLOT, SHARES_INDEXES, MongoShares
@@ -267,13 +269,27 @@ class MongoStore(MongoShares, MongoUploads):
             return await found.to_list(None)
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        await self.stage_all([(clip, frames)])
+        require_written(await self.stage_all([(clip, frames)]))
 
-    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
-        if sum(len(row.ciphertext) for _, frames in clips for row in frames) <= TRANSACTION_MAX_BYTES:
-            await self._together(lambda: self._stage_in_order(clips))
-        else:
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> Unwritten:
+        size_bytes = sum(len(row.ciphertext) for _, frames in clips for row in frames)
+        if not self.has_transactions or size_bytes > TRANSACTION_MAX_BYTES:
             await self._stage_in_order(clips)
+            return {}
+        is_committing = False
+
+        async def stage() -> None:
+            nonlocal is_committing
+            await self._stage_in_order(clips)
+            is_committing = True
+
+        try:
+            await self._together(stage)
+        except BlockRobotError as error:
+            if is_committing:
+                raise
+            return {clip.record_id: error for clip, _ in clips}
+        return {}
 
     async def _stage_in_order(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
         record_ids, is_transaction = [clip.record_id for clip, _ in clips], _SESSION.get() is not None
@@ -395,14 +411,15 @@ class MongoStore(MongoShares, MongoUploads):
         if ids:
             await self._together(erase)
 
-    async def drop_staged(self, record_id: bytes) -> None:
-        """See `CustodyStore.drop_staged`; the clip goes last, so no frame is orphaned."""
-        staged = {"_id": record_id, "status": {"$in": STATUSES["staged"]}}
+    async def drop_staged(self, record_ids: Sequence[bytes]) -> None:
+        """See `CustodyStore.drop_staged`; the clips go last, so no frame is orphaned."""
+        staged = {"_id": {"$in": list(record_ids)}, "status": {"$in": STATUSES["staged"]}}
         with _answering():
-            hidden = await self._collection("clips").update_one(staged, {"$set": {"status": STAGING}})
+            hidden = await self._collection("clips").update_many(staged, {"$set": {"status": STAGING}})
         if hidden.matched_count:
-            await self._delete("frames", {"record_id": record_id})
-            await self._delete("clips", {"_id": record_id, "status": STAGING})
+            found = [row["_id"] for row in await self._many("clips", staged | {"status": STAGING}, fields=("_id",))]
+            await self._delete("frames", {"record_id": {"$in": found}})
+            await self._delete("clips", {"_id": {"$in": found}, "status": STAGING})
 
     async def sweep(self) -> None:
         """See `CustodyStore.sweep`; a server's files are its own, so there is nothing to do from here."""

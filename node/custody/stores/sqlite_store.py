@@ -30,7 +30,9 @@ from node.custody.stores.custody_store import (
     OutboxStatus,
     RecordFacts,
     StoreCounts,
+    Unwritten,
     VisitRestrictions,
+    require_written,
 )
 from node.custody.stores.sqlite_rows import (
     delete_clip,
@@ -176,10 +178,11 @@ class SqliteStore(SqliteShares, SqliteUploads):
             try:
                 self._require_space()
                 work(database)
+                database.execute("COMMIT")
             except BaseException:
-                database.execute("ROLLBACK")
+                if database.in_transaction:  # on some errors SQLite has rolled back by itself
+                    database.execute("ROLLBACK")
                 raise
-            database.execute("COMMIT")
             if self._swept().log_bytes >= self._clean_from_bytes:
                 self._clean_full_log()
 
@@ -214,14 +217,24 @@ class SqliteStore(SqliteShares, SqliteUploads):
         return self._database
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        await self.stage_all([(clip, frames)])
+        require_written(await self.stage_all([(clip, frames)]))
 
-    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> None:
+    async def stage_all(self, clips: Sequence[tuple[ClipRow, Sequence[FrameRow]]]) -> Unwritten:
+        is_committing = False
+
         def write(database: sqlite3.Connection) -> None:
+            nonlocal is_committing
             for clip, frames in clips:
                 write_clip(database, clip, frames)
+            is_committing = True
 
-        await self._write(write)
+        try:
+            await self._write(write)
+        except BlockRobotError as error:
+            if is_committing:
+                raise
+            return {clip.record_id: error for clip, _ in clips}
+        return {}
 
     async def correct(self, facts: RecordFacts) -> None:
         changes = "txid = ?, owner = ?, expires_at_ms = ?, height = ?"
@@ -278,8 +291,9 @@ class SqliteStore(SqliteShares, SqliteUploads):
         if record_ids:
             await self._write(erase)
 
-    async def drop_staged(self, record_id: bytes) -> None:
-        await self._write_one("DELETE FROM clips WHERE record_id = ? AND status = 'staged'", (record_id,))
+    async def drop_staged(self, record_ids: Sequence[bytes]) -> None:
+        query = "DELETE FROM clips WHERE record_id = ? AND status = 'staged'"
+        await self._write_one(query, *((record_id,) for record_id in record_ids))
 
     async def sweep(self) -> None:
         await self._in_worker(self._clean)

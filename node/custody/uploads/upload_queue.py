@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from consensus.errors import BlockRobotError
 from consensus.limits import MIB_BYTES
@@ -20,12 +20,13 @@ WRITTEN_TOGETHER_MAX_BYTES = 3 * MIB_BYTES
 class PendingUpload:
     """A clip that is to be kept, with its frames' rows.
 
-    `refusal`: why it was not kept, once it `is_over`.
+    `turn`: set once it `is_over`, or is the first of those that wait. `refusal`: why it was not kept.
     """
 
     clip: ClipRow
     rows: Sequence[FrameRow]
     terms: UploadTerms | None
+    turn: asyncio.Event = field(default_factory=asyncio.Event)
     is_over: bool = False
     refusal: BlockRobotError | None = None
 
@@ -36,7 +37,10 @@ class PendingUpload:
 
 
 class UploadQueue:
-    """`write` keeps uploads of different records, or sets their `refusal`."""
+    """`write` keeps uploads of different records, or sets their `refusal`.
+
+    The first that waits takes the lock, and writes those behind it along.
+    """
 
     def __init__(self, write: Callable[[Sequence[PendingUpload]], Awaitable[None]]) -> None:
         self._write = write
@@ -46,16 +50,20 @@ class UploadQueue:
         """Return when it is kept. Raises its refusal; STORE_UNAVAILABLE if the task that wrote it was cancelled."""
         self._waiting.append(upload)
         try:
-            async with lock:
-                while not upload.is_over:
-                    await self._write_some()
+            if self._waiting[0] is not upload:
+                await upload.turn.wait()
+            if not upload.is_over:
+                async with lock:
+                    await self._write_first()
         finally:
             if upload in self._waiting:
                 self._waiting.remove(upload)
+            if self._waiting:
+                self._waiting[0].turn.set()
         if upload.refusal is not None:
             raise upload.refusal
 
-    async def _write_some(self) -> None:
+    async def _write_first(self) -> None:
         taken = self._take()
         detail = "The write of several clips was cut off; send the clip again."
         failure: BlockRobotError | None = BlockRobotError("STORE_UNAVAILABLE", detail)
@@ -68,16 +76,18 @@ class UploadQueue:
             for upload in taken:
                 upload.is_over = True
                 upload.refusal = upload.refusal or failure
+                upload.turn.set()
 
     def _take(self) -> list[PendingUpload]:
         """The first, and those after it that fit; a record's second upload waits until the first is kept."""
         taken, records, size_bytes = list[PendingUpload](), set[bytes](), 0
         for upload in self._waiting:
+            if upload.clip.record_id in records:
+                continue
             size_bytes += upload.clip.size_bytes
             if taken and (len(taken) == WRITTEN_TOGETHER_MAX_COUNT or size_bytes > WRITTEN_TOGETHER_MAX_BYTES):
                 break
-            if upload.clip.record_id not in records:
-                taken.append(upload)
-                records.add(upload.clip.record_id)
+            taken.append(upload)
+            records.add(upload.clip.record_id)
         self._waiting = [upload for upload in self._waiting if upload not in taken]
         return taken

@@ -70,3 +70,11 @@ def test_the_second_on_a_machine_waits_for_the_first(monkeypatch: pytest.MonkeyP
     first.__enter__()
     with only_one_on_this_machine():
         assert len(waited) == 2
+
+
+def test_where_nothing_can_be_locked_it_is_said_and_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(on_workers, "_LOCK_NAME", str(tmp_path / "no-such-folder" / "lock"))
+    with pytest.raises(FileNotFoundError), only_one_on_this_machine():
+        pass
