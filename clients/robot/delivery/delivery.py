@@ -10,7 +10,7 @@ import asyncio
 import random
 from collections import Counter
 from collections.abc import Awaitable, Callable, Coroutine
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import msgspec
 import structlog
@@ -35,9 +35,19 @@ _OVERDUE_CODES = frozenset({"BUCKET_WRONG", "EXPIRY_WRONG"})
 _NOT_OURS = "NOT_THE_ROBOT"
 """Another robot, which saw the announcement on its way, opened a visit under this key first: a robot that lies."""
 
+_RECORD_EXISTS = "RECORD_EXISTS"
+CUSTODIANS_WORD = frozenset({"CLIP_ERASED", "UPLOAD_CONFLICT"})
+"""A custodian that lies can say so of any clip."""
 _OPEN_VISIT = "open_visit"
 
+Recorder = Literal["nobody", "this robot", "another"]
+"""Whose the record is that the chain proves under a clip's id."""
+
 _log = structlog.get_logger("delivery")
+
+
+class RecordedBefore(Exception):  # noqa: N818 - no error: there is nothing to do
+    """The clip's record was final before a restart, and may have been erased since."""
 
 
 class ConsentEnded(Exception):  # noqa: N818 - no error: the person's word
@@ -60,6 +70,9 @@ class DeliveryNetwork(Protocol):
         """Raises when too few acknowledged."""
 
     async def knows_visit(self, owner: bytes) -> bool:
+        """Raises network errors."""
+
+    async def find_recorder(self, record_id: bytes, owner: bytes) -> Recorder:
         """Raises network errors."""
 
     def now_ms(self) -> int: ...
@@ -226,18 +239,20 @@ class Delivery:
                 raise ConsentEnded
             transaction = self._network.sign(contract, entry, arguments)
             try:
-                if upload is not None:
+                if clip is not None and upload is not None:
                     expiry = transaction.body.valid_until_ms
-                    await self._network.upload(
-                        msgspec.structs.replace(upload, txid=transaction.txid, valid_until_ms=expiry)
+                    await self._upload(
+                        clip, msgspec.structs.replace(upload, txid=transaction.txid, valid_until_ms=expiry)
                     )
                     # An upload takes as long as the slowest custodian does.
-                    if clip is not None and not await self._may_record(clip):
+                    if not await self._may_record(clip):
                         raise ConsentEnded
                 if entry == _OPEN_VISIT:
                     self._tried_visits.add(arguments[0])
                 submitted = self._network.now_ms()
                 confirmation = await self._network.submit_and_wait(transaction)
+                if confirmation.code == _RECORD_EXISTS and clip is not None:
+                    await self._require_recorded(clip)
             except BlockRobotError as error:
                 if not error.entry.retryable and error.code != "TRANSACTION_EXPIRED":
                     raise
@@ -250,6 +265,29 @@ class Delivery:
                 raise BlockRobotError("NOT_PERMITTED", detail, contract_code=confirmation.code)
             return transaction.txid, submitted
 
+    async def _upload(self, clip: SpooledClip, upload: ClipUpload) -> None:
+        """What no upload can mend is believed once the chain proves it. Raises RecordedBefore, NOT_PERMITTED."""
+        try:
+            await self._network.upload(upload)
+        except BlockRobotError as error:
+            if error.code not in CUSTODIANS_WORD:
+                raise
+            recorder = await self._network.find_recorder(upload.record_id, clip.owner)
+            if recorder == "this robot":
+                raise RecordedBefore from error
+            if recorder == "another" or self._is_old(clip):
+                raise _taken(clip) from error
+            detail = f"A custodian says {error.code}, of which the chain knows nothing."
+            raise BlockRobotError("STORE_UNAVAILABLE", detail) from error
+
+    async def _require_recorded(self, clip: SpooledClip) -> None:
+        """Raises NOT_PERMITTED if the record of this id is another's, TRANSACTION_EXPIRED if no node proves one yet."""
+        recorder = await self._network.find_recorder(clip.upload.record_id, clip.owner)
+        if recorder == "nobody":
+            raise BlockRobotError("TRANSACTION_EXPIRED", "No node proves the record that there is said to be.")
+        if recorder == "another":
+            raise _taken(clip)
+
     async def _deliver(self, name: str) -> None:
         async with self._loaded:
             await self._deliver_loaded(name, self._spool.get(name))
@@ -257,17 +295,19 @@ class Delivery:
     async def _deliver_loaded(self, name: str, clip: SpooledClip) -> None:
         try:
             txid, submitted = await self._record(clip)
+        except RecordedBefore:
+            self._spool.remove(name)
+            self._done_counts[clip.owner] += 1
+            return
         except BlockRobotError as error:
-            if error.code == "CLIP_ERASED":
-                # Its record was final before a restart, and the owner has erased it since: there is nothing to do.
-                self._spool.remove(name)
-            elif error.context.get("contract_code") == _NOT_OURS or self._is_overdue(clip, error):
-                # No chain will ever take it, and its pictures must not outlive their owner's say: they see a gap.
-                _log.error("clip_dropped", bucket_ms=clip.bucket_ms, code=error.context.get("contract_code"))
-                self._spool.remove(name)
-                self.dropped_count += 1
-            else:
+            if error.context.get("contract_code") not in {_NOT_OURS, _RECORD_EXISTS} and not self._is_overdue(
+                clip, error
+            ):
                 raise
+            # No chain will ever take it, and its pictures must not outlive their owner's say: they see a gap.
+            _log.error("clip_dropped", bucket_ms=clip.bucket_ms, code=error.context.get("contract_code"))
+            self._spool.remove(name)
+            self.dropped_count += 1
             self._done_counts[clip.owner] += 1
             return
         except ConsentEnded:
@@ -292,9 +332,11 @@ class Delivery:
             await self._on_dropped(clip)
 
     def _is_overdue(self, clip: SpooledClip, error: BlockRobotError) -> bool:
+        return self._is_old(clip) and error.context.get("contract_code") in _OVERDUE_CODES
+
+    def _is_old(self, clip: SpooledClip) -> bool:
         now_ms = self._network.now_ms()
-        is_old = min(clip.bucket_ms, clip.visit_bucket_ms) < now_ms - OVERDUE_AFTER_MS or clip.expires_at_ms <= now_ms
-        return is_old and error.context.get("contract_code") in _OVERDUE_CODES
+        return min(clip.bucket_ms, clip.visit_bucket_ms) < now_ms - OVERDUE_AFTER_MS or clip.expires_at_ms <= now_ms
 
     async def _delay(self) -> None:
         if self._delay_max_ms:
@@ -314,5 +356,10 @@ class Delivery:
         ]
         async with self._slots:
             return await self._final(
-                "records", "record", arguments, accepted=("OK", "RECORD_EXISTS"), clip=clip, upload=clip.upload
+                "records", "record", arguments, accepted=("OK", _RECORD_EXISTS), clip=clip, upload=clip.upload
             )
+
+
+def _taken(clip: SpooledClip) -> BlockRobotError:
+    detail = f"Another robot has recorded {clip.upload.record_id.hex()}, or keeps custodians from taking it."
+    return BlockRobotError("NOT_PERMITTED", detail, contract_code=_RECORD_EXISTS)

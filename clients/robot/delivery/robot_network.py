@@ -10,6 +10,7 @@ from typing import Any
 
 import structlog
 
+from clients.robot.delivery.delivery import CUSTODIANS_WORD, Recorder
 from clients.robot.hiding.background import EmptyFrame
 from clients.robot.identity.robot_keys import RobotIdentity
 from clients.sdk.chain.empty_frames import approve_frames, read_approved
@@ -21,7 +22,7 @@ from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
-from consensus.state.records import VISIT
+from consensus.state.records import RECORD, VISIT
 
 COPIES_DEFAULT_COUNT = 2
 COPIES_MAX_COUNT = 16
@@ -52,9 +53,16 @@ class RobotNetwork:
         """Return whether the chain proves the visit; the node learns the owner key."""
         return await proved_row(in_session(self._client, self._identity.identity), VISIT, owner) is not None
 
+    async def find_recorder(self, record_id: bytes, owner: bytes) -> Recorder:
+        found = await proved_row(in_session(self._client, self._identity.identity), RECORD, record_id)
+        if found is None:
+            return "nobody"
+        is_own = (found.robot, found.owner) == (self._identity.identity.public_key, owner)
+        return "this robot" if is_own else "another"
+
     async def upload(self, upload: ClipUpload) -> None:
         """To the clip's keepers, and to others while too few of them take it: a keeper fetches it from these once it is
-        back. Raises the last error if too few acknowledged.
+        back. Raises if too few acknowledged: what nothing can mend only if nobody took it.
         """
         await self._client.find_nodes(self._identity.identity)
         keepers, others = self._client.custody.rank(upload.record_id)
@@ -95,7 +103,7 @@ class RobotNetwork:
             lacking -= len(others) - len(refused)
         if lacking > 0:
             _log.warning("upload_refused", count=len(refusals))
-            raise refusals[-1]
+            raise _choose_refusal(refusals, is_taken=lacking < wanted)
 
     async def _send_to_each(
         self, send: Callable[[NodeAddress], Awaitable[object]], nodes: Sequence[NodeAddress]
@@ -109,3 +117,17 @@ class RobotNetwork:
             elif isinstance(refusal, BaseException):
                 raise refusal
         return refusals
+
+
+def _choose_refusal(refusals: Sequence[BlockRobotError], *, is_taken: bool) -> BlockRobotError:
+    """Whoever lies alone must not end a run: what can be asked of the chain first, then what may pass."""
+    for refusal in refusals:
+        if refusal.code in CUSTODIANS_WORD:
+            return refusal
+    for refusal in refusals:
+        if refusal.entry.retryable:
+            return refusal
+    if is_taken:
+        detail = f"Some custodians took it, another said {refusals[-1].code}."
+        return BlockRobotError("STORE_UNAVAILABLE", detail)
+    return refusals[-1]

@@ -15,9 +15,11 @@ import pytest
 from clients.robot.delivery.delivery import (
     CLIPS_LOADED_MAX_COUNT,
     DELIVERIES_AT_ONCE_MAX_COUNT,
+    OVERDUE_AFTER_MS,
     RETRY_MAX_MS,
     SUBMIT_DELAY_MAX_MS,
     Delivery,
+    Recorder,
 )
 from clients.robot.recording.spool import Delivered, Spool, SpooledClip
 from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
@@ -52,6 +54,7 @@ class FakeNetwork:
         self.refusals: list[str] = []
         self.close_refusals: list[str] = []
         self.upload_refusals: list[str] = []
+        self.others_records: set[bytes] = set()
         self.verdict: str = ""
         self.verdicts: dict[str, str] = {}
         self.answers_lost_count = 0
@@ -90,6 +93,13 @@ class FakeNetwork:
         self.asked_visits.append(owner)
         return owner in self.visits
 
+    async def find_recorder(self, record_id: bytes, owner: bytes) -> Recorder:
+        if self.question_refusals:
+            raise BlockRobotError(self.question_refusals.pop(0))
+        if record_id in self.others_records:
+            return "another"
+        return "this robot" if self.records.get(record_id) == owner else "nobody"
+
     async def submit_and_wait(self, transaction: Transaction) -> Receipt:
         self.calls.append((self.now_ms(), transaction.body.entry))
         self.at_once_count += 1
@@ -124,7 +134,7 @@ class FakeNetwork:
                 return "VISIT_UNKNOWN"
             if owner in self.closed:
                 return "VISIT_CLOSED"
-            if record_id in self.records:
+            if record_id in self.records or record_id in self.others_records:
                 return "RECORD_EXISTS"
             assert self.uploads[record_id].txid, "a record is submitted only after its upload"
             self.records[record_id] = owner
@@ -281,10 +291,67 @@ def test_one_bad_clip_does_not_keep_the_others_from_the_chain(tmp_path: Path) ->
 def test_a_clip_that_its_owner_erased_meanwhile_is_let_go(tmp_path: Path) -> None:
     """Killed after the record was final but before the clip left the spool: custodians say that it is erased."""
     run = Run(tmp_path)
+    stored = run.spool.get(run.names[0])
+    run.network.records[stored.upload.record_id] = stored.owner
     run.network.upload_refusals = ["CLIP_ERASED"]
-    run_virtual(run.deliver_all())
+    run.network.question_refusals = ["NODE_UNREACHABLE"]
+    run.network.upload_refusals.append("CLIP_ERASED")
+    delivery = run_virtual(run.deliver_all())
     assert run.spool.names() == []
     assert run.network.times("record") == []
+    assert delivery.dropped_count == 0
+
+
+def with_fresh_clip(folder: Path, age_ms: int = 0) -> Run:
+    run = Run(folder)
+    run.spool.remove(run.names[0])
+    bucket_ms = 1_800_000_900_000 - age_ms
+    fresh = {"bucket_ms": bucket_ms, "visit_bucket_ms": bucket_ms, "expires_at_ms": 1_900_000_000_000}
+    run.names = [run.spool.put(msgspec.structs.replace(clip(), **fresh))]
+    return run
+
+
+@pytest.mark.parametrize("code", ["CLIP_ERASED", "UPLOAD_CONFLICT"])
+def test_what_a_custodian_says_of_a_clip_is_believed_only_if_the_chain_proves_it(tmp_path: Path, code: str) -> None:
+    run = with_fresh_clip(tmp_path)
+    run.network.upload_refusals = [code] * 3
+    delivery = run_virtual(run.deliver_all())
+    assert (len(run.network.records), len(run.done), delivery.dropped_count, run.spool.names()) == (1, 1, 0, [])
+
+
+@pytest.mark.parametrize("code", ["CLIP_ERASED", "UPLOAD_CONFLICT"])
+def test_an_id_that_is_kept_from_a_robot_for_a_day_ends_with_a_gap_that_is_counted(tmp_path: Path, code: str) -> None:
+    run = with_fresh_clip(tmp_path, OVERDUE_AFTER_MS - 60_000)
+    run.network.upload_refusals = [code] * 10_000
+    delivery = run_virtual(run.deliver_all())
+    assert (run.network.records, run.done, delivery.dropped_count, run.spool.names()) == ({}, [], 1, [])
+
+
+@pytest.mark.parametrize("refused_by", ["the chain", "a custodian"])
+def test_a_record_of_this_id_that_another_robot_made_is_no_delivery(tmp_path: Path, refused_by: str) -> None:
+    run = Run(tmp_path, clips=2)
+    run.network.others_records = {run.spool.get(run.names[0]).upload.record_id}
+    if refused_by == "a custodian":
+        run.network.upload_refusals = ["UPLOAD_CONFLICT"]
+    delivery = run_virtual(run.deliver_all())
+    assert (len(run.network.records), len(run.done), delivery.dropped_count, run.spool.names()) == (1, 1, 1, [])
+
+
+def test_a_record_that_no_node_proves_yet_is_asked_for_again(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    run.network.answers_lost_count = 1
+    found, asked = run.network.find_recorder, list[bytes]()
+
+    async def behind(record_id: bytes, owner: bytes) -> Recorder:
+        asked.append(record_id)
+        return "nobody" if len(asked) == 1 else await found(record_id, owner)
+
+    run.network.find_recorder = behind  # type: ignore[method-assign]
+    delivery = run.delivery()
+    run.network.records[run.spool.get(run.names[0]).upload.record_id] = run.spool.get(run.names[0]).owner
+    run_virtual(run.deliver_all())
+    assert len(asked) == 2
+    assert (len(run.done), delivery.dropped_count, run.spool.names()) == (1, 0, [])
 
 
 def test_a_robot_killed_at_any_moment_delivers_everything_once(tmp_path: Path) -> None:
@@ -390,10 +457,7 @@ def test_a_visit_whose_key_another_robot_took_stops_no_robot(tmp_path: Path) -> 
 
 def test_a_fresh_clip_that_the_chain_calls_too_old_or_ahead_is_kept(tmp_path: Path) -> None:
     """Then a clock is wrong, which a person can put right."""
-    run = Run(tmp_path)
-    run.spool.remove(run.names[0])
-    fresh = {"bucket_ms": 1_800_000_900_000, "visit_bucket_ms": 1_800_000_900_000, "expires_at_ms": 1_900_000_000_000}
-    run.names = [run.spool.put(msgspec.structs.replace(clip(), **fresh))]
+    run = with_fresh_clip(tmp_path)
     run.network.verdict = "BUCKET_WRONG"
     assert refused(run.deliver_all()).code == "NOT_PERMITTED"
     assert run.spool.names() == run.names
