@@ -45,13 +45,13 @@ def pack_results(folder: Path, max_bytes: int = RESULTS_MAX_BYTES) -> bytes:
 
 
 def unpack_results(packed: bytes, folder: Path, max_bytes: int = RESULTS_MAX_BYTES) -> None:
-    """Raises CLUSTER_RESULT_FOREIGN if it is no such folder, or has more."""
+    """Files and folders only. Raises CLUSTER_RESULT_FOREIGN if it is no such folder, or has more."""
     try:
         with tarfile.open(fileobj=io.BytesIO(packed), mode="r:gz") as archive:
             total = 0
             for member in archive:
                 total += member.size
-                if total > max_bytes:
+                if total > max_bytes or not (member.isreg() or member.isdir()):
                     raise BlockRobotError("CLUSTER_RESULT_FOREIGN")
                 archive.extract(member, folder, filter="data")
     except (tarfile.TarError, OSError, EOFError) as error:

@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 
 from clients.robot.synthetic.scenario_bag import Scene, scenario_of
+from clients.sdk.new_files import replace_file
 from clients.sdk.terminal.terminal import home_folder
 from consensus.errors import BlockRobotError
 from network.bench.cluster import cluster_pool
@@ -154,4 +155,4 @@ def _drawn_by(outcomes: Sequence[Outcome], out: Path) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
+    replace_file(path, text.encode(), 0o644)

@@ -117,7 +117,6 @@ WRITES_BESIDE = {
     "network/lab/hosts/founded_network.py": "hosts that are made for a story",
     "network/lab/hosts/node_stories.py": "hosts that are made for a story",
     "network/lab/hosts/patient_story.py": "hosts that are made for a story",
-    "network/lab/year/out_folder.py": "a played hospital's folder, held by its mark",
     # files of the user's, made with O_EXCL and mode 0600
     "clients/wallet/presentation/guardian_sheets.py": "all sheets of a set or none",
     "clients/wallet/cli/mnemonic_handover.py": "words, where a file that holds the same ones will do",
@@ -128,7 +127,6 @@ WRITES_BESIDE = {
     "network/experiments/comparison.py": "an experiment's folder, held by its mark",
     "network/experiments/pages/process_map.py": "an experiment's folder",
     "network/experiments/pages/tables.py": "an experiment's folder",
-    "network/experiments/run_all.py": "an experiment's folder",
     "network/lab/hiding/companion_training.py": "a developer's model file",
     "network/lab/hiding/moving/body_training.py": "a developer's model files",
     "network/lab/pedestrians/evaluate.py": "a developer's cache of a film",

@@ -108,6 +108,7 @@ def year(days: int, members: int, robots: int, custodians: int, seed: int, out: 
     from network.lab.year.run_year import run_year  # noqa: PLC0415
 
     options = YearOptions(days, members, robots, custodians, seed)
+    out = out.absolute()
     with reserved_out(out):
         answer = run_to_end(run_year(options, out, lambda line: click.echo(line, err=True)))
         write_results(out, answer)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from clients.sdk.new_files import replace_file
 from network.lab.year.figures import HospitalYearAnswer
 from network.lab.year.year_page import build_page
 from network.provisioning.network_files import HALF_DONE
@@ -28,5 +29,5 @@ def reserved_out(out: Path) -> Iterator[None]:
 
 
 def write_results(out: Path, answer: HospitalYearAnswer) -> None:
-    (out / FIGURES_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(answer)) + b"\n")
-    (out / REPORT_FILE).write_text(build_page(answer), encoding="utf-8")
+    replace_file(out / FIGURES_FILE, msgspec.json.format(msgspec.json.encode(answer)) + b"\n", 0o644)
+    replace_file(out / REPORT_FILE, build_page(answer).encode(), 0o644)
