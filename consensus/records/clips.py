@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Annotated, TypeVar
+
+from msgspec import Meta
+
 from consensus.errors import BlockRobotError
 from consensus.limits import CIPHERTEXT_MAX_BYTES, CLIP_FRAMES_MAX_COUNT, CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import Wire
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 from consensus.records.commitments import ciphertext_leaf, ciphertext_root, commitment_root
 from consensus.records.envelopes import NONCE_BYTES, RECORD_ID_BYTES, SEALED_KEY_BYTES, TAG_BYTES
+
+T = TypeVar("T")
+OfFrames = Annotated[list[T], Meta(max_length=CLIP_FRAMES_MAX_COUNT)]
+"""One place for each frame; longer lists are refused before they are read."""
 
 
 class ClipUpload(Wire, frozen=True):
@@ -20,9 +28,9 @@ class ClipUpload(Wire, frozen=True):
     record_id: bytes
     txid: bytes
     valid_until_ms: int
-    ciphertexts: list[bytes]
-    sealed_keys: list[bytes]
-    commitment_leaves: list[bytes]
+    ciphertexts: OfFrames[bytes]
+    sealed_keys: OfFrames[bytes]
+    commitment_leaves: OfFrames[bytes]
     owner: bytes = b""
 
     @property
@@ -45,9 +53,9 @@ class ClipDownload(Wire, frozen=True):
 
     record_id: bytes
     txid: bytes
-    frames: list[FrameDownload]
-    commitment_leaves: list[bytes]
-    ciphertext_leaves: list[bytes]
+    frames: OfFrames[FrameDownload]
+    commitment_leaves: OfFrames[bytes]
+    ciphertext_leaves: OfFrames[bytes]
 
 
 def _refuse(detail: str) -> BlockRobotError:

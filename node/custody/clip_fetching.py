@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from itertools import islice
@@ -30,6 +31,8 @@ ReadFacts = Callable[[Sequence[bytes]], Mapping[bytes, RecordFacts]]
 FETCH_AT_ONCE_COUNT = 1_024
 """Between two of these rounds nothing is under way."""
 FETCHES_IN_FLIGHT_COUNT = 4
+PEER_FAILURES_MAX_COUNT = 3
+"""Of one round; who has failed so often, is slow or lies, is asked again in the next."""
 INSTALLS_IN_FLIGHT_COUNT = 2
 """For one of them keys are made, while the one before it is written."""
 INSTALL_AT_ONCE_MAX_BYTES = 3 * 1024 * 1024
@@ -142,7 +145,7 @@ class ClipFetcher:
             mended.update(replaced)
             return len(replaced)
 
-        await self._fetch_each(damaged, peers, keep, whole=True)
+        await self._fetch_each(damaged, peers, keep)
         return mended
 
     async def repair_clips(self, fetched: Sequence[ClipDownload], read_facts: ReadFacts) -> list[bytes]:
@@ -180,21 +183,20 @@ class ClipFetcher:
         await self._store.replace_frames(clip.record_id, rows)
         return [*old, *slots[len(present) :]]
 
-    async def _fetch_each(
-        self, wanted: Sequence[RecordFacts], peers: Sequence[PeerCustodian], keep: Keep, *, whole: bool = False
-    ) -> int:
-        """Return how many were kept. `whole`: copies that lack a frame which is not erased are passed over.
+    async def _fetch_each(self, wanted: Sequence[RecordFacts], peers: Sequence[PeerCustodian], keep: Keep) -> int:
+        """Return how many were kept. Copies that lack a frame which is not erased are passed over.
 
-        Keepers are asked first, of these who answered fastest. While some are fetched, those before them are stored, many
-        at once.
+        Keepers are asked first, of these who answered fastest, and nobody who has failed three times. While some are
+        fetched, those before them are stored, many at once.
         """
-        due, fetched = iter(wanted), list[ClipDownload]()
+        due, fetched, failures = iter(wanted), list[ClipDownload](), Counter[str]()
         installs, turns = list[asyncio.Task[int]](), asyncio.Semaphore(INSTALLS_IN_FLIGHT_COUNT)
         placement = self._find_placement()
 
         def in_turn(record_id: bytes) -> list[PeerCustodian]:
             keepers = placement.keepers(record_id)
-            return sorted(peers, key=lambda peer: (peer.member not in keepers, self._waited_s.get(peer.name, 0.0)))
+            asked = [peer for peer in peers if failures[peer.name] < PEER_FAILURES_MAX_COUNT]
+            return sorted(asked, key=lambda peer: (peer.member not in keepers, self._waited_s.get(peer.name, 0.0)))
 
         async def install(batch: Sequence[ClipDownload]) -> int:
             try:
@@ -203,7 +205,7 @@ class ClipFetcher:
                 turns.release()
 
         async def fetch() -> None:
-            async for batch in self._fetch_in_turn(due, in_turn, fetched, whole=whole):
+            async for batch in self._fetch_in_turn(due, in_turn, fetched, failures):
                 await turns.acquire()
                 installs.append(group.create_task(install(batch)))
 
@@ -216,43 +218,48 @@ class ClipFetcher:
         return sum(work.result() for work in installs) + (await keep(fetched) if fetched else 0)
 
     async def _fetch_in_turn(
-        self, due: Iterator[RecordFacts], in_turn: InTurn, fetched: list[ClipDownload], *, whole: bool
+        self, due: Iterator[RecordFacts], in_turn: InTurn, fetched: list[ClipDownload], failures: Counter[str]
     ) -> AsyncIterator[list[ClipDownload]]:
         """Batches to be installed; the last ones, too few for one, stay in `fetched`."""
         for facts in due:
             if not self._has_room(_ROOM_BYTES):
                 log.warning("clips_not_fetched", code="DISK_RESERVE_REACHED")
                 break
-            if clip := await self._fetch_from_any(facts, in_turn(facts.record_id), whole=whole):
+            if clip := await self._fetch_from_any(facts, in_turn(facts.record_id), failures):
                 fetched.append(clip)
             if sum(len(frame.ciphertext) for clip in fetched for frame in clip.frames) >= INSTALL_AT_ONCE_MAX_BYTES:
                 batch, fetched[:] = fetched[:], []
                 yield batch
 
     async def _fetch_from_any(
-        self, facts: RecordFacts, peers: Sequence[PeerCustodian], *, whole: bool
+        self, facts: RecordFacts, peers: Sequence[PeerCustodian], failures: Counter[str]
     ) -> ClipDownload | None:
         for peer in peers:
             try:
-                fetched = await self._fetch_timed(peer, facts.record_id)
-                if fetched is not None and fetched.record_id == facts.record_id:
-                    check_fetched(fetched, facts)
-                    if not whole or _is_whole(fetched, facts):
-                        return fetched
-                    log.info("custody_copy_not_whole", peer=peer.name)
+                fetched = await self._fetch_checked(peer, facts)
             except BlockRobotError as error:
                 log.info("custody_fetch_refused", peer=peer.name, code=error.code)
+                self._waited_s[peer.name] = math.inf
+                failures[peer.name] += 1
+                continue
+            if fetched is not None:
+                return fetched
         return None
 
-    async def _fetch_timed(self, peer: PeerCustodian, record_id: bytes) -> ClipDownload | None:
+    async def _fetch_checked(self, peer: PeerCustodian, facts: RecordFacts) -> ClipDownload | None:
+        """None if this peer has no whole copy. Raises as `check_fetched`, and what the peer's answer comes to."""
         now_s = asyncio.get_running_loop().time
         begun_s = now_s()
-        try:
-            fetched = await peer.fetch(record_id)
-        except BlockRobotError:
-            self._waited_s[peer.name] = math.inf
-            raise
+        fetched = await peer.fetch(facts.record_id)
+        if fetched is not None:
+            if fetched.record_id != facts.record_id:
+                raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer sent another record's clip.")
+            check_fetched(fetched, facts)
         self._waited_s[peer.name] = now_s() - begun_s
+        if fetched is not None and not _is_whole(fetched, facts):
+            log.info("custody_copy_not_whole", peer=peer.name)
+            self._waited_s[peer.name] = math.inf
+            return None
         return fetched
 
     async def _choose_missing(self) -> list[RecordFacts]:

@@ -10,9 +10,16 @@ import msgspec
 import pytest
 
 from consensus.errors import BlockRobotError
+from consensus.limits import CLIP_FRAMES_MAX_COUNT
+from consensus.primitives.encoding import decode, encode
 from consensus.records.clips import ClipDownload, FrameDownload
 from node.custody import clip_fetching
-from node.custody.clip_fetching import FETCHES_IN_FLIGHT_COUNT, INSTALLS_IN_FLIGHT_COUNT
+from node.custody.clip_fetching import (
+    FETCHES_IN_FLIGHT_COUNT,
+    INSTALLS_IN_FLIGHT_COUNT,
+    PEER_FAILURES_MAX_COUNT,
+    check_fetched,
+)
 from node.custody.stores.custody_store import BlockEffects, RecordFacts
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, CustodianHarness, read_all, refused
 from tests.offchain.small_chain import (
@@ -218,7 +225,8 @@ async def test_a_false_clip_from_a_peer_is_not_installed(opened: CustodianHarnes
         (msgspec.structs.replace(good, frames=good.frames[:2]), "UPLOAD_INVALID"),
     ]
     for download, code in false:
-        await refused(code, opened.custodian.install(download))
+        with pytest.raises(BlockRobotError, match=code):
+            check_fetched(download, (await opened.custodian.missing(1))[0])
         assert await opened.custodian.fetch_missing([Peer(download)]) == 0
     assert opened.keys.held_count == 0
     assert len(await opened.custodian.missing(10)) == 1
@@ -233,11 +241,51 @@ async def test_frames_erased_while_a_clip_was_missing_do_not_come_back_with_it(o
     assert opened.keys.held_count == 2
 
 
-async def test_frames_that_the_peer_has_erased_already_are_installed_as_erased(opened: CustodianHarness) -> None:
+@pytest.mark.parametrize("erased", [(0,), (0, 1, 2)])
+async def test_frames_that_only_a_peer_calls_erased_are_asked_of_another(
+    opened: CustodianHarness, erased: tuple[int, ...]
+) -> None:
+    """It may be ahead of this custodian, or lie."""
     clip = record_clip()
     await opened.follow(recorded(clip))
-    assert await opened.custodian.install(held_by_peer(clip, erased=(0,)))
+    ahead = Peer(held_by_peer(clip, erased=erased))
+    assert await opened.custodian.fetch_missing([ahead]) == 0
+    assert len(await opened.custodian.missing(10)) == 1
+    assert await opened.custodian.fetch_missing([ahead, Peer(held_by_peer(clip))]) == 1
+    assert read_all(clip, await opened.custodian.export(clip.record_id)) == list(clip.plaintexts)
+
+
+async def test_frames_that_the_chain_and_the_peer_have_erased_are_installed_as_erased(opened: CustodianHarness) -> None:
+    clip = record_clip()
+    await opened.follow(recorded(clip))
+    await opened.follow(erasure(ERASURE_ID, clip, frames=(0,)))
+    assert await opened.custodian.fetch_missing([Peer(held_by_peer(clip, erased=(0,)))]) == 1
     assert read_all(clip, await opened.custodian.export(clip.record_id)) == [None, *clip.plaintexts[1:]]
+
+
+async def test_a_peer_that_fails_again_and_again_is_left_alone_until_the_next_round(opened: CustodianHarness) -> None:
+    """Or records of a robot that lies, which nobody else has, keep what others have away for hours."""
+    clips, asked = [record_clip() for _ in range(AT_ONCE_COUNT)], list[bytes]()
+    await opened.follow(*(recorded(clip) for clip in clips))
+
+    class Liar(Peer):
+        name = "liar"
+
+        async def fetch(self, record_id: bytes) -> ClipDownload | None:
+            asked.append(record_id)
+            return held_by_peer(record_clip())
+
+    for _ in range(2):
+        asked.clear()
+        await opened.custodian.fetch_missing([Liar()])
+        assert PEER_FAILURES_MAX_COUNT <= len(asked) < PEER_FAILURES_MAX_COUNT + FETCHES_IN_FLIGHT_COUNT
+
+
+def test_a_list_longer_than_a_clip_has_frames_is_refused_before_it_is_read() -> None:
+    clip = held_by_peer(record_clip())
+    too_many = msgspec.structs.replace(clip, frames=clip.frames[:1] * (CLIP_FRAMES_MAX_COUNT + 1))
+    with pytest.raises(BlockRobotError, match="ENCODING_INVALID"):
+        decode(encode(too_many), ClipDownload)
 
 
 async def test_a_record_erased_while_its_clip_was_missing_stays_away(opened: CustodianHarness) -> None:
@@ -245,7 +293,7 @@ async def test_a_record_erased_while_its_clip_was_missing_stays_away(opened: Cus
     await opened.follow(recorded(clip))
     await opened.follow(erasure(ERASURE_ID, clip))
     assert await opened.custodian.missing(10) == []
-    assert await opened.custodian.install(held_by_peer(clip)) is False
+    assert await opened.custodian.install_checked([held_by_peer(clip)]) == 0
     await refused("CLIP_ERASED", opened.custodian.stage(clip.upload))
     assert [call for call, _ in await opened.ready_outbox()] == ["erasure.receipt"]
 

@@ -59,6 +59,8 @@ VAIN_CODES = frozenset({"RECEIPT_EXISTS", "RELEASE_EXISTS", "REFUSAL_EXISTS", "N
 CLIP_ABSENT_CODES = frozenset({"NOT_FOUND", "CLIP_NOT_CONFIRMED", "CLIP_ERASED"})
 CLIP_PART_BYTES = 1024 * 1024
 CLIP_WIRE_MAX_BYTES = CLIP_SIZE_MAX_BYTES + 1024 * 1024
+CLIP_MAX_MS = 30_000
+"""For all parts of one: some 0.6 MiB a second for the largest."""
 CLIPS_SERVED_KEPT_COUNT = FETCHES_IN_FLIGHT_COUNT
 """Of clips in parts; fewer, and each part of what one custodian fetches would read its clip again."""
 RETRY_MS = 500
@@ -96,6 +98,13 @@ class PeerLink:
 
     async def fetch(self, record_id: bytes) -> ClipDownload | None:
         """Return a confirmed clip, or None. Raises PEER_*, ENCODING_*."""
+        try:
+            async with asyncio.timeout(CLIP_MAX_MS / 1000):
+                return await self._fetch(record_id)
+        except TimeoutError:
+            raise BlockRobotError("PEER_UNAVAILABLE", "The peer takes too long for a clip.") from None
+
+    async def _fetch(self, record_id: bytes) -> ClipDownload | None:
         data = bytearray()
         while True:
             request = ClipRequest(record_id=record_id, offset=len(data))
@@ -215,11 +224,11 @@ class CustodyCoordinator:
 
     # What clients ask (`CustodyService`)
 
-    async def stage(self, upload: ClipUpload, robot: bytes) -> None:
+    async def stage(self, upload: ClipUpload, robot: bytes, *, is_new: bool = True) -> None:
         """Raises CLIP_ERASED, STORE_UNAVAILABLE, VISIT_NOT_OPEN, and UPLOAD_* as the custodian."""
         with self.admission.refused.noted(robot):
             await self.admission.wait_for_visit(upload.record_id, upload.owner, robot)
-            await self._custodian.stage(upload, self.admission.read_terms(robot))
+            await self._custodian.stage(upload, self.admission.read_terms(robot), is_new=is_new)
         self._wake_outbox.set()
 
     async def describe_uploads(

@@ -17,7 +17,7 @@ from consensus.limits import DAY_MS
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.records.clips import ClipDownload
+from consensus.records.clips import ClipDownload, FrameDownload
 from consensus.records.sharing import SharedRequest
 from consensus.state.identity import CUSTODIAN, ROOM, CustodianRow, RoomRow
 from node.custody.coordination.custody_coordinator import (
@@ -298,8 +298,8 @@ async def test_what_others_are_submitted_before_is_not_signed_again_and_its_refu
 
 
 async def test_a_large_clip_comes_over_in_parts_and_whole(rig: Rig) -> None:
-    leaves = [bytes([number % 256]) * 32 for number in range(70_000)]
-    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], leaves, [])
+    frames = [FrameDownload(number, False, bytes([number]) * 70_000, bytes(80)) for number in range(32)]
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), frames, [], [])
     asked: list[int] = []
 
     async def request(peer: str, kind: RequestKind, body: bytes) -> bytes:
@@ -317,8 +317,8 @@ async def test_a_large_clip_comes_over_in_parts_and_whole(rig: Rig) -> None:
 async def test_what_is_erased_or_quarantined_between_two_parts_does_not_leave_and_is_forgotten(
     rig: Rig, code: str
 ) -> None:
-    leaves = [bytes([number % 256]) * 32 for number in range(70_000)]
-    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], leaves, [])
+    frames = [FrameDownload(number, False, bytes([number]) * 70_000, bytes(80)) for number in range(32)]
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), frames, [], [])
     first = encode(ClipRequest(record_id=bytes(16), offset=0))
     assert decode(await rig.custody.serve_peer("node-2", RequestKind.CLIP, first), ClipPart).data
     assert rig.custody._served
@@ -456,8 +456,8 @@ async def test_blocks_that_are_final_and_not_stored_yet_are_followed_too_before_
 
 async def test_after_a_block_no_part_of_a_clip_is_as_it_was_kept_before(rig: Rig) -> None:
     """The block may have erased frames: the next part is read anew, and of the old ones memory holds nothing."""
-    leaves = [bytes([number % 256]) * 32 for number in range(70_000)]
-    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], leaves, [])
+    frames = [FrameDownload(number, False, bytes([number]) * 70_000, bytes(80)) for number in range(32)]
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), frames, [], [])
     await rig.finalize(0)
     await rig.finalize(1)
     await rig.custody.start()
@@ -465,7 +465,7 @@ async def test_after_a_block_no_part_of_a_clip_is_as_it_was_kept_before(rig: Rig
     first = encode(ClipRequest(record_id=bytes(16), offset=0))
     await rig.custody.serve_peer("node-2", RequestKind.CLIP, first)
     assert rig.custody._served
-    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], leaves[:40_000], [])
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), frames[:20], [], [])
     await rig.finalize(2)
     await rig.followed(2)
     assert not rig.custody._served
