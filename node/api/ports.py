@@ -34,8 +34,8 @@ class LedgerReader(Protocol):
 class UploadAdmissionService(Protocol):
     """Admits a robot's uploads before their bodies, reserving room and quota."""
 
-    def clip(self, record_id: bytes, owner: bytes, size_bytes: int, robot: bytes) -> AbstractAsyncContextManager[None]:
-        """Admit a clip. Raises VISIT_NOT_OPEN, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED, RATE_LIMITED."""
+    def clip(self, record_id: bytes, owner: bytes, size_bytes: int, robot: bytes) -> AbstractAsyncContextManager[bool]:
+        """Whether the clip is new. Raises VISIT_NOT_OPEN, UPLOAD_QUOTA_EXCEEDED, DISK_RESERVE_REACHED, RATE_LIMITED."""
         ...
 
     def background(self, digest: bytes, size_bytes: int, robot: bytes) -> AbstractAsyncContextManager[None]:
@@ -52,7 +52,7 @@ class CustodyService(Protocol):
     @property
     def admission(self) -> UploadAdmissionService: ...
 
-    async def stage(self, upload: ClipUpload, robot: bytes) -> None:
+    async def stage(self, upload: ClipUpload, robot: bytes, *, is_new: bool = True) -> None:
         """Store an admitted clip until its record is final. Idempotent.
 
         Raises UPLOAD_INVALID, UPLOAD_CONFLICT, UPLOAD_HASH_MISMATCH, UPLOAD_QUOTA_EXCEEDED, VISIT_NOT_OPEN,

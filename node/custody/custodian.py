@@ -20,7 +20,7 @@ from consensus.records.clips import ClipDownload, FrameDownload
 from consensus.records.placement import Placement
 from node.custody.block_effects import BlockApplier, build_release, only_records
 from node.custody.chain_facts import ChainFacts
-from node.custody.clip_fetching import ClipFetcher, check_fetched, parts_of
+from node.custody.clip_fetching import ClipFetcher, parts_of
 from node.custody.erase_keys import ErasableKeys, unwrap_key, wipe_keys, wrap_frames
 from node.custody.erasure import Eraser
 from node.custody.finalized_events import FinalizedEvents
@@ -243,14 +243,16 @@ class Custodian(UploadService, ShareService, ClipFetcher):
                 del due[: max(taken, 1)]
 
     async def _close_in_turns(self, point: Checkpoint) -> None:
-        """Of many clips that lapse or expire together some at a time, so that uploads wait for no more than those."""
+        """Of many clips that expire together some at a time, so that uploads wait for no more than those.
+
+        Of those that lapse some with each block: nobody waits for their end, and blocks would.
+        """
         is_more = True
         while is_more:
             async with self._writing:
-                is_more = await self._drop_some_lapsed(point.timestamp_ms) or await self._eraser.erase_some_expired(
-                    point.timestamp_ms, point.height
-                )
+                is_more = await self._eraser.erase_some_expired(point.timestamp_ms, point.height)
                 if not is_more:
+                    await self._drop_some_lapsed(point.timestamp_ms)
                     await self._close_block(point)
 
     async def _drop_some_lapsed(self, at_ms: int) -> bool:
@@ -300,6 +302,8 @@ class Custodian(UploadService, ShareService, ClipFetcher):
                 return
             await self._eraser.finish()
             await self.reconciliation(facts).apply()
+            while await self._drop_some_lapsed(point.timestamp_ms):
+                pass
             await self._close_block(point)
 
     async def report_expired(self, facts: ChainFacts) -> None:
@@ -309,8 +313,6 @@ class Custodian(UploadService, ShareService, ClipFetcher):
             await self._eraser.finish()
 
     async def _close_block(self, point: Checkpoint) -> None:
-        while await self._drop_some_lapsed(point.timestamp_ms):
-            pass
         await self._shares.close_block(point.timestamp_ms)
         await self._eraser.erase_expired(point.timestamp_ms, point.height)
         await self._eraser.finish()
@@ -446,14 +448,6 @@ class Custodian(UploadService, ShareService, ClipFetcher):
 
     async def missing(self, limit: int) -> list[RecordFacts]:
         return await self._store.missing(limit)
-
-    async def install(self, fetched: ClipDownload) -> bool:
-        """Store a missing clip from another custodian; False if not missing. Raises as `check_fetched`."""
-        facts = (await self._store.missing_clips([fetched.record_id])).get(fetched.record_id)
-        if facts is None:
-            return False
-        check_fetched(fetched, facts)
-        return bool(await self.install_checked([fetched]))
 
     async def install_checked(self, fetched: Sequence[ClipDownload]) -> int:
         """Store those that are still missing; return how many. The caller checked them against the chain's roots."""

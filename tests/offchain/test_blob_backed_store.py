@@ -275,6 +275,19 @@ async def test_blobs_that_no_row_names_go_with_their_clip(house: CustodianHarnes
     assert [name async for name in store._blobs.names()] == [OWNER_NAME]
 
 
+async def test_however_many_blobs_somebody_puts_under_a_clips_name_it_is_erased(
+    house: CustodianHarness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blob_backed_store, "LISTED_MAX_COUNT", 3)
+    clip = await house.keep()
+    path = await path_of(house, clip, tmp_path)
+    for number in range(10):
+        path.with_name(f"{path.name[:-16]}{number:016x}").write_bytes(b"x")
+    await house.follow(erasure(ERASURE_ID, clip))
+    assert [call for call, _ in await house.ready_outbox()] == ["erasure.receipt"]
+    assert [*path.parent.iterdir()] == []
+
+
 async def test_blobs_that_no_row_names_are_swept_and_others_names_are_left_alone(
     house: CustodianHarness, tmp_path: Path
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
@@ -220,10 +221,18 @@ async def test_of_one_clips_blobs_there_is_an_end_and_no_other_name_is_deleted(
         assert [line.partition("?")[0] for line in deleted] == [f"DELETE /clips/ward/{wanted[0]}"]
         liar.lies["list"] = saying(page(f"ward/{other.name(RECORD, bytes(8))}"))
         await refused(store._delete_all(RECORD), "not asked for")
+        assert [line for line in liar.asked if line.startswith("DELETE")] == deleted
         liar.lies["list"] = saying(page(*(f"ward/{name}" for name in wanted)))
-        monkeypatch.setattr(blob_backed_store, "GENERATIONS_MAX_COUNT", 7)
+        await refused(store._delete_all(RECORD), "after it was deleted")
+        monkeypatch.setattr(blob_backed_store, "LISTS_MAX_COUNT", 3)
+        numbers = itertools.count(100)
+
+        async def always_new(_request: web.Request) -> web.Response:
+            return web.Response(text=page(f"ward/{names.name(RECORD, next(numbers).to_bytes(8))}"))
+
+        liar.lies["list"] = always_new
         await refused(store._delete_all(RECORD), "without an end")
-    assert [line for line in liar.asked if line.startswith("DELETE")] == deleted
+        assert next(numbers) == 103
 
 
 async def test_an_answer_of_the_wrong_form_is_a_failure_of_the_server(liar: Liar, place: ClipsPlace) -> None:

@@ -312,8 +312,18 @@ async def test_a_known_clip_that_comes_again_and_again_takes_no_room_and_few_pla
         assert reserve.has_room(39 * MIB_BYTES)
         async with admission.clip(bytes(16), ALICE, 16 * MIB_BYTES, STRANGER):
             pass
-    async with admission.clip(known, ALICE, 16 * MIB_BYTES, ROBOT):
-        pass
+    async with admission.clip(known, ALICE, 16 * MIB_BYTES, ROBOT) as is_new:
+        assert not is_new
+
+
+async def test_a_clip_that_is_dropped_while_it_comes_again_takes_no_room_that_was_not_kept_for_it(
+    opened: CustodianHarness,
+) -> None:
+    clip = record_clip()
+    await refused("STORE_UNAVAILABLE", opened.custodian.stage(clip.upload, is_new=False))
+    assert (await opened.store.clips([clip.record_id]), opened.keys.held_count) == ({}, 0)
+    await opened.custodian.stage(clip.upload)
+    await opened.custodian.stage(clip.upload, is_new=False)
 
 
 async def test_no_robot_alone_holds_the_whole_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

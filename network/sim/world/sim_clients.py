@@ -158,8 +158,8 @@ class SimClient:
         async def stage() -> None:
             charge(COSTS.call)
             try:
-                async with custody.admission.clip(upload.record_id, upload.owner, upload.size_bytes, sender):
-                    await custody.stage(upload, sender)
+                async with custody.admission.clip(upload.record_id, upload.owner, upload.size_bytes, sender) as new:
+                    await custody.stage(upload, sender, is_new=new)
             except BlockRobotError as error:
                 if error.code == "CLIP_ERASED":
                     self._takers.setdefault(upload.record_id, set()).add(GONE)

@@ -26,8 +26,10 @@ from node.custody.stores.custody_store import ClipRow, CustodyStore, FrameRow, U
 Write = Callable[[Mapping[bytes, Sequence[FrameRow]]], Awaitable[Unwritten]]
 log = structlog.get_logger(__name__)
 
-GENERATIONS_MAX_COUNT = 1_000
-"""Of one record's blobs; a write ends those before it, so there are more than two only after many cuts."""
+LISTED_MAX_COUNT = 1_000
+"""Of one record's blobs, deleted before the next are listed; a write ends those before it, so there are more than two only
+after many cuts, or if somebody puts them there."""
+LISTS_MAX_COUNT = 1_000
 NAMES_AT_ONCE_COUNT = 1_024
 """Blobs that a sweep looks up in the index together."""
 REFERENCE = struct.Struct(f">{GENERATION_BYTES}sII")
@@ -183,26 +185,32 @@ class BlobBackedStore:
     async def _delete_all(self, record_id: bytes, named: Collection[str] = (), spared: Collection[str] = ()) -> None:
         """All but `spared`; first those that rows have `named`, so that one list is enough to see that none is left.
 
-        Raises STORE_UNAVAILABLE if one is still there.
+        Raises STORE_UNAVAILABLE if one is still there, or there are new ones without an end.
         """
         await self._delete(named)
-        if left := await self._listed(record_id, spared):
-            await self._delete(left)
-            if await self._listed(record_id, spared):
+        deleted = set[str]()
+        for _ in range(LISTS_MAX_COUNT):
+            left = await self._listed(record_id, spared)
+            if not left:
+                return
+            if not deleted.isdisjoint(left):
                 detail = "The store of clips still has a blob after it was deleted."
                 raise BlockRobotError("STORE_UNAVAILABLE", detail)
+            await self._delete(left)
+            deleted.update(left)
+        raise BlockRobotError("STORE_UNAVAILABLE", "The store of clips names one clip's blobs without an end.")
 
     async def _delete(self, names: Collection[str]) -> None:
         await for_each(list(names), self._blobs.delete)
 
     async def _listed(self, record_id: bytes, spared: Collection[str]) -> list[str]:
+        """Some of them."""
         found: list[str] = []
         async for name in self._blobs.names(self._names.prefix(record_id)):
-            if self._names.read(name) is None or name in spared:
-                continue
-            if len(found) >= GENERATIONS_MAX_COUNT:
-                raise BlockRobotError("STORE_UNAVAILABLE", "The store of clips names one clip's blobs without an end.")
-            found.append(name)
+            if self._names.read(name) is not None and name not in spared:
+                found.append(name)
+            if len(found) == LISTED_MAX_COUNT:
+                break
         return found
 
 

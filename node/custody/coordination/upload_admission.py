@@ -75,12 +75,12 @@ class UploadAdmission:
             return
 
     @asynccontextmanager
-    async def clip(self, record_id: bytes, owner: bytes, size_bytes: int, robot: bytes) -> AsyncIterator[None]:
-        """Raises VISIT_NOT_OPEN and as `background`."""
+    async def clip(self, record_id: bytes, owner: bytes, size_bytes: int, robot: bytes) -> AsyncIterator[bool]:
+        """Whether it is new; room is kept for those that are. Raises VISIT_NOT_OPEN and as `background`."""
         content = ("clip", robot + record_id)
         wait = partial(self.wait_for_visit, record_id, owner, robot)
-        async with self._let_in(robot, content, size_bytes, wait, partial(self._custodian.holds, record_id)):
-            yield
+        async with self._let_in(robot, content, size_bytes, wait, partial(self._custodian.holds, record_id)) as is_new:
+            yield is_new
 
     @asynccontextmanager
     async def background(self, digest: bytes, size_bytes: int, robot: bytes) -> AsyncIterator[None]:
@@ -98,19 +98,20 @@ class UploadAdmission:
         size_bytes: int,
         wait: Callable[[], Awaitable[None]],
         is_known: Callable[[], Awaitable[bool]],
-    ) -> AsyncIterator[None]:
+    ) -> AsyncIterator[bool]:
         whose = self.handle_of(robot) or robot
         with ExitStack() as held:
             held.enter_context(self._place(("robot", whose), UPLOADS_OF_ROBOT_MAX_COUNT))
             held.enter_context(self._place(content, UPLOADS_OF_CONTENT_MAX_COUNT))
             with self.refused.noted(robot):
                 await wait()
-                if not await is_known():
+                is_new = not await is_known()
+                if is_new:
                     await self._custodian.require_quota(size_bytes, self.read_terms(robot), self.in_flight)
                     # Nothing is awaited from the judgement on: what is let in next sees this.
                     held.enter_context(self._hold_room(whose, size_bytes))
                     held.enter_context(self._on_its_way(robot, Use(1, size_bytes)))
-            yield
+            yield is_new
 
     @contextmanager
     def _place(self, what: tuple[str, bytes], most: int) -> Iterator[None]:

@@ -44,11 +44,11 @@ class UploadService:
 
         async def _settle_missing(self, missing: Sequence[RecordFacts]) -> None: ...
 
-    async def stage(self, upload: ClipUpload, terms: UploadTerms | None = None) -> None:
+    async def stage(self, upload: ClipUpload, terms: UploadTerms | None = None, *, is_new: bool = True) -> None:
         """Store a clip until its record is final, or confirm at once. Idempotent.
 
-        With `terms` it counts for its robot's quotas. Raises UPLOAD_INVALID (sizes, expiry), UPLOAD_CONFLICT,
-        UPLOAD_HASH_MISMATCH, CLIP_ERASED, TRANSACTION_EXPIRED, UPLOAD_QUOTA_EXCEEDED.
+        With `terms` it counts for its robot's quotas. `is_new`: room was kept for it. Raises UPLOAD_INVALID (sizes,
+        expiry), UPLOAD_CONFLICT, UPLOAD_HASH_MISMATCH, CLIP_ERASED, TRANSACTION_EXPIRED, UPLOAD_QUOTA_EXCEEDED.
         """
         check_clip_upload(upload)
         leaves = await asyncio.to_thread(ciphertext_leaves, upload.ciphertexts, upload.sealed_keys)
@@ -67,6 +67,10 @@ class UploadService:
             _require_same(clip, known)
             if await self._keep_again(clip):
                 return
+        if not is_new:
+            raise BlockRobotError(
+                "STORE_UNAVAILABLE", "The clip was dropped while it was brought again; send it again."
+            )
         await self._require_in_time(clip, facts)
         await self.require_quota(clip.size_bytes, terms)  # before any key is made for it, which is flushed to the disk
         _require_awaited(clip, facts)

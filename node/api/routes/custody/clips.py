@@ -29,12 +29,12 @@ def custody_of(call: Call) -> CustodyService:
 async def _upload(call: Call) -> web.StreamResponse:
     custody = custody_of(call)
     record_id, owner = call.bytes_of("record_id"), call.bytes_of("owner")
-    async with custody.admission.clip(record_id, owner, call.body_size_bytes, call.caller):
+    async with custody.admission.clip(record_id, owner, call.body_size_bytes, call.caller) as is_new:
         upload = decode(await call.body(), ClipUpload)
         if (upload.record_id, upload.owner) != (record_id, owner):
             raise BlockRobotError("UPLOAD_INVALID", "The upload is for another record or visit than its address says.")
         check_clip_upload(upload)
-        await custody.stage(upload, call.caller)
+        await custody.stage(upload, call.caller, is_new=is_new)
     return json_answer(UploadAnswer(record_id=record_id.hex(), status="staged"))
 
 

@@ -343,7 +343,7 @@ class FakeCustody:
             raise BlockRobotError(self.refuses)
         yield
 
-    async def stage(self, upload: ClipUpload, robot: bytes) -> None:
+    async def stage(self, upload: ClipUpload, robot: bytes, *, is_new: bool = True) -> None:
         self.staged[upload.record_id] = (upload, robot)
 
     async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
