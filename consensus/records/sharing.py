@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import Annotated
+
+from msgspec import Meta
 
 from consensus.errors import BlockRobotError
 from consensus.limits import CIPHERTEXT_MAX_BYTES, CLIP_FRAMES_MAX_COUNT
 from consensus.primitives.encoding import Wire, decode, encode
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256, tagged_hash
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES, PrivateKey
-from consensus.records.clips import ClipDownload
+from consensus.records.clips import ClipDownload, OfFrames
 from consensus.records.commitments import ciphertext_leaf, ciphertext_root, commitment_root
 from consensus.records.envelopes import DATA_KEY_BYTES, RECORD_ID_BYTES, open_bytes, open_sealed, seal_bytes, seal_to
 from consensus.records.owner_keys import VisitKeys, derive_owner_key, open_visit_keys, scan_announcement
@@ -46,7 +49,7 @@ class GrantUpload(Wire, frozen=True):
     valid_until_ms: int
     record_id: bytes
     package: bytes
-    parts: list[KeyPart]
+    parts: Annotated[list[KeyPart], Meta(max_length=PARTS_MAX_COUNT)]
 
 
 class SharedRequest(Wire, frozen=True):
@@ -73,11 +76,11 @@ class SharedDownload(Wire, frozen=True):
 
     record_id: bytes
     custodian: bytes
-    frames: list[SharedFrame]
-    commitment_leaves: list[bytes]
-    ciphertext_leaves: list[bytes]
+    frames: OfFrames[SharedFrame]
+    commitment_leaves: OfFrames[bytes]
+    ciphertext_leaves: OfFrames[bytes]
     package: bytes
-    parts: list[KeyPart]
+    parts: Annotated[list[KeyPart], Meta(max_length=PARTS_MAX_COUNT)]
 
 
 class _FrameKey(Wire, frozen=True):
@@ -88,7 +91,7 @@ class _FrameKey(Wire, frozen=True):
 class _KeyPack(Wire, frozen=True):
     grantee: bytes
     record_id: bytes
-    keys: list[_FrameKey]
+    keys: OfFrames[_FrameKey]
 
 
 # The grantee's one-time key
