@@ -417,9 +417,10 @@ class MongoStore(MongoShares, MongoUploads):
         with _answering():
             hidden = await self._collection("clips").update_many(staged, {"$set": {"status": STAGING}})
         if hidden.matched_count:
-            found = [row["_id"] for row in await self._many("clips", staged | {"status": STAGING}, fields=("_id",))]
+            rows_now = await self._many("clips", {"_id": staged["_id"]}, fields=("_id", "status"))
+            found = [row["_id"] for row in rows_now if row["status"] == STAGING]
             await self._delete("frames", {"record_id": {"$in": found}})
-            await self._delete("clips", {"_id": {"$in": found}, "status": STAGING})
+            await self._delete("clips", {"_id": {"$in": found}})
 
     async def sweep(self) -> None:
         """See `CustodyStore.sweep`; a server's files are its own, so there is nothing to do from here."""
