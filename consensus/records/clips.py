@@ -10,8 +10,8 @@ from consensus.errors import BlockRobotError
 from consensus.limits import CIPHERTEXT_MAX_BYTES, CLIP_FRAMES_MAX_COUNT, CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import Wire
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
-from consensus.records.commitments import ciphertext_leaf, ciphertext_root, commitment_root
-from consensus.records.envelopes import NONCE_BYTES, RECORD_ID_BYTES, SEALED_KEY_BYTES, TAG_BYTES
+from consensus.records.commitments import ciphertext_leaf, ciphertext_root, commitment_root, derive_record_id
+from consensus.records.envelopes import NONCE_BYTES, SEALED_KEY_BYTES, TAG_BYTES
 
 T = TypeVar("T")
 OfFrames = Annotated[list[T], Meta(max_length=CLIP_FRAMES_MAX_COUNT)]
@@ -21,8 +21,8 @@ OfFrames = Annotated[list[T], Meta(max_length=CLIP_FRAMES_MAX_COUNT)]
 class ClipUpload(Wire, frozen=True):
     """A clip for a custodian: three lists of equal length, one place per frame.
 
-    `txid` is the record's transaction, `valid_until_ms` its expiry; `sealed_keys` are sealed to the owner of visit
-    `owner` (33 bytes).
+    `record_id` is that of `derive_record_id`, `txid` the record's transaction, `valid_until_ms` its expiry; `sealed_keys`
+    are sealed to the owner of visit `owner` (33 bytes).
     """
 
     record_id: bytes
@@ -31,7 +31,7 @@ class ClipUpload(Wire, frozen=True):
     ciphertexts: OfFrames[bytes]
     sealed_keys: OfFrames[bytes]
     commitment_leaves: OfFrames[bytes]
-    owner: bytes = b""
+    owner: bytes
 
     @property
     def size_bytes(self) -> int:
@@ -77,8 +77,8 @@ def _check_leaves(leaves: list[bytes]) -> None:
 def check_clip_upload(upload: ClipUpload) -> None:
     """Raises UPLOAD_INVALID."""
     count = len(upload.ciphertexts)
-    if len(upload.record_id) != RECORD_ID_BYTES or len(upload.txid) != HASH_SIZE_BYTES:
-        raise _refuse("A record id has 16 bytes and a txid 32.")
+    if len(upload.txid) != HASH_SIZE_BYTES:
+        raise _refuse("A txid has 32 bytes.")
     if not 1 <= count <= CLIP_FRAMES_MAX_COUNT:
         raise _refuse(f"A clip has 1 to {CLIP_FRAMES_MAX_COUNT} frames, not {count}.")
     if len(upload.sealed_keys) != count or len(upload.commitment_leaves) != count:
@@ -90,6 +90,8 @@ def check_clip_upload(upload: ClipUpload) -> None:
     if sum(map(len, upload.ciphertexts)) > CLIP_SIZE_MAX_BYTES:
         raise _refuse("The clip is larger than 16 MiB.")
     _check_leaves(upload.commitment_leaves)
+    if upload.record_id != derive_record_id(upload.owner, commitment_root(upload.commitment_leaves)):
+        raise _refuse("The record id does not follow from the visit's owner key and the commitments.")
 
 
 def check_clip_download(download: ClipDownload, commitment_root_: bytes, ciphertext_root_: bytes) -> list[int]:

@@ -13,9 +13,11 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u32
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256, tagged_hash
 from consensus.primitives.merkle import merkle_root
+from consensus.records.envelopes import RECORD_ID_BYTES
 
 _COMMITMENT_LEAF = "blockrobot/commitment-leaf"
 _CIPHERTEXT_LEAF = "blockrobot/ciphertext-leaf"
+_RECORD_ID = "blockrobot/record-id"
 _SALT_INFO = b"blockrobot/salt"
 
 
@@ -52,3 +54,11 @@ def commitment_root(leaves: Sequence[bytes]) -> bytes:
 
 def ciphertext_root(leaves: Sequence[bytes]) -> bytes:
     return merkle_root(leaves)
+
+
+def derive_record_id(owner: bytes, root: bytes) -> bytes:
+    """Return the 16-byte id of the record with this owner key (33 bytes) and commitment root (32).
+
+    The contract `records` and custodians take no other id, so nobody can take the id of another robot's record.
+    """
+    return tagged_hash(_RECORD_ID, owner, root)[:RECORD_ID_BYTES]

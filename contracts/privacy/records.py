@@ -23,6 +23,7 @@ SCAN_PART_COUNT = 32
 TRANSFERS_MAX_COUNT = 64
 EMPTY_FRAMES_MAX_COUNT = 128
 EMPTY_FRAMES_A_CALL_MAX_COUNT = 32
+RECORD_TAG = "blockrobot/record-id"
 TRANSFER_TAG = "blockrobot/transfer"
 
 
@@ -100,11 +101,15 @@ def record(
     bucket_ms: int,
     expires_at_ms: int,
 ):
-    """Commit to one clip of one owner. Who may call: the robot that opened the owner's visit, while it is open."""
+    """Commit to one clip of one owner. Who may call: the robot that opened the owner's visit, while it is open.
+
+    The id is derived from the owner key and the frames' commitments, so nobody can take the id of another robot's record.
+    """
     require_robot()
     opened = require_open_visit(owner)
-    require(len(record_id) == ID_BYTES, "RECORD_ID_WRONG", "A record id has 16 bytes.")
     require(len(commitment_root) == HASH_BYTES and len(ciphertext_root) == HASH_BYTES, "ROOT_WRONG", "A root has 32 bytes.")
+    derived = tagged_hash(RECORD_TAG, owner + commitment_root)[:ID_BYTES]
+    require(record_id == derived, "RECORD_ID_WRONG", "A record's id follows from its owner key and commitment root.")
     require(len(sealed_metadata) == SEALED_METADATA_BYTES, "METADATA_WRONG", "Sealed metadata has 560 bytes.")
     check_bucket(bucket_ms)
     late = bucket_ms - opened["bucket_ms"]

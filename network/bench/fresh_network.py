@@ -21,7 +21,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.members.vouchers import Card, decode_card_code
 from consensus.primitives.keys import PrivateKey
-from consensus.records.envelopes import RECORD_ID_BYTES
+from consensus.records.commitments import derive_record_id
 from consensus.records.owner_keys import open_visit_keys
 from network.bench.clips_apart import ClipsApart, removed_after
 from network.bench.nginx import trust_proxy
@@ -65,11 +65,12 @@ class LoadRobot:
     bucket_ms: int
     client: NetworkClient
 
-    def sign_record(self, record_id: bytes | None = None) -> Transaction:
+    def sign_record(self) -> Transaction:
+        root = secrets.token_bytes(32)
         arguments = [
-            record_id or secrets.token_bytes(RECORD_ID_BYTES),
+            derive_record_id(self.owner, root),
             self.owner,
-            secrets.token_bytes(32),
+            root,
             secrets.token_bytes(32),
             secrets.token_bytes(SEALED_METADATA_BYTES),
             self.bucket_ms,

@@ -19,7 +19,7 @@ from consensus.members.vouchers import issue_card, sign_card
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
-from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root
+from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, derive_record_id
 from consensus.records.envelopes import SEALED_KEY_BYTES
 from network.sim.plan import GROWTH_SEATS_COUNT, NetworkSize
 from network.sim.world.sim_chain import EPOCH_MS, Chain, make_chain, make_key, make_node_entry, node_name
@@ -197,15 +197,16 @@ def _decide(
 
 def _record(chain: Chain, robot: PrivateKey, owner: PrivateKey, client: int, number: int, index: int) -> Call:
     place = (client, number, index)
-    record_id = make_material(16, "record", *place)
     texts = [make_material(64, "text", *place, frame) for frame in range(FRAMES_COUNT)]
     keys = [make_material(SEALED_KEY_BYTES, "key", *place, frame) for frame in range(FRAMES_COUNT)]
     leaves = [make_material(32, "leaf", *place, frame) for frame in range(FRAMES_COUNT)]
+    root = commitment_root(leaves)
+    record_id = derive_record_id(owner.public_key, root)
     expires_at_ms = EPOCH_MS + 2_000 + 700 * number if index == RECORDS_A_VISIT - 1 else KEPT_LONG_MS
     arguments = [
         record_id,
         owner.public_key,
-        commitment_root(leaves),
+        root,
         ciphertext_root(ciphertext_leaves(texts, keys)),
         make_material(SEALED_METADATA_BYTES, "metadata", *place),
         EPOCH_MS,

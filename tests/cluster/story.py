@@ -22,7 +22,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.members.vouchers import decode_card_code
 from consensus.primitives.keys import PrivateKey
-from consensus.records.envelopes import RECORD_ID_BYTES
+from consensus.records.commitments import derive_record_id
 from consensus.records.owner_keys import open_visit_keys
 from network.bench.finality_probe import longest_gap_s
 from network.faults.actions import Action
@@ -92,8 +92,8 @@ class Client:
 
     async def record(self) -> None:
         """Submit one record, again and again until it is final, and write it into the book."""
-        record_id, asked_s = secrets.token_bytes(RECORD_ID_BYTES), time.monotonic()
-        roots = [secrets.token_bytes(32), secrets.token_bytes(32)]
+        roots, asked_s = [secrets.token_bytes(32), secrets.token_bytes(32)], time.monotonic()
+        record_id = derive_record_id(self.owner, roots[0])
         arguments = [record_id, self.owner, *roots, secrets.token_bytes(SEALED_METADATA_BYTES), self.bucket_ms]
         transaction = self.client.transactions.build(
             self.key, "records", "record", [*arguments, self.bucket_ms + RETENTION_DEFAULT_MS]

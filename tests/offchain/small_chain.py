@@ -12,7 +12,13 @@ from consensus.chain.block import ContractEvent, Receipt
 from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipUpload
-from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, frame_commitment
+from consensus.records.commitments import (
+    ciphertext_leaves,
+    ciphertext_root,
+    commitment_root,
+    derive_record_id,
+    frame_commitment,
+)
 from consensus.records.envelopes import seal_data_key, seal_frame
 from node.custody.finalized_events import FinalizedEvents, collect_events
 
@@ -41,26 +47,24 @@ class RecordedClip:
         return ciphertext_leaves(self.upload.ciphertexts, self.upload.sealed_keys)
 
 
-def record_clip(frames: int = 3, *, valid_until_ms: int = START_MS + 60_000) -> RecordedClip:
+def record_clip(frames: int = 3, *, valid_until_ms: int = START_MS + 60_000, owner: bytes = ALICE) -> RecordedClip:
     """Seal a clip of a few frames to a fresh person."""
-    record_id, sealing = secrets.token_bytes(16), SealingKey.generate()
-    plaintexts = tuple(b"frame %d of " % index + record_id.hex().encode() for index in range(frames))
+    name, sealing = secrets.token_hex(16), SealingKey.generate()
+    plaintexts = tuple(f"frame {index} of {name}".encode() for index in range(frames))
     data_keys = tuple(secrets.token_bytes(32) for _ in range(frames))
-    sealed = [
-        (
-            seal_frame(key, secrets.token_bytes(24), record_id, index, plaintext),
-            seal_data_key(bytes(sealing.public_key), key),
-            frame_commitment(key, index, plaintext),
-        )
-        for index, (key, plaintext) in enumerate(zip(data_keys, plaintexts, strict=True))
-    ]
+    pairs = list(enumerate(zip(data_keys, plaintexts, strict=True)))
+    leaves = [frame_commitment(key, index, plaintext) for index, (key, plaintext) in pairs]
+    record_id = derive_record_id(owner, commitment_root(leaves))
     upload = ClipUpload(
         record_id=record_id,
         txid=sha256(record_id),
         valid_until_ms=valid_until_ms,
-        ciphertexts=[parts[0] for parts in sealed],
-        sealed_keys=[parts[1] for parts in sealed],
-        commitment_leaves=[parts[2] for parts in sealed],
+        ciphertexts=[
+            seal_frame(key, secrets.token_bytes(24), record_id, index, plaintext) for index, (key, plaintext) in pairs
+        ],
+        sealed_keys=[seal_data_key(bytes(sealing.public_key), key) for key in data_keys],
+        commitment_leaves=leaves,
+        owner=owner,
     )
     return RecordedClip(upload, plaintexts, data_keys, sealing)
 

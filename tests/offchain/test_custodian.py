@@ -75,7 +75,7 @@ async def test_the_same_upload_twice_is_harmless_and_another_under_its_id_is_ref
     await opened.custodian.stage(clip.upload)
     await opened.custodian.stage(clip.upload)
     assert opened.keys.held_count == 3
-    false = msgspec.structs.replace(other.upload, record_id=clip.record_id)
+    false = msgspec.structs.replace(clip.upload, ciphertexts=other.upload.ciphertexts)
     await refused("UPLOAD_CONFLICT", opened.custodian.stage(false))
     assert opened.keys.held_count == 3
 

@@ -117,15 +117,17 @@ class Ward(Hospital):
             self.time_ms += OUTBOX_LIFETIME_MS
         raise AssertionError("the custodians never stop submitting")
 
-    async def record_of(self, clip: RecordedClip, *holders: str) -> None:
+    async def record_of(self, *holders: str) -> RecordedClip:
         """A record of a visit whose clip only some custodians got."""
+        visit = self.open_visit(self.enrol("anna"))
+        clip = record_clip(valid_until_ms=self.time_ms + 60_000, owner=visit.owner)
         for name in holders:
             await self.custodies[name].custodian.stage(clip.upload)
-        visit = self.open_visit(self.enrol("anna"))
         roots = (commitment_root(clip.upload.commitment_leaves), ciphertext_root(clip.leaves))
         changes = dict(zip(("record_id", "commitment_root", "ciphertext_root"), (clip.record_id, *roots), strict=True))
         self.record(visit, **changes)
         await self.follow()
+        return clip
 
     def pass_time(self, clip: RecordedClip) -> None:
         self.time_ms = self.view("records", "get", clip.record_id)["expires_at_ms"]
@@ -161,8 +163,7 @@ async def ward_with(directory: Path, *holders: str) -> AsyncIterator[tuple[Ward,
         ward = Ward(directory, opened)
         for name in NAMES:
             await ward.open_custody(name)
-        clip = record_clip(valid_until_ms=ward.time_ms + 60_000)
-        await ward.record_of(clip, *holders)
+        clip = await ward.record_of(*holders)
         ward.pass_time(clip)
         yield ward, clip
 

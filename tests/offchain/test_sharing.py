@@ -394,7 +394,7 @@ async def test_what_is_refused_makes_no_key_first(opened: CustodianHarness, monk
     monkeypatch.setattr(opened.keys, "allocate", allocate)
     await refused_with("NOT_PERMITTED", opened.custodian.stage_part(upload, BOB))
     await refused_with("GRANT_ENDED", opened.custodian.stage_part(upload, ALICE, end))
-    other = replace_fields(record_clip().upload, record_id=late.record_id)
+    other = replace_fields(late.upload, ciphertexts=record_clip().upload.ciphertexts)
     await refused_with("UPLOAD_HASH_MISMATCH", opened.custodian.stage(other))
 
 

@@ -229,7 +229,7 @@ async def test_what_is_recorded_into_a_visit_that_is_kept_is_kept_too(opened: Cu
 
 
 async def test_all_that_is_missing_of_a_visit_is_kept_and_nothing_of_others(opened: CustodianHarness) -> None:
-    old, newer = record_clip(), record_clip()
+    old, newer = record_clip(), record_clip(owner=BOB)
     await opened.follow(recorded(old))
     await opened.follow(recorded(newer, owner=BOB))
     await opened.follow(restricted(old, until_ms=START_MS + YEAR_MS))

@@ -104,7 +104,7 @@ async def test_a_second_clip_under_the_same_name_does_not_replace_the_first(intr
     first = ward.clip()
     assert (await ward.upload(first.upload, intruder.node, token))[0] == 200
     assert (await ward.upload(first.upload, intruder.node, token))[0] == 200
-    second = ward.clip(record_id=first.upload.record_id)
+    second = ward.resealed(first)
     path = f"/v1/clips/{first.upload.record_id.hex()}?owner={first.upload.owner.hex()}"
     await _put(intruder, "UPLOAD_CONFLICT", path, encode(second.upload), token)
 
@@ -118,7 +118,7 @@ async def test_a_clip_that_is_not_what_its_record_says_is_given_to_nobody(
     token = await intruder.session(ward.robot.identity)
     recorded = ward.clip()
     record_id = recorded.upload.record_id
-    uploaded = ward.clip(record_id=record_id)
+    uploaded = ward.resealed(recorded)
     custodians = [node.name for node in intruder.genesis.nodes if node.custodian_key]
     for name in custodians:
         robots = token if name == intruder.node else await intruder.session(ward.robot.identity, name)
@@ -130,7 +130,7 @@ async def test_a_clip_that_is_not_what_its_record_says_is_given_to_nobody(
     status, _, body = await intruder.ask("GET", path, headers=owner)
     assert status != 200
     assert msgspec.json.decode(body)["code"] in {"CLIP_NOT_CONFIRMED", "NOT_FOUND", "ACCESS_NOT_GRANTED"}
-    late = ward.clip(record_id=record_id)
+    late = ward.resealed(recorded)
     status, body = await ward.upload(late.upload, intruder.node, token)
     assert (status, msgspec.json.decode(body)["code"]) in {(400, "UPLOAD_HASH_MISMATCH"), (409, "UPLOAD_CONFLICT")}
 

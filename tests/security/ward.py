@@ -6,6 +6,7 @@ import secrets
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 from nacl.public import PrivateKey as SealingKey
 
 from clients.sdk.chain.enrolment import NewMember
@@ -16,7 +17,13 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
-from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, frame_commitment
+from consensus.records.commitments import (
+    ciphertext_leaves,
+    ciphertext_root,
+    commitment_root,
+    derive_record_id,
+    frame_commitment,
+)
 from consensus.records.envelopes import seal_data_key, seal_frame
 from consensus.records.owner_keys import derive_owner_key, open_visit_keys
 from tests.security.intruder import MSGPACK, Intruder, new_key, now_ms
@@ -93,20 +100,28 @@ class Ward:
 
     def clip(self, frames: int = 2, **changes: Any) -> Clip:
         """Seal a clip for the patient."""
-        record_id = changes.get("record_id", secrets.token_bytes(16))
         data_keys = [secrets.token_bytes(32) for _ in range(frames)]
         plaintexts = [b"what the patient looks like " + secrets.token_bytes(32) for _ in range(frames)]
         pairs = list(enumerate(zip(data_keys, plaintexts, strict=True)))
+        leaves = [frame_commitment(key, index, text) for index, (key, text) in pairs]
+        record_id = derive_record_id(self.owner.public_key, commitment_root(leaves))
         fields: dict[str, Any] = {
             "record_id": record_id,
             "txid": bytes(32),
             "valid_until_ms": now_ms() + 60_000,
             "ciphertexts": [seal_frame(key, secrets.token_bytes(24), record_id, i, text) for i, (key, text) in pairs],
             "sealed_keys": [seal_data_key(bytes(self.patient.sealing.public_key), key) for key in data_keys],
-            "commitment_leaves": [frame_commitment(key, index, text) for index, (key, text) in pairs],
+            "commitment_leaves": leaves,
             "owner": self.owner.public_key,
         }
         return Clip(ClipUpload(**(fields | changes)), data_keys, plaintexts)
+
+    def resealed(self, clip: Clip) -> Clip:
+        """The same pictures, keys and id in other bytes."""
+        pairs = list(enumerate(zip(clip.data_keys, clip.plaintexts, strict=True)))
+        record_id = clip.upload.record_id
+        texts = [seal_frame(key, secrets.token_bytes(24), record_id, index, text) for index, (key, text) in pairs]
+        return Clip(msgspec.structs.replace(clip.upload, ciphertexts=texts), clip.data_keys, clip.plaintexts)
 
     def record_call(self, clip: Clip) -> Transaction:
         """The record of a clip."""

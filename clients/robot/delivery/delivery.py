@@ -35,13 +35,13 @@ _OVERDUE_CODES = frozenset({"BUCKET_WRONG", "EXPIRY_WRONG"})
 _NOT_OURS = "NOT_THE_ROBOT"
 """Another robot, which saw the announcement on its way, opened a visit under this key first: a robot that lies."""
 
-_RECORD_EXISTS = "RECORD_EXISTS"
+_VISIT_EXISTS, _RECORD_EXISTS = "VISIT_EXISTS", "RECORD_EXISTS"
 CUSTODIANS_WORD = frozenset({"CLIP_ERASED", "UPLOAD_CONFLICT"})
 """A custodian that lies can say so of any clip."""
 _OPEN_VISIT = "open_visit"
 
-Recorder = Literal["nobody", "this robot", "another"]
-"""Whose the record is that the chain proves under a clip's id."""
+Robot = Literal["none", "this", "another"]
+"""Whose the visit or record is that the chain proves."""
 
 _log = structlog.get_logger("delivery")
 
@@ -69,10 +69,10 @@ class DeliveryNetwork(Protocol):
     async def upload(self, upload: ClipUpload) -> None:
         """Raises when too few acknowledged."""
 
-    async def knows_visit(self, owner: bytes) -> bool:
+    async def robot_of_visit(self, owner: bytes) -> Robot:
         """Raises network errors."""
 
-    async def find_recorder(self, record_id: bytes, owner: bytes) -> Recorder:
+    async def robot_of_record(self, record_id: bytes) -> Robot:
         """Raises network errors."""
 
     def now_ms(self) -> int: ...
@@ -156,7 +156,7 @@ class Delivery:
 
     async def _open_visit(self, clip: SpooledClip) -> None:
         arguments = [clip.owner, clip.ephemeral, clip.view_tag, clip.visit_bucket_ms, clip.purpose]
-        await self._final("records", _OPEN_VISIT, arguments, accepted=("OK", "VISIT_EXISTS"), clip=clip)
+        await self._final("records", _OPEN_VISIT, arguments, accepted=("OK", _VISIT_EXISTS), clip=clip)
         self._known_visits.add(clip.owner)
 
     async def close_visits(self, visits: UnclosedVisitStore) -> None:
@@ -194,7 +194,7 @@ class Delivery:
         wait_ms = RETRY_FIRST_MS
         while True:
             try:
-                return await self._network.knows_visit(owner)
+                return await self._network.robot_of_visit(owner) == "this"
             except BlockRobotError as error:
                 if not error.entry.retryable:
                     raise
@@ -251,8 +251,8 @@ class Delivery:
                     self._tried_visits.add(arguments[0])
                 submitted = self._network.now_ms()
                 confirmation = await self._network.submit_and_wait(transaction)
-                if confirmation.code == _RECORD_EXISTS and clip is not None:
-                    await self._require_recorded(clip)
+                if clip is not None:
+                    await self._require_own(clip, confirmation.code)
             except BlockRobotError as error:
                 if not error.entry.retryable and error.code != "TRANSACTION_EXPIRED":
                     raise
@@ -262,7 +262,7 @@ class Delivery:
                 continue
             if confirmation.code not in accepted:
                 detail = f"The chain refused {contract}.{entry}: {confirmation.code}."
-                raise BlockRobotError("NOT_PERMITTED", detail, contract_code=confirmation.code)
+                raise _refused(detail, confirmation.code)
             return transaction.txid, submitted
 
     async def _upload(self, clip: SpooledClip, upload: ClipUpload) -> None:
@@ -272,21 +272,30 @@ class Delivery:
         except BlockRobotError as error:
             if error.code not in CUSTODIANS_WORD:
                 raise
-            recorder = await self._network.find_recorder(upload.record_id, clip.owner)
-            if recorder == "this robot":
+            robot = await self._network.robot_of_record(upload.record_id)
+            if robot == "this":
                 raise RecordedBefore from error
-            if recorder == "another" or self._is_old(clip):
-                raise _taken(clip) from error
+            if robot == "another" or self._is_old(clip):
+                detail = f"Custodians take {upload.record_id.hex()} no more, or another robot has opened its visit."
+                raise _refused(detail, _RECORD_EXISTS) from error
             detail = f"A custodian says {error.code}, of which the chain knows nothing."
             raise BlockRobotError("STORE_UNAVAILABLE", detail) from error
 
-    async def _require_recorded(self, clip: SpooledClip) -> None:
-        """Raises NOT_PERMITTED if the record of this id is another's, TRANSACTION_EXPIRED if no node proves one yet."""
-        recorder = await self._network.find_recorder(clip.upload.record_id, clip.owner)
-        if recorder == "nobody":
-            raise BlockRobotError("TRANSACTION_EXPIRED", "No node proves the record that there is said to be.")
-        if recorder == "another":
-            raise _taken(clip)
+    async def _require_own(self, clip: SpooledClip, code: str) -> None:
+        """What exists already must be this robot's: custodians would refuse clips of another's visit again and again.
+
+        Raises NOT_PERMITTED if it is another's, TRANSACTION_EXPIRED if no node proves it yet.
+        """
+        if code == _VISIT_EXISTS:
+            robot = await self._network.robot_of_visit(clip.owner)
+        elif code == _RECORD_EXISTS:
+            robot = await self._network.robot_of_record(clip.upload.record_id)
+        else:
+            return
+        if robot == "none":
+            raise BlockRobotError("TRANSACTION_EXPIRED", "No node proves what there is said to be.")
+        if robot == "another":
+            raise _refused("Another robot has opened a visit under this owner key.", _NOT_OURS)
 
     async def _deliver(self, name: str) -> None:
         async with self._loaded:
@@ -360,6 +369,5 @@ class Delivery:
             )
 
 
-def _taken(clip: SpooledClip) -> BlockRobotError:
-    detail = f"Another robot has recorded {clip.upload.record_id.hex()}, or keeps custodians from taking it."
-    return BlockRobotError("NOT_PERMITTED", detail, contract_code=_RECORD_EXISTS)
+def _refused(detail: str, contract_code: str) -> BlockRobotError:
+    return BlockRobotError("NOT_PERMITTED", detail, contract_code=contract_code)

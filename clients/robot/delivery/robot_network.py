@@ -10,7 +10,7 @@ from typing import Any
 
 import structlog
 
-from clients.robot.delivery.delivery import CUSTODIANS_WORD, Recorder
+from clients.robot.delivery.delivery import CUSTODIANS_WORD, Robot
 from clients.robot.hiding.background import EmptyFrame
 from clients.robot.identity.robot_keys import RobotIdentity
 from clients.sdk.chain.empty_frames import approve_frames, read_approved
@@ -22,7 +22,7 @@ from consensus.chain.transaction import Transaction
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
-from consensus.state.records import RECORD, VISIT
+from consensus.state.records import RECORD, VISIT, RecordRow, VisitRow
 
 COPIES_DEFAULT_COUNT = 2
 COPIES_MAX_COUNT = 16
@@ -49,16 +49,19 @@ class RobotNetwork:
     async def submit_and_wait(self, transaction: Transaction) -> FinalReceipt:
         return await self._client.submit_and_wait(transaction)
 
-    async def knows_visit(self, owner: bytes) -> bool:
-        """Return whether the chain proves the visit; the node learns the owner key."""
-        return await proved_row(in_session(self._client, self._identity.identity), VISIT, owner) is not None
+    async def robot_of_visit(self, owner: bytes) -> Robot:
+        """The node learns the owner key."""
+        visit = await proved_row(in_session(self._client, self._identity.identity), VISIT, owner)
+        return self._whose(visit)
 
-    async def find_recorder(self, record_id: bytes, owner: bytes) -> Recorder:
-        found = await proved_row(in_session(self._client, self._identity.identity), RECORD, record_id)
-        if found is None:
-            return "nobody"
-        is_own = (found.robot, found.owner) == (self._identity.identity.public_key, owner)
-        return "this robot" if is_own else "another"
+    async def robot_of_record(self, record_id: bytes) -> Robot:
+        record = await proved_row(in_session(self._client, self._identity.identity), RECORD, record_id)
+        return self._whose(record)
+
+    def _whose(self, row: VisitRow | RecordRow | None) -> Robot:
+        if row is None:
+            return "none"
+        return "this" if row.robot == self._identity.identity.public_key else "another"
 
     async def upload(self, upload: ClipUpload) -> None:
         """To the clip's keepers, and to others while too few of them take it: a keeper fetches it from these once it is

@@ -16,16 +16,10 @@ from consensus.records.commitments import (
     ciphertext_leaves,
     ciphertext_root,
     commitment_root,
+    derive_record_id,
     frame_commitment,
 )
-from consensus.records.envelopes import (
-    DATA_KEY_BYTES,
-    NONCE_BYTES,
-    RECORD_ID_BYTES,
-    seal_data_key,
-    seal_frame,
-    seal_metadata,
-)
+from consensus.records.envelopes import DATA_KEY_BYTES, NONCE_BYTES, seal_data_key, seal_frame, seal_metadata
 from consensus.records.metadata import RecordMetadata, compute_metadata_hash
 from consensus.records.renditions import Rendition, encode_rendition
 
@@ -75,14 +69,17 @@ def seal_clip(
     content: ClipContent, chain: VisitChain, *, now_ms: int, retention_ms: int = RETENTION_DEFAULT_MS
 ) -> SpooledClip:
     """Seal 1-64 renditions to `chain`'s owner and advance the chain."""
-    record_id = secrets.token_bytes(RECORD_ID_BYTES)
-    ciphertexts, sealed_keys, leaves = [], [], []
-    for index, rendition in enumerate(content.renditions):
-        plaintext = encode_rendition(rendition)
-        data_key = secrets.token_bytes(DATA_KEY_BYTES)
-        ciphertexts.append(seal_frame(data_key, secrets.token_bytes(NONCE_BYTES), record_id, index, plaintext))
-        sealed_keys.append(seal_data_key(chain.sealing, data_key))
-        leaves.append(frame_commitment(data_key, index, plaintext))
+    plaintexts = [encode_rendition(rendition) for rendition in content.renditions]
+    data_keys = [secrets.token_bytes(DATA_KEY_BYTES) for _ in plaintexts]
+    frames = list(enumerate(zip(data_keys, plaintexts, strict=True)))
+    leaves = [frame_commitment(key, index, plaintext) for index, (key, plaintext) in frames]
+    root = commitment_root(leaves)
+    record_id = derive_record_id(chain.owner, root)
+    ciphertexts = [
+        seal_frame(key, secrets.token_bytes(NONCE_BYTES), record_id, index, plaintext)
+        for index, (key, plaintext) in frames
+    ]
+    sealed_keys = [seal_data_key(chain.sealing, key) for key in data_keys]
     first, last = content.renditions[0], content.renditions[-1]
     metadata = RecordMetadata(
         sensor=content.sensor,
@@ -113,7 +110,7 @@ def seal_clip(
         view_tag=chain.view_tag,
         purpose=chain.purpose,
         visit_bucket_ms=chain.bucket_ms,
-        commitment_root=commitment_root(leaves),
+        commitment_root=root,
         ciphertext_root=ciphertext_root(ciphertext_leaves(ciphertexts, sealed_keys)),
         sealed_metadata=seal_metadata(chain.sealing, encode(metadata)),
         bucket_ms=compute_time_bucket(now_ms),

@@ -95,9 +95,9 @@ async def _open_custody(uri: str, folder: Path, apart: ClipsApart | None) -> Asy
 
 
 def _block(height: int, clips: Sequence[SealedClip]) -> FinalizedEvents:
-    owner = secrets.token_bytes(33)
     events = []
     for clip in clips:
+        owner = clip.upload.owner
         data = {"record_id": clip.record_id, "owner": owner, "robot": owner}
         roots = {"commitment_root": clip.commitment_root, "ciphertext_root": clip.ciphertext_root}
         expiry = {"expires_at_ms": _START_MS + EXPIRES_AFTER_MS}
@@ -105,9 +105,9 @@ def _block(height: int, clips: Sequence[SealedClip]) -> FinalizedEvents:
     return FinalizedEvents(height, sha256(b"%d" % height), _START_MS + height, tuple(events))
 
 
-def _make_clip(options: CustodyOptions) -> SealedClip:
+def _make_clip(options: CustodyOptions, owner: bytes) -> SealedClip:
     valid_until_ms = _START_MS + TRANSACTION_LIFETIME_MAX_MS
-    return seal_clip(options.frames, options.frame_bytes, valid_until_ms=valid_until_ms)
+    return seal_clip(owner, options.frames, options.frame_bytes, valid_until_ms=valid_until_ms)
 
 
 class FollowingFigures(Struct, frozen=True, kw_only=True):
@@ -191,7 +191,8 @@ async def _measure_following(options: CustodyOptions, folder: Path, on_progress:
         blocks: list[FinalizedEvents] = []
         for first in range(0, options.behind, BLOCK_RECORDS_COUNT):
             on_progress(f"following: {first} of {options.behind} records")
-            clips = [_make_clip(options) for _ in range(min(BLOCK_RECORDS_COUNT, options.behind - first))]
+            owner = secrets.token_bytes(33)
+            clips = [_make_clip(options, owner) for _ in range(min(BLOCK_RECORDS_COUNT, options.behind - first))]
             for clip in clips:
                 await awake.custodian.stage(clip.upload)
             size_bytes += sum(clip.size_bytes for clip in clips)

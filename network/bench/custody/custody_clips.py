@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 from nacl.public import PrivateKey as SealingKey
 
 from clients.sdk.network_client import NetworkClient
@@ -16,8 +17,14 @@ from consensus.errors import BlockRobotError
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
-from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, frame_commitment
-from consensus.records.envelopes import NONCE_BYTES, RECORD_ID_BYTES, seal_data_key, seal_frame
+from consensus.records.commitments import (
+    ciphertext_leaves,
+    ciphertext_root,
+    commitment_root,
+    derive_record_id,
+    frame_commitment,
+)
+from consensus.records.envelopes import NONCE_BYTES, seal_data_key, seal_frame
 from consensus.state import erasure
 
 PURPOSE = "demo"
@@ -46,11 +53,16 @@ class SealedClip:
         return sum(map(len, self.upload.ciphertexts))
 
 
-def seal_clip(frames: int, frame_bytes: int, *, txid: bytes = bytes(32), valid_until_ms: int = 0) -> SealedClip:
-    record_id, public = secrets.token_bytes(RECORD_ID_BYTES), bytes(SealingKey.generate().public_key)
+def seal_clip(
+    owner: bytes, frames: int, frame_bytes: int, *, txid: bytes = bytes(32), valid_until_ms: int = 0
+) -> SealedClip:
+    public = bytes(SealingKey.generate().public_key)
     plaintexts = tuple(secrets.token_bytes(frame_bytes) for _ in range(frames))
     keys = [secrets.token_bytes(_DATA_KEY_BYTES) for _ in plaintexts]
     pairs = list(enumerate(zip(keys, plaintexts, strict=True)))
+    commitments = [frame_commitment(key, index, text) for index, (key, text) in pairs]
+    root = commitment_root(commitments)
+    record_id = derive_record_id(owner, root)
     upload = ClipUpload(
         record_id=record_id,
         txid=txid,
@@ -59,10 +71,11 @@ def seal_clip(frames: int, frame_bytes: int, *, txid: bytes = bytes(32), valid_u
             seal_frame(key, secrets.token_bytes(NONCE_BYTES), record_id, index, text) for index, (key, text) in pairs
         ],
         sealed_keys=[seal_data_key(public, key) for key in keys],
-        commitment_leaves=[frame_commitment(key, index, text) for index, (key, text) in pairs],
+        commitment_leaves=commitments,
+        owner=owner,
     )
     leaves = ciphertext_leaves(upload.ciphertexts, upload.sealed_keys)
-    return SealedClip(upload, commitment_root(upload.commitment_leaves), ciphertext_root(leaves), plaintexts)
+    return SealedClip(upload, root, ciphertext_root(leaves), plaintexts)
 
 
 class ClipRobot:
@@ -87,19 +100,12 @@ class ClipRobot:
         send: Callable[[ClipUpload], Awaitable[None]] | None = None,
     ) -> SealedClip:
         """Seal, `send` (default: to every keeper) and record a clip; waits for finality."""
-        clip, bucket_ms = seal_clip(frames, frame_bytes), _bucket_ms()
+        clip, bucket_ms = seal_clip(owner.public_key, frames, frame_bytes), _bucket_ms()
         arguments: list[Any] = [clip.record_id, owner.public_key, clip.commitment_root, clip.ciphertext_root]
         arguments += [secrets.token_bytes(SEALED_METADATA_BYTES), bucket_ms, bucket_ms + RETENTION_DEFAULT_MS]
         transaction = self.client.transactions.build(self._key, "records", "record", arguments, lifetime_ms=LIFETIME_MS)
-        upload = ClipUpload(
-            record_id=clip.record_id,
-            txid=transaction.txid,
-            valid_until_ms=transaction.body.valid_until_ms,
-            ciphertexts=clip.upload.ciphertexts,
-            sealed_keys=clip.upload.sealed_keys,
-            commitment_leaves=clip.upload.commitment_leaves,
-            owner=owner.public_key,
-        )
+        expiry = transaction.body.valid_until_ms
+        upload = msgspec.structs.replace(clip.upload, txid=transaction.txid, valid_until_ms=expiry)
         await (send or self._send_to_keepers)(upload)
         receipt = await self.client.submit_and_wait(transaction)
         if not receipt.ok:

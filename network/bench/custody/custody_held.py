@@ -92,7 +92,8 @@ class HeldBlocks:
         return 1000 * (time.process_time() - cpu_s), 1000 * (time.perf_counter() - wall_s)
 
 
-def recorded(clip: SealedClip, owner: bytes, expires_ms: int = EXPIRES_MS) -> FinalizedEvent:
+def recorded(clip: SealedClip, expires_ms: int = EXPIRES_MS) -> FinalizedEvent:
+    owner = clip.upload.owner
     data = {"record_id": clip.record_id, "owner": owner, "robot": owner, "expires_at_ms": expires_ms}
     roots = {"commitment_root": clip.commitment_root, "ciphertext_root": clip.ciphertext_root}
     return FinalizedEvent(clip.upload.txid, "records", "recorded", data | roots)
@@ -104,16 +105,16 @@ def erasure_requested(record_ids: Sequence[bytes], owner: bytes) -> FinalizedEve
     return FinalizedEvent(erasure_id, "erasure", "requested", data)
 
 
-def upload_clip(frames: int, frame_bytes: int) -> SealedClip:
-    return seal_clip(frames, frame_bytes, valid_until_ms=START_MS + TRANSACTION_LIFETIME_MAX_MS)
+def upload_clip(owner: bytes, frames: int, frame_bytes: int) -> SealedClip:
+    return seal_clip(owner, frames, frame_bytes, valid_until_ms=START_MS + TRANSACTION_LIFETIME_MAX_MS)
 
 
 async def _erasures(custodian: Custodian, count: int) -> AsyncIterator[tuple[float, float]]:
     blocks, owner = HeldBlocks(custodian), secrets.token_bytes(33)
     for _ in range(count):
-        clip = upload_clip(ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES)
+        clip = upload_clip(owner, ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES)
         await custodian.stage(clip.upload)
-        await blocks.follow(recorded(clip, owner))
+        await blocks.follow(recorded(clip))
         yield await blocks.follow(erasure_requested([clip.record_id], owner))
 
 

@@ -116,7 +116,7 @@ class CustodyGrowth:
         self._terms = UploadTerms(self._owner, UploadQuotas(), lambda _robot: "hospital", lambda _robot: b"")
 
     async def _stage(self, count: int = 1) -> list[SealedClip]:
-        clips = [upload_clip(ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES) for _ in range(count)]
+        clips = [upload_clip(self._owner, ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES) for _ in range(count)]
         for clip in clips:
             await self.custodian.stage(clip.upload)
         return clips
@@ -125,21 +125,21 @@ class CustodyGrowth:
         await self._blocks.follow(erasure_requested([clip.record_id for clip in clips], self._owner))
 
     async def upload(self, spent: Spent) -> None:
-        clip = upload_clip(ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES)
+        clip = upload_clip(self._owner, ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES)
         with spent.once():
             await self.custodian.stage(clip.upload, self._terms)
-        await self._blocks.follow(recorded(clip, self._owner))
+        await self._blocks.follow(recorded(clip))
         await self._erase([clip])
 
     async def erase(self, spent: Spent) -> None:
         clips = await self._stage()
-        await self._blocks.follow(recorded(clips[0], self._owner))
+        await self._blocks.follow(recorded(clips[0]))
         with spent.once():
             await self._erase(clips)
 
     async def sweep_expired(self, spent: Spent) -> None:
         clips = await self._stage()
-        await self._blocks.follow(recorded(clips[0], self._owner, self._blocks.now_ms + 2))
+        await self._blocks.follow(recorded(clips[0], self._blocks.now_ms + 2))
         with spent.once():
             await self._blocks.follow()
         if (await self._store.clips([clips[0].record_id]))[clips[0].record_id].status != "erased":
@@ -150,10 +150,12 @@ class CustodyGrowth:
             await self._blocks.follow()
 
     async def catch_up(self, spent: Spent) -> None:
-        clips = [upload_clip(ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES) for _ in range(CAUGHT_UP_CLIPS_COUNT)]
+        clips = [
+            upload_clip(self._owner, ERASED_FRAMES_COUNT, ERASED_FRAME_BYTES) for _ in range(CAUGHT_UP_CLIPS_COUNT)
+        ]
         other = _Other(clips)
         with spent.once():
-            await self._blocks.follow(*(recorded(clip, self._owner) for clip in clips))
+            await self._blocks.follow(*(recorded(clip) for clip in clips))
             fetched = await self.custodian.fetch_missing([other])
         if fetched != len(clips):
             raise RuntimeError("the custodian of the benchmark did not catch up")

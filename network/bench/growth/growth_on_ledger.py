@@ -12,6 +12,7 @@ from typing import Any
 from consensus.chain.transaction import Transaction, decode_transaction, sign_transaction
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.keys import PrivateKey
+from consensus.records.commitments import derive_record_id
 from contracts.execution.sender_admission import require_admission
 from contracts.state.view import StateView
 from network.bench.growth.growth_figures import SizeFigures
@@ -65,7 +66,8 @@ class LedgerGrowth:
     def _record(self) -> Transaction:
         root, expires_ms = secrets.token_bytes(32), self._now_ms + RETENTION_DEFAULT_MS
         metadata = bytes(SEALED_METADATA_BYTES)
-        arguments = [secrets.token_bytes(16), self._owner, root, root, metadata, self._bucket_ms(), expires_ms]
+        record_id = derive_record_id(self._owner, root)
+        arguments = [record_id, self._owner, root, root, metadata, self._bucket_ms(), expires_ms]
         return self._sign("record", arguments)
 
     def _execute(self, parent: StateView, calls: list[Transaction]) -> BlockExecutionResult:

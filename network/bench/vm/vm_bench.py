@@ -15,6 +15,7 @@ from msgspec import UNSET, Struct, UnsetType
 
 from consensus.limits import CALL_GAS_MAX, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.encoding import encode_value, u64
+from consensus.records.commitments import derive_record_id
 from consensus.state import identity
 from contracts.lifecycle.registry import PRIVACY_CONTRACTS, load_contracts, read_source
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
@@ -147,8 +148,8 @@ class RecordBench:
 
     def next_arguments(self) -> list[Any]:
         self.count += 1
-        metadata = b"m" * SEALED_METADATA_BYTES
-        return [u64(self.count) * 2, OWNER, b"1" * 32, b"2" * 32, metadata, _NOW_MS, _NOW_MS + 1_000_000]
+        root, metadata = u64(self.count) * 4, b"m" * SEALED_METADATA_BYTES
+        return [derive_record_id(OWNER, root), OWNER, root, b"2" * 32, metadata, _NOW_MS, _NOW_MS + 1_000_000]
 
     def record(self) -> Outcome:
         return self.invoke("record", self.next_arguments())

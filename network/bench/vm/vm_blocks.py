@@ -10,6 +10,7 @@ from consensus.limits import BLOCK_GAS_MAX, BLOCK_TRANSACTIONS_MAX_COUNT, SEALED
 from consensus.primitives.encoding import encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.records.commitments import derive_record_id
 from consensus.state import identity
 from consensus.state.keys import flat_prefix
 from contracts.execution.executor import execute_block
@@ -61,7 +62,9 @@ def sign_record(number: int) -> Transaction:
     seed = sha256(u64(number))
     metadata = bytes(SEALED_METADATA_BYTES)
     owner = _OWNERS[number % _OWNERS_COUNT]
-    return _sign("record", [seed[:16], owner, seed, sha256(seed), metadata, NOW_MS, NOW_MS + 1_000_000])
+    return _sign(
+        "record", [derive_record_id(owner, seed), owner, seed, sha256(seed), metadata, NOW_MS, NOW_MS + 1_000_000]
+    )
 
 
 def execute_in_process(parent: StateView, height: int, time_ms: int, transactions: list[Transaction]) -> BlockResult:

@@ -15,6 +15,7 @@ from consensus.limits import BLOCK_TRANSACTIONS_MAX_COUNT, SEALED_METADATA_BYTES
 from consensus.primitives.encoding import encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.records.commitments import derive_record_id
 from consensus.state import identity
 from contracts.execution.results import BlockResult
 from contracts.state.view import Overlay, StateView
@@ -101,8 +102,12 @@ class BlockBench:
         )
 
     def _records(self) -> list[Transaction]:
-        fixed = [_OWNER.public_key, b"1" * 32, b"2" * 32, b"m" * SEALED_METADATA_BYTES, _NOW_MS, _NOW_MS + 1_000_000]
-        return [self._sign("record", [sha256(u64(self._count))[:16], *fixed]) for _ in range(self._calls_a_block)]
+        return [self._record() for _ in range(self._calls_a_block)]
+
+    def _record(self) -> Transaction:
+        owner, root, metadata = _OWNER.public_key, sha256(u64(self._count)), b"m" * SEALED_METADATA_BYTES
+        arguments = [derive_record_id(owner, root), owner, root, b"2" * 32, metadata, _NOW_MS, _NOW_MS + 1_000_000]
+        return self._sign("record", arguments)
 
     def _find_calls_a_block(self, machine: WorkerMachine) -> int:
         with self._store.snapshot() as parent:

@@ -21,7 +21,6 @@ from consensus.bounded_text import read_json_as
 from consensus.chain.genesis import Genesis, genesis_from_json
 from consensus.errors import BlockRobotError
 from consensus.members.vouchers import decode_card_code
-from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.state.records import RECORD
 from network.bench.conditions import percentile
 from network.bench.finality_probe import longest_gap_s
@@ -89,14 +88,14 @@ class _Work:
 
     async def _record(self, robot: LoadRobot) -> None:
         while True:
-            record_id = secrets.token_bytes(RECORD_ID_BYTES)
+            transaction = robot.sign_record()
             try:
-                receipt = await robot.client.submit_and_wait(robot.sign_record(record_id), round(FINAL_MAX_S * 1000))
+                receipt = await robot.client.submit_and_wait(transaction, round(FINAL_MAX_S * 1000))
                 receipt.require_ok()
             except BlockRobotError as error:
                 self._refused[error.code] += 1
             else:
-                self._records.append(record_id)
+                self._records.append(transaction.arguments()[0])
                 self._finals_s.append(time.monotonic())
             await asyncio.sleep(PAUSE_S)
 

@@ -18,14 +18,14 @@ from consensus.members.vouchers import issue_card, sign_card
 from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
-from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, frame_commitment
-from consensus.records.envelopes import (
-    DATA_KEY_BYTES,
-    NONCE_BYTES,
-    RECORD_ID_BYTES,
-    SEALED_BOX_OVERHEAD_BYTES,
-    seal_frame,
+from consensus.records.commitments import (
+    ciphertext_leaves,
+    ciphertext_root,
+    commitment_root,
+    derive_record_id,
+    frame_commitment,
 )
+from consensus.records.envelopes import DATA_KEY_BYTES, NONCE_BYTES, SEALED_BOX_OVERHEAD_BYTES, seal_frame
 from consensus.records.metadata import RecordMetadata, compute_metadata_hash
 from consensus.records.padding import pad_to
 from network.sim.workload import make_material
@@ -136,17 +136,19 @@ def seal_record(
 ) -> SealedRecord:
     """As a robot seals a clip, of frames of a few bytes."""
     place = (visit.person.seed, "record", visit.number, index)
-    record_id = make_material(RECORD_ID_BYTES, *place)
-    texts, sealed_keys, leaves, plaintexts = [], [], [], []
-    for frame in range(frames):
-        plaintext = make_material(FRAME_BYTES, *place, "plaintext", frame)
-        data_key = make_material(DATA_KEY_BYTES, *place, "data key", frame)
-        texts.append(
-            seal_frame(data_key, make_material(NONCE_BYTES, *place, "nonce", frame), record_id, frame, plaintext)
-        )
-        sealed_keys.append(seal_from(make_material(32, *place, "one-time key", frame), sealing, data_key))
-        leaves.append(frame_commitment(data_key, frame, plaintext))
-        plaintexts.append(plaintext)
+    plaintexts = [make_material(FRAME_BYTES, *place, "plaintext", frame) for frame in range(frames)]
+    data_keys = [make_material(DATA_KEY_BYTES, *place, "data key", frame) for frame in range(frames)]
+    pairs = list(enumerate(zip(data_keys, plaintexts, strict=True)))
+    leaves = [frame_commitment(key, frame, plaintext) for frame, (key, plaintext) in pairs]
+    root = commitment_root(leaves)
+    record_id = derive_record_id(visit.owner, root)
+    texts = [
+        seal_frame(key, make_material(NONCE_BYTES, *place, "nonce", frame), record_id, frame, plaintext)
+        for frame, (key, plaintext) in pairs
+    ]
+    sealed_keys = [
+        seal_from(make_material(32, *place, "one-time key", frame), sealing, key) for frame, key in enumerate(data_keys)
+    ]
     metadata = RecordMetadata(
         sensor=SENSOR,
         started_at_ms=now_ms,
@@ -170,7 +172,7 @@ def seal_record(
     )
     return SealedRecord(
         upload=upload,
-        commitment_root=commitment_root(leaves),
+        commitment_root=root,
         ciphertext_root=ciphertext_root(ciphertext_leaves(texts, sealed_keys)),
         sealed_metadata=seal_from(make_material(32, *place, "metadata"), sealing, padded),
         metadata_hash=compute_metadata_hash(metadata),

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any
 
 from clients.robot.consent.consent_view import compute_person_tag
-from clients.robot.delivery.delivery import Delivery, Recorder
+from clients.robot.delivery.delivery import Delivery, Robot
 from clients.robot.pairing.rosters import RosterBook
 from clients.robot.recording.event_log import AliasBook
 from clients.robot.recording.sealing import ClipContent, seal_clip
@@ -27,7 +27,7 @@ from consensus.primitives.encoding import decode_value
 from consensus.records.clips import ClipUpload
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
 from consensus.state.consent import CHOICES, effective_consent, read_choices
-from consensus.state.records import RECORD, VISIT
+from consensus.state.records import RECORD, VISIT, RecordRow, VisitRow
 from network.lab.privacy.hospital.attacked_chain import Chain, Final
 from network.lab.privacy.hospital.household import PURPOSE, Unit
 from network.lab.privacy.hospital.population import Stay
@@ -52,12 +52,16 @@ class RobotLink:
         await self._travel(_TO_NODE_MS)
         return await self._chain.submit(transaction)
 
-    async def knows_visit(self, owner: bytes) -> bool:
-        return VISIT.has(self._chain.state, owner)
+    async def robot_of_visit(self, owner: bytes) -> Robot:
+        return self._whose(VISIT.at(self._chain.state, owner))
 
-    async def find_recorder(self, record_id: bytes, owner: bytes) -> Recorder:
-        found = RECORD.at(self._chain.state, record_id)
-        return "nobody" if found is None else "this robot" if found.owner == owner else "another"
+    async def robot_of_record(self, record_id: bytes) -> Robot:
+        return self._whose(RECORD.at(self._chain.state, record_id))
+
+    def _whose(self, row: VisitRow | RecordRow | None) -> Robot:
+        if row is None:
+            return "none"
+        return "this" if row.robot == self._unit.identity.identity.public_key else "another"
 
     async def upload(self, upload: ClipUpload) -> None:
         await self._travel(_TO_CUSTODIAN_MS)

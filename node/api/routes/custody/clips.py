@@ -8,7 +8,7 @@ from consensus.api_documents import UploadAnswer
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, encode
-from consensus.records.clips import ClipUpload, check_clip_upload
+from consensus.records.clips import ClipUpload
 from consensus.state.records import RECORD, decided_root
 from node.api.access.route_access import OWNER, ROBOT
 from node.api.ports import CustodyService
@@ -33,7 +33,6 @@ async def _upload(call: Call) -> web.StreamResponse:
         upload = decode(await call.body(), ClipUpload)
         if (upload.record_id, upload.owner) != (record_id, owner):
             raise BlockRobotError("UPLOAD_INVALID", "The upload is for another record or visit than its address says.")
-        check_clip_upload(upload)
         await custody.stage(upload, call.caller, is_new=is_new)
     return json_answer(UploadAnswer(record_id=record_id.hex(), status="staged"))
 

@@ -19,7 +19,7 @@ from clients.robot.delivery.delivery import (
     RETRY_MAX_MS,
     SUBMIT_DELAY_MAX_MS,
     Delivery,
-    Recorder,
+    Robot,
 )
 from clients.robot.recording.spool import Delivered, Spool, SpooledClip
 from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
@@ -54,6 +54,7 @@ class FakeNetwork:
         self.refusals: list[str] = []
         self.close_refusals: list[str] = []
         self.upload_refusals: list[str] = []
+        self.others_visits: set[bytes] = set()
         self.others_records: set[bytes] = set()
         self.verdict: str = ""
         self.verdicts: dict[str, str] = {}
@@ -87,18 +88,20 @@ class FakeNetwork:
         self.uploads[upload.record_id] = upload
         self.on_upload(upload)
 
-    async def knows_visit(self, owner: bytes) -> bool:
+    async def robot_of_visit(self, owner: bytes) -> Robot:
         if self.question_refusals:
             raise BlockRobotError(self.question_refusals.pop(0))
         self.asked_visits.append(owner)
-        return owner in self.visits
+        if owner in self.others_visits:
+            return "another"
+        return "this" if owner in self.visits else "none"
 
-    async def find_recorder(self, record_id: bytes, owner: bytes) -> Recorder:
+    async def robot_of_record(self, record_id: bytes) -> Robot:
         if self.question_refusals:
             raise BlockRobotError(self.question_refusals.pop(0))
         if record_id in self.others_records:
             return "another"
-        return "this robot" if self.records.get(record_id) == owner else "nobody"
+        return "this" if record_id in self.records else "none"
 
     async def submit_and_wait(self, transaction: Transaction) -> Receipt:
         self.calls.append((self.now_ms(), transaction.body.entry))
@@ -119,7 +122,7 @@ class FakeNetwork:
     def _execute(self, transaction: Transaction) -> str:
         arguments = transaction.arguments()
         if transaction.body.entry == "open_visit":
-            if arguments[0] in self.visits:
+            if arguments[0] in self.visits or arguments[0] in self.others_visits:
                 return "VISIT_EXISTS"
             self.visits[arguments[0]] = arguments
         elif transaction.body.entry == "close_visit":
@@ -340,13 +343,13 @@ def test_a_record_of_this_id_that_another_robot_made_is_no_delivery(tmp_path: Pa
 def test_a_record_that_no_node_proves_yet_is_asked_for_again(tmp_path: Path) -> None:
     run = Run(tmp_path)
     run.network.answers_lost_count = 1
-    found, asked = run.network.find_recorder, list[bytes]()
+    found, asked = run.network.robot_of_record, list[bytes]()
 
-    async def behind(record_id: bytes, owner: bytes) -> Recorder:
+    async def behind(record_id: bytes) -> Robot:
         asked.append(record_id)
-        return "nobody" if len(asked) == 1 else await found(record_id, owner)
+        return "none" if len(asked) == 1 else await found(record_id)
 
-    run.network.find_recorder = behind  # type: ignore[method-assign]
+    run.network.robot_of_record = behind  # type: ignore[method-assign]
     delivery = run.delivery()
     run.network.records[run.spool.get(run.names[0]).upload.record_id] = run.spool.get(run.names[0]).owner
     run_virtual(run.deliver_all())
@@ -441,7 +444,8 @@ def test_a_visit_whose_key_another_robot_took_stops_no_robot(tmp_path: Path) -> 
     """Another robot that sees announcements on their way, and lies, could otherwise end every run of it, for good."""
     run = Run(tmp_path / "spool", clips=2)
     owner = run.spool.get(run.names[0]).owner
-    run.network.verdicts = {"open_visit": "VISIT_EXISTS", "record": "NOT_THE_ROBOT", "close_visit": "NOT_THE_ROBOT"}
+    run.network.others_visits = {owner}
+    run.network.upload_refusals = ["VISIT_NOT_OPEN"] * 10_000
 
     async def main() -> dict[bytes, int]:
         delivery = await run.deliver_all()

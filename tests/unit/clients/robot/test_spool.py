@@ -20,6 +20,7 @@ from consensus.primitives.encoding import encode
 from consensus.records.clips import ClipUpload
 
 KEY = bytes(range(32))
+OWNER = b"\x02" + b"OWNER" * 6 + b"oo"
 
 
 def clip(number: int = 0, size_bytes: int = 100) -> SpooledClip:
@@ -31,8 +32,9 @@ def clip(number: int = 0, size_bytes: int = 100) -> SpooledClip:
             ciphertexts=[secrets.token_bytes(size_bytes)],
             sealed_keys=[bytes(80)],
             commitment_leaves=[bytes(32)],
+            owner=OWNER,
         ),
-        owner=b"\x02" + b"OWNER" * 6 + b"oo",
+        owner=OWNER,
         ephemeral=b"\x02" * 33,
         view_tag=7,
         purpose="demo",

@@ -12,15 +12,18 @@ from consensus.limits import CIPHERTEXT_MAX_BYTES, CLIP_FRAMES_MAX_COUNT
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_download, check_clip_upload
-from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root
+from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root, derive_record_id
 
+OWNER = bytes(range(33))
+COMMITMENTS = [sha256(bytes((index,))) for index in range(3)]
 UPLOAD = ClipUpload(
-    record_id=bytes(range(16)),
+    record_id=derive_record_id(OWNER, commitment_root(COMMITMENTS)),
     txid=bytes(32),
     valid_until_ms=1_800_000_000_000,
     ciphertexts=[bytes((index,)) * 1064 for index in range(3)],
     sealed_keys=[bytes((index,)) * 80 for index in range(3)],
-    commitment_leaves=[sha256(bytes((index,))) for index in range(3)],
+    commitment_leaves=COMMITMENTS,
+    owner=OWNER,
 )
 LEAVES = ciphertext_leaves(UPLOAD.ciphertexts, UPLOAD.sealed_keys)
 ROOTS = commitment_root(UPLOAD.commitment_leaves), ciphertext_root(LEAVES)
@@ -52,6 +55,9 @@ def test_both_travel_in_one_form() -> None:
     "changes",
     [
         {"record_id": bytes(15)},
+        {"record_id": bytes(16)},
+        {"owner": bytes(33)},
+        {"commitment_leaves": COMMITMENTS[::-1]},
         {"txid": bytes(31)},
         {"valid_until_ms": -1},
         {"ciphertexts": UPLOAD.ciphertexts[:2]},
@@ -72,6 +78,7 @@ def test_an_upload_of_other_sizes_or_counts_is_refused(changes: dict[str, Any]) 
 def upload_of(frames: int, size: int) -> ClipUpload:
     return msgspec.structs.replace(
         UPLOAD,
+        record_id=derive_record_id(OWNER, commitment_root([bytes(32)] * frames)),
         ciphertexts=[bytes(size)] * frames,
         sealed_keys=[bytes(80)] * frames,
         commitment_leaves=[bytes(32)] * frames,

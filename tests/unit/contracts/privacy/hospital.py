@@ -14,6 +14,7 @@ from consensus.members.vouchers import Card, issue_card, sign_card, sign_rotatio
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.records.commitments import derive_record_id
 from consensus.records.owner_keys import derive_owner_key, open_visit_keys, sign_transfer
 from consensus.rights.purposes import PURPOSES
 from contracts.execution.executor import execute_block
@@ -253,10 +254,11 @@ class Hospital:
 
     def record_arguments(self, visit: Visit, number: int = 0, **changes: Any) -> list[Any]:
         seed = visit.owner + number.to_bytes(4, "big")
+        root = sha256(seed + b"c")
         values = {
-            "record_id": sha256(seed)[:16],
+            "record_id": derive_record_id(visit.owner, root),
             "owner": visit.owner,
-            "commitment_root": sha256(seed + b"c"),
+            "commitment_root": root,
             "ciphertext_root": sha256(seed + b"t"),
             "sealed_metadata": bytes(SEALED_METADATA_BYTES),
             "bucket_ms": self.bucket(),

@@ -102,13 +102,22 @@ def test_an_owner_key_serves_one_visit(hospital: Hospital) -> None:
     assert hospital.send(hospital.robot.identity, "records", "open_visit", *again).code == "VISIT_EXISTS"
 
 
-def test_a_record_id_serves_once_even_for_another_owner(hospital: Hospital) -> None:
-    first = hospital.open_visit(hospital.enrol("anna"))
-    second = hospital.open_visit(hospital.enrol("ben"))
-    record_id = hospital.record(first)
-    taken = hospital.record_arguments(second, record_id=record_id)
-    assert hospital.send(hospital.robot.identity, "records", "record", *taken).code == "RECORD_EXISTS"
-    assert hospital.view("records", "get", record_id)["owner"] == first.owner
+def test_a_record_id_serves_once(hospital: Hospital) -> None:
+    visit = hospital.open_visit(hospital.enrol("anna"))
+    record_id = hospital.record(visit, 0)
+    again = hospital.record_arguments(visit, 0, ciphertext_root=bytes(32))
+    assert hospital.send(hospital.robot.identity, "records", "record", *again).code == "RECORD_EXISTS"
+    assert hospital.view("records", "get", record_id)["ciphertext_root"] != bytes(32)
+
+
+def test_a_robot_that_hears_of_an_id_before_it_is_final_cannot_take_it(hospital: Hospital) -> None:
+    """With the same commitments either: the id follows from the owner key too, and whose that is, its visit says."""
+    known = hospital.record_arguments(hospital.open_visit(hospital.enrol("anna")))
+    visit = hospital.open_visit(hospital.enrol("ben"), robot=hospital.enrol("other robot", "robot"))
+    for change in ({"record_id": known[0]}, {"record_id": known[0], "commitment_root": known[2]}):
+        taken = hospital.record_arguments(visit, **change)
+        assert hospital.send(visit.robot.identity, "records", "record", *taken).code == "RECORD_ID_WRONG"
+    assert hospital.send(visit.robot.identity, "records", "record", *known).code == "NOT_THE_ROBOT"
 
 
 @pytest.mark.parametrize(
@@ -139,6 +148,8 @@ def test_a_bucket_is_five_full_minutes_near_now(hospital: Hospital, offset_ms: i
     ("change", "code"),
     [
         ({"record_id": bytes(15)}, "RECORD_ID_WRONG"),
+        ({"record_id": bytes(16)}, "RECORD_ID_WRONG"),
+        ({"commitment_root": bytes(32)}, "RECORD_ID_WRONG"),
         ({"owner": bytes(33)}, "VISIT_UNKNOWN"),
         ({"commitment_root": bytes(31)}, "ROOT_WRONG"),
         ({"ciphertext_root": b""}, "ROOT_WRONG"),

@@ -32,7 +32,7 @@ from consensus.primitives.encoding import encode, encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload
-from consensus.records.commitments import ciphertext_leaves
+from consensus.records.commitments import ciphertext_leaves, commitment_root, derive_record_id
 from consensus.state.identity import MemberRow
 from consensus.state.records import RecordRow, VisitRow
 from contracts.state.view import MemoryState
@@ -58,7 +58,8 @@ OWNER = PrivateKey(sha256(b"owner"))
 OTHER_OWNER = PrivateKey(sha256(b"other owner"))
 LEFT = PrivateKey(sha256(b"one who left"))
 STRANGER = PrivateKey(sha256(b"stranger"))
-RECORD_ID = bytes(range(16))
+_COMMITMENTS = [bytes(32), bytes(32)]
+RECORD_ID = derive_record_id(OWNER.public_key, commitment_root(_COMMITMENTS))
 ACCESS_ID = sha256(b"access")
 
 
@@ -376,7 +377,7 @@ def make_upload() -> ClipUpload:
         valid_until_ms=NOW_MS + 60_000,
         ciphertexts=[bytes(100), bytes(101)],
         sealed_keys=[bytes(80), bytes(80)],
-        commitment_leaves=[bytes(32), bytes(32)],
+        commitment_leaves=_COMMITMENTS,
         owner=OWNER.public_key,
     )
 
