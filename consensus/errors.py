@@ -172,7 +172,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("NODE_REMOVED", 503, "The network decided to remove this node: no peer talks to it, it serves reads only.", "Stop it; its data directory can be kept or destroyed."),
     # Custody
     ErrorEntry("UPLOAD_HASH_MISMATCH", 400, "The uploaded bytes do not have the hash they claim.", "Upload again; the bytes were damaged on the way."),
-    ErrorEntry("UPLOAD_CONFLICT", 409, "Another upload with this identifier is already there.", "Use a new random identifier."),
+    ErrorEntry("UPLOAD_CONFLICT", 409, "Another upload with this identifier is already there.", "Seal it again: other commitments have another identifier."),
     ErrorEntry("UPLOAD_QUOTA_EXCEEDED", 429, "The robot, or its organisation's robots together, have brought as much as the network allows.", "Wait as long as Retry-After says; `blockrobot custody status` shows who brought how much, and organisations may change the quota with `blockrobot settings propose`.", retryable=True),
     ErrorEntry("DISK_RESERVE_REACHED", 503, "The custodian's disk is nearly full, so it takes no uploads; it still erases, votes and prunes.", "Give its disk more room, or see `[custody] reserve_mib` in node.toml.", retryable=True),
     ErrorEntry("VISIT_NOT_OPEN", 409, "The chain knows no open visit of this robot under the clip's owner key.", "Open the visit and wait until that is final, then upload.", retryable=True),
