@@ -17,6 +17,7 @@ import pytest
 
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.records.commitments import derive_record_id
 from contracts.execution.call_host import CallHost
 from contracts.execution.callers import entry_rules
 from contracts.execution.executor import execute_transaction
@@ -128,6 +129,8 @@ class Calls:
     def make(self, place: tuple[str, str], key: PrivateKey, values: list[Any], *, keep: bool = True) -> bytes | None:
         """Call an entry; return the transaction's id if it succeeded."""
         self.number += 1
+        if place == ("records", "record"):
+            values = [derive_record_id(*values[1:3]), *values[1:]]
         time_ms = self.chain.time_ms + privacy.LATER_MS.get(place, 0) + 100 * self.number
         context = BlockContext(chain_id=self.chain.chain_id, height=self.chain.height + self.number, time_ms=time_ms)
         transaction = self.chain.sign(key, *place, *values)
