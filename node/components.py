@@ -301,6 +301,7 @@ class NodeComponents:
             clock=around.clock.now_ms,
             find_peers=custody.find_peers,
             is_serving=lambda: custody.is_serving,
+            failing=custody.failing,
             describe_uploads=partial(custody.describe_uploads, place.store, reserve=place.reserve),
         )
 
@@ -435,6 +436,7 @@ class NodeComponents:
             "peers": self.network.connected,
             "mempool": len(self.mempool),
             "custody_checkpoint": None if self.custody is None else self.custody.checkpoint_height,
+            "custody_failing": None if self.custody is None else self.custody.failing.code,
             "over_budget": self.over_budget.describe(self.surroundings.clock.now_ms()),
             "fault": core.halted or self.engine.fault,
             "execution": self.executor.quarantine.describe(),

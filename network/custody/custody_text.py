@@ -33,6 +33,11 @@ _SCRUB_FINDINGS = {
     "missing": ("{count} records are missing and are being fetched: {ids}.", "See blockrobot custody status {node}"),
     "unknown_to_chain": ("{count} records are held that the chain does not know: {ids}.", "Whose store is this?"),
 }
+_FAILING = {
+    "following": "It has not been able to follow the chain",
+    "uploads": "It has not been able to take uploads",
+    "fetching": "It has not been able to fetch clips from others",
+}
 NEAR_SHARE = 0.8
 RESERVE_LEFT_MIN_DAYS = 7
 _MIB = 1024 * 1024
@@ -42,9 +47,19 @@ UploadProblem = tuple[Literal["UPLOADS_PAUSED", "DISK_FILLS_UP", "UPLOADS_REFUSE
 
 def describe_position(answer: CustodyStatus) -> str:
     behind = answer.behind_blocks
+    if answer.failing:
+        return "failing"
     if behind > BEHIND_TOLERATED_BLOCKS:
         return f"{behind} blocks behind"
     return "up to date" if answer.serving else "starting"
+
+
+def failing_sentences(answer: CustodyStatus) -> list[str]:
+    return [
+        f"{_FAILING[failing.work]} for {failing.failing_s} s: {failing.detail} ({failing.code}). "
+        f"Next step: {BlockRobotError(failing.code).next_step}"
+        for failing in answer.failing
+    ]
 
 
 def status_sentences(
@@ -59,7 +74,9 @@ def status_sentences(
             continue
         names_of[answer.member] = name
         waiting.update(answer.waiting_for)
-        if answer.behind_blocks > BEHIND_TOLERATED_BLOCKS:
+        if answer.failing:
+            sentences += [f"{name}: {sentence}" for sentence in failing_sentences(answer)]
+        elif answer.behind_blocks > BEHIND_TOLERATED_BLOCKS:
             sentences.append(f"{name} is {answer.behind_blocks} blocks behind the chain and follows; look again soon.")
         elif not answer.serving:
             sentences.append(f"{name} hands out no clip before it has followed the network; look again soon.")

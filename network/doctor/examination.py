@@ -18,7 +18,7 @@ from consensus.errors import BlockRobotError
 from network.cluster import Cluster, fetch_status, no_network
 from network.cluster_monitor import kept_lines
 from network.custody.custody_requests import ask_all
-from network.custody.custody_text import find_upload_problems
+from network.custody.custody_text import failing_sentences, find_upload_problems
 from network.doctor import answers as words
 from network.doctor.answers import Answer
 from network.doctor.data_directory import check_authorities, check_directory
@@ -38,8 +38,10 @@ async def check_uploads(configs: Sequence[NodeConfig], answers: Sequence[Answer]
     found = []
     for config, answer in zip(custodians, await ask_all(custodians), strict=True):
         if isinstance(answer, BlockRobotError):
-            found.append(Finding("CUSTODY_SILENT", config.name, f"{answer.detail} ({answer.code})"))
+            code = "CUSTODY_FAILING" if answer.code == "STORE_UNAVAILABLE" else "CUSTODY_SILENT"
+            found.append(Finding(code, config.name, f"{answer.detail} ({answer.code})"))
         else:
+            found += [Finding("CUSTODY_FAILING", config.name, sentence) for sentence in failing_sentences(answer)]
             found += [Finding(code, config.name, sentence) for code, sentence in find_upload_problems(answer)]
     return found
 

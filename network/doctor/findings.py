@@ -64,6 +64,12 @@ KINDS: dict[str, FindingKind] = _table(
         "Give its disk more room, or let organisations lower robot_day_max_mib with blockrobot settings propose.",
     ),
     FindingKind(
+        "CUSTODY_FAILING",
+        "problem",
+        "The custodian's store, or its place of clips, does not answer: it keeps, erases and hands out nothing.",
+        "Start that server, or mend what its answer names, then the custodian goes on; see blockrobot custody status NODE.",
+    ),
+    FindingKind(
         "CUSTODY_SILENT",
         "warning",
         "The custodian does not say how it stands.",

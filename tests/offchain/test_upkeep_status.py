@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import msgspec
 from prometheus_client.parser import text_string_to_metric_families
 
+from consensus.errors import BlockRobotError
 from network.custody.custody_text import scrub_sentences
 from node.custody.coordination.custody_admin import ERASURES_READ_AGAIN_MS, CustodyAdmin, describe_scrub
 from node.custody.coordination.custody_answers import FrameName, PartName, UploadReport
+from node.custody.coordination.failing_work import FailingWorks
 from node.custody.repair.scrub import ScrubReport
 from node.custody.stores.custody_store import Checkpoint
-from tests.offchain.house import ERASURE_ID, CustodianHarness
+from tests.offchain.house import ERASURE_ID, CustodianHarness, refused
 from tests.offchain.small_chain import CUSTODIAN, OTHER_CUSTODIAN, START_MS, record_clip
 from tests.offchain.small_state import State
 
@@ -44,7 +47,10 @@ async def no_uploads(_timestamp_ms: int, *, counts_held: bool) -> UploadReport:
 
 
 def make_custody_admin(
-    house: CustodianHarness, state: State, note: Callable[[bytes], None] = lambda _prefix: None
+    house: CustodianHarness,
+    state: State,
+    note: Callable[[bytes], None] = lambda _prefix: None,
+    failing: FailingWorks | None = None,
 ) -> CustodyAdmin:
     class Ledger:
         def snapshot(self) -> Snapshot:
@@ -52,6 +58,7 @@ def make_custody_admin(
 
     ledger: Any = Ledger()
     parts = {"custodian": house.custodian, "store": house.store, "keys": house.keys, "ledger": ledger}
+    parts["failing"] = failing or FailingWorks(lambda: NOW_MS)
     serving = {"find_peers": list, "is_serving": lambda: True, "describe_uploads": no_uploads}
     return CustodyAdmin(name="node-1", member=CUSTODIAN, clock=lambda: NOW_MS, **parts, **serving)
 
@@ -117,3 +124,19 @@ def test_what_a_scrub_found_is_told_by_name_and_no_list_is_longer_than_a_thousan
     assert (answer.ok, answer.height, answer.log_bytes) == (False, 7, None)
     assert (answer.counts["missing"], answer.counts["corrupted"], answer.counts["other_facts"]) == (1_001, 1, 0)
     assert any("1001 records are missing" in line for line in scrub_sentences("node-1", answer))
+
+
+async def test_who_waits_for_a_custodian_that_cannot_follow_hears_why(opened: CustodianHarness) -> None:
+    failing = FailingWorks(lambda: NOW_MS)
+    admin = make_custody_admin(opened, State(), failing=failing)
+
+    async def wait_in_vain() -> None:
+        async with admin._work():
+            raise BlockRobotError("CUSTODY_CATCHING_UP")
+
+    await refused("CUSTODY_CATCHING_UP", wait_in_vain())
+    with suppress(BlockRobotError), failing.noted("following"):
+        raise BlockRobotError("STORE_UNAVAILABLE", "No server.")
+    await refused("STORE_UNAVAILABLE", wait_in_vain())
+    [row] = (await admin.status()).failing
+    assert (row.work, row.detail) == ("following", "No server.")

@@ -347,6 +347,10 @@ def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:
     if finality.get("clock_error_s"):
         told.append(f"{name}: {clock_words(finality['clock_error_s'])} {Finding('CLOCK_SKEW', name, '').next_step}")
     told += [sentence for _, sentence in refusals_of(name, status)]
+    if status.get("custody_failing"):
+        told.append(
+            f"{name}'s custodian cannot work ({status['custody_failing']}): see blockrobot custody status {name}"
+        )
     height = status.get("suspended_height")
     if height is not None:
         back = f"a majority brings it back: blockrobot producer approve {name} --as ORG"

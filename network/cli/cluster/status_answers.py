@@ -166,6 +166,7 @@ class NodeStatus(Answer, frozen=True, kw_only=True):
     custody_checkpoint: Annotated[
         Height | UnsetType | None, doc("The block that its custodian has followed to; null if it is no custodian")
     ] = UNSET
+    custody_failing: Annotated[str | UnsetType | None, doc("Why its custodian cannot work; null if it can")] = UNSET
     fault: Annotated[str | UnsetType, doc("Why it has stopped taking part; empty if it has not")] = UNSET
     execution: Annotated[ExecutionState | UnsetType, doc("What it could not execute")] = UNSET
     lockout: Annotated[ProducerLockout | UnsetType | None, doc("Why it signs nothing; null if it may sign")] = UNSET

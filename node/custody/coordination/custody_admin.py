@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import fields, replace
 from typing import Any, TypeVar
 
@@ -27,6 +27,7 @@ from node.custody.coordination.custody_answers import (
     ScrubAnswer,
     UploadReport,
 )
+from node.custody.coordination.failing_work import FailingWorks
 from node.custody.coordination.upload_report import render_uploads
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
@@ -59,6 +60,7 @@ class CustodyAdmin:
         clock: Callable[[], int],
         find_peers: Callable[[], Sequence[PeerCustodian]],
         is_serving: Callable[[], bool],
+        failing: FailingWorks,
         describe_uploads: Callable[..., Awaitable[UploadReport]],
     ) -> None:
         """`describe_uploads` reports uploads at a block's time (ms)."""
@@ -72,6 +74,7 @@ class CustodyAdmin:
         self._clock = clock
         self._find_peers = find_peers
         self._is_serving = is_serving
+        self._failing = failing
         self._one_at_a_time = asyncio.Lock()
         self._erasures_read_ms = 0
         self._erasures_waiting: dict[str, MissingReceipts] = {}
@@ -95,6 +98,7 @@ class CustodyAdmin:
             checkpoint_height=None if point is None else followed,
             finalized_height=height,
             behind_blocks=max(0, height - followed),
+            failing=self._failing.describe(),
             serving=self._is_serving(),
             busy=self._one_at_a_time.locked(),
             clips_held=counts.confirmed,
@@ -154,9 +158,20 @@ class CustodyAdmin:
             for custodian, missing in ages_ms.items()
         }
 
+    @asynccontextmanager
+    async def _work(self) -> AsyncIterator[None]:
+        """One at a time. Raises why the chain is not followed in place of CUSTODY_CATCHING_UP, which says to try again."""
+        async with self._one_at_a_time:
+            try:
+                yield
+            except BlockRobotError as error:
+                if error.code == "CUSTODY_CATCHING_UP":
+                    self._failing.require_following()
+                raise
+
     async def scrub(self, tell: Tell = ignore_progress, after: bytes = b"") -> ScrubAnswer:
         """Raises CUSTODY_CATCHING_UP, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
-        async with self._one_at_a_time:
+        async with self._work():
             report = await scrub(self._custodian, self._store, self._keys, self.open_facts, tell, after)
         log.info("custody_scrubbed", clean=report.is_clean, nothing_erased_is_left=report.nothing_erased_is_left)
         return describe_scrub(report)
@@ -168,7 +183,7 @@ class CustodyAdmin:
             await asyncio.sleep(FETCH_PAUSE_S)
 
         parts = (self._custodian, self._store, self._keys, self.open_facts, self._find_peers)
-        async with self._one_at_a_time:
+        async with self._work():
             report = await Rebuild(*parts, pause=pause, tell=tell).run()
         log.info("custody_rebuilt", whole=report.is_whole, fetched=report.fetched_count)
         return describe_rebuild(report)

@@ -50,14 +50,24 @@ class MissingReceipts(Document, frozen=True):
     overdue: list[OverdueErasure]
 
 
+class FailingWork(Document, frozen=True):
+    """What fails for want of the store: `following` the chain, taking `uploads`, or `fetching` clips from others."""
+
+    work: str
+    code: str
+    detail: str
+    failing_s: int
+
+
 class CustodyStatus(UploadReport, frozen=True):
-    """Heights, holdings, and missing receipts by custodian's key."""
+    """Heights, holdings, what fails now, and missing receipts by custodian's key."""
 
     name: str
     member: str
     checkpoint_height: int | None
     finalized_height: int
     behind_blocks: int
+    failing: list[FailingWork]
     serving: bool
     busy: bool
     clips_held: int

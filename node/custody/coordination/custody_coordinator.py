@@ -33,6 +33,7 @@ from node.custody.block_effects import only_records
 from node.custody.chain_facts import ChainFacts, read_placement, require_grantee, require_open_grant
 from node.custody.clip_fetching import FETCHES_IN_FLIGHT_COUNT
 from node.custody.coordination.custody_answers import UploadReport
+from node.custody.coordination.failing_work import FailingWorks
 from node.custody.coordination.upload_admission import CATCH_UP_MAX_MS, HoldRoom, UploadAdmission
 from node.custody.coordination.upload_report import describe_uploads
 from node.custody.custodian import Custodian
@@ -152,6 +153,7 @@ class CustodyCoordinator:
         self._pool = pool
         self._peers = peers
         self._clock = clock
+        self.failing = FailingWorks(clock)
         self._randomness = randomness
         self._name = name
         self._custodians = custodians or (lambda: {node.name: node.custodian_key for node in genesis.custodians})
@@ -226,7 +228,7 @@ class CustodyCoordinator:
 
     async def stage(self, upload: ClipUpload, robot: bytes, *, is_new: bool = True) -> None:
         """Raises CLIP_ERASED, STORE_UNAVAILABLE, VISIT_NOT_OPEN, and UPLOAD_* as the custodian."""
-        with self.admission.refused.noted(robot):
+        with self.admission.refused.noted(robot), self.failing.noted("uploads"):
             await self.admission.wait_for_visit(upload.record_id, upload.owner, robot)
             await self._custodian.stage(upload, self.admission.read_terms(robot), is_new=is_new)
         self._wake_outbox.set()
@@ -291,8 +293,9 @@ class CustodyCoordinator:
                 await self._feed.wait_above(height, _WAIT_MS)
                 continue
             try:
-                if not await self._reconcile_if_due(height):
-                    await self._apply_blocks(height + 1)
+                with self.failing.noted("following"):
+                    if not await self._reconcile_if_due(height):
+                        await self._apply_blocks(height + 1)
             except BlockRobotError as error:
                 log.warning("custody_behind", height=height, code=error.code, detail=error.detail)
                 await asyncio.sleep(RETRY_MS / 1000)
@@ -503,10 +506,11 @@ class CustodyCoordinator:
             await asyncio.sleep(0 if count else FETCH_INTERVAL_MS / 1000)
             count = 0
             try:
-                if moved := await self._custodian.follow_placement():
-                    log.info("clips_placed_anew", count=moved)
-                if links := self.find_peers():
-                    count = await self._custodian.fetch_missing(links)
+                with self.failing.noted("fetching"):
+                    if moved := await self._custodian.follow_placement():
+                        log.info("clips_placed_anew", count=moved)
+                    if links := self.find_peers():
+                        count = await self._custodian.fetch_missing(links)
             except BlockRobotError as error:
                 log.warning("clips_not_fetched", code=error.code, detail=error.detail)
             except Exception:

@@ -39,6 +39,7 @@ def _answer(name: str, **changes: Any) -> CustodyStatus:
         "checkpoint_height": 9,
         "finalized_height": 9,
         "behind_blocks": 0,
+        "failing": [],
         "serving": True,
         "busy": False,
         "clips_held": 7,
@@ -141,6 +142,17 @@ def test_what_is_behind_missing_and_overdue_is_said_with_a_next_step(folder: Pat
     assert "node-1 lacks 4 clips" in result.stdout
     assert result.stdout.count("node-2 has not confirmed the erasure abababababababab") == 1
     assert "900 s ago. Next step" in result.stdout
+
+
+def test_a_store_that_does_not_answer_is_named_and_not_called_catching_up(folder: Path, says: dict[str, Any]) -> None:
+    failing = {"work": "following", "code": "STORE_UNAVAILABLE", "detail": "No server.", "failing_s": 75}
+    says["node-2"] = _answer("node-2", behind_blocks=120, failing=[failing])
+    result = _run(folder, "status")
+    assert result.exit_code == 1
+    assert "node-2: It has not been able to follow the chain for 75 s: No server. (STORE_UNAVAILABLE)" in result.stdout
+    assert "Next step: Check the store's server" in result.stdout
+    assert "look again soon" not in result.stdout
+    assert "failing" in result.stdout
 
 
 def test_an_erasure_that_a_silent_custodian_owes_is_told_by_the_other(folder: Path, says: dict[str, Any]) -> None:

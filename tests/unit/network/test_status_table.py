@@ -44,6 +44,12 @@ def test_a_node_at_work_is_ready_and_its_newest_final_block_has_an_age(capsys: p
     assert "suspended" not in text
 
 
+def test_a_custodian_that_cannot_work_is_named_with_the_reason(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "custodian" not in said(capsys)
+    told = said(capsys, custody_checkpoint=7, custody_failing="STORE_UNAVAILABLE")
+    assert "node-1's custodian cannot work (STORE_UNAVAILABLE): see blockrobot custody status node-1" in told
+
+
 def test_a_stuck_network_is_not_called_ready(capsys: pytest.CaptureFixture[str]) -> None:
     late = {"age_s": 45.2, "waiting_s": 44.0, "late": True, "clock_error_s": 0.0}
     text = said(capsys, finality=late, mempool=3)

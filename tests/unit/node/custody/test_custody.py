@@ -20,6 +20,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, FrameDownload
 from consensus.records.sharing import SharedRequest
 from consensus.state.identity import CUSTODIAN, ROOM, CustodianRow, RoomRow
+from node.custody.coordination.custody_answers import FailingWork
 from node.custody.coordination.custody_coordinator import (
     CLIP_PART_BYTES,
     OUTBOX_BATCH_COUNT,
@@ -28,6 +29,7 @@ from node.custody.coordination.custody_coordinator import (
     CustodyCoordinator,
     PeerLink,
 )
+from node.custody.coordination.failing_work import SHOWN_MAX_MS, FailingWorks
 from node.custody.stores.custody_store import Checkpoint, OutboxRow
 from node.ledger.ledger_writer import FinalityFeed
 from node.mempool.transaction_pool import SubmitResult
@@ -49,6 +51,7 @@ class ScriptedCustodian:
         self.rows: list[OutboxRow] = [ROW]
         self.dismissed: list[OutboxRow] = []
         self.fails_once_at: int | None = None
+        self.is_down = False
         self.clip: ClipDownload | None = None
         self.refusal = "NOT_FOUND"
 
@@ -59,6 +62,8 @@ class ScriptedCustodian:
         return Checkpoint(self.heights[-1], bytes(32), 1) if self.heights else None
 
     async def on_finalized_blocks(self, blocks: Any) -> None:
+        if self.is_down:
+            raise BlockRobotError("STORE_UNAVAILABLE", "No server.")
         for events in blocks:
             if events.height == self.fails_once_at:
                 self.fails_once_at = None
@@ -183,6 +188,38 @@ async def test_a_store_that_does_not_answer_is_asked_again_and_no_block_is_left_
     await rig.followed(2)
     await rig.custody.stop()
     assert rig.custodian.heights == [0, 1, 2]
+
+
+async def test_what_fails_is_told_with_reason_and_time_until_it_goes_again(rig: Rig) -> None:
+    rig.custodian.is_down = True
+    await rig.finalize(0)
+    await rig.custody.start()
+    for waited_ms in (0, *[60_000] * 5):
+        rig.now_ms += waited_ms
+        for _ in range(10):
+            await asyncio.sleep(0)
+    assert rig.custody.failing.describe() == [FailingWork("following", "STORE_UNAVAILABLE", "No server.", 300)]
+    assert rig.custody.failing.code == "STORE_UNAVAILABLE"
+    with pytest.raises(BlockRobotError, match="No server"):
+        rig.custody.failing.require_following()
+    rig.custodian.is_down = False
+    await rig.finalize(1)
+    await rig.followed(1)
+    await rig.custody.stop()
+    assert (rig.custody.failing.describe(), rig.custody.failing.code) == ([], None)
+    rig.custody.failing.require_following()
+
+
+def test_only_a_custodians_own_failures_count_and_only_while_they_are_new() -> None:
+    now_ms = 0
+    failing = FailingWorks(lambda: now_ms)
+    for code in ("UPLOAD_QUOTA_EXCEEDED", "STORE_UNAVAILABLE", "UPLOAD_INVALID"):
+        with pytest.raises(BlockRobotError), failing.noted("uploads"):
+            raise BlockRobotError(code)
+    assert [row.code for row in failing.describe()] == ["STORE_UNAVAILABLE"]
+    failing.require_following()
+    now_ms = SHOWN_MAX_MS + 1
+    assert failing.describe() == []
 
 
 async def test_what_a_custodian_signed_by_a_clock_an_hour_ahead_is_signed_anew_once_the_clock_is_right(
