@@ -195,7 +195,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CLIP_QUARANTINED", 403, "The visit was denied by its owner, and nothing of it is released to anybody.", "Wait for the data protection officer's decision: `blockrobot wallet audit` shows it."),
     ErrorEntry("ERASE_KEYS_DAMAGED", 500, "The custodian's erase-key file is damaged.", "Stop the custodian and restore the file from its own backup medium."),
     ErrorEntry("CLIPS_NOT_THERE", 503, "The place of the custodian's clips is not there as the custodian left it: it may be a disk that is not mounted.", "Mount its disk, or make its bucket reachable, and start again; if the place is lost for good, say so as in docs/how-to/custody.md.", retryable=True),
-    ErrorEntry("STORE_UNAVAILABLE", 503, "The custodian's store does not answer.", "Check the store's server and its URI.", retryable=True),
+    ErrorEntry("STORE_UNAVAILABLE", 503, "The custodian's store does not answer.", "See that the server of the store, or of its clips, runs and is the one that [custody] in node.toml names.", retryable=True),
     # Records, robot and wallet
     ErrorEntry("VOUCHER_INVALID", 400, "The enrolment code is damaged.", "Scan or type the code on the card again."),
     ErrorEntry("HANDLE_MISTYPED", 400, "The short handle has a wrong letter, or one too few or too many.", "Compare it letter by letter with what the other's `wallet handle` shows, or have it sent to you in a file: @FILE."),

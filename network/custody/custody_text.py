@@ -56,7 +56,7 @@ def describe_position(answer: CustodyStatus) -> str:
 
 def failing_sentences(answer: CustodyStatus) -> list[str]:
     return [
-        f"{_FAILING[failing.work]} for {failing.failing_s} s: {failing.detail} ({failing.code}). "
+        f"{_FAILING[failing.work]} for {failing.failing_s} s: {failing.detail.rstrip('.')} ({failing.code}). "
         f"Next step: {BlockRobotError(failing.code).next_step}"
         for failing in answer.failing
     ]
@@ -111,10 +111,12 @@ def _count(report: ScrubAnswer | RebuildAnswer, field: str) -> int:
 
 
 def scrub_sentences(node: str, report: ScrubAnswer) -> list[str]:
+    without = report.records_count - report.clips_compared_count
+    others = f" (of the other {without} nothing is to be here, or it is named below)" if without > 0 else ""
     sentences = [
         f"{node}, at height {report.height}: {report.records_count} records of the chain looked up"
         f"{f' after {report.after}' if report.after else ''}, "
-        f"{report.clips_compared_count} clips and {report.frames_compared_count} frames read."
+        f"{report.clips_compared_count} clips{others} and {report.frames_compared_count} frames read."
     ]
     for field, (sentence, step) in _SCRUB_FINDINGS.items():
         found = getattr(report, field)
@@ -174,7 +176,8 @@ def find_upload_problems(answer: UploadReport) -> list[UploadProblem]:
         problems.append(("DISK_FILLS_UP", sentence))
     for row in answer.uploads:
         if row.refused_lately:
-            refused = f"{row.refused_lately} uploads lately, {row.refused} since the custodian's start"
+            codes = ", ".join(f"{code} {count}" for code, count in row.refused_lately.items())
+            refused = f"uploads lately ({codes}), {row.refused} since the custodian's start"
             sentence = f"{_robot_name(row)} was refused {refused}."
             problems.append(("UPLOADS_REFUSED", sentence))
         used = _quotas_used(row, answer.quotas)

@@ -48,8 +48,8 @@ KINDS: dict[str, FindingKind] = _table(
         "UPLOADS_REFUSED",
         "warning",
         "A robot was refused uploads: a quota, the disk's reserve, or no open visit.",
-        "See blockrobot custody status; ask its organisation, which may remove the robot; raise a quota that is too low "
-        "with blockrobot settings propose.",
+        "See blockrobot custody status for the codes. UPLOAD_QUOTA_EXCEEDED: raise a quota that is too low with blockrobot "
+        "settings propose. Others that go on: ask the robot's organisation, which may remove the robot.",
     ),
     FindingKind(
         "UPLOAD_QUOTA_NEAR",

@@ -144,6 +144,22 @@ async def test_days_are_kept_for_the_trend_and_no_longer(store: CustodyStore) ->
     ]
 
 
+def test_a_custodian_that_does_not_know_the_chain_yet_blames_no_robot() -> None:
+    has_followed = False
+    refusals = RefusedUploads(lambda: 5.0, has_followed=lambda: has_followed)
+
+    def refuse(code: str) -> dict[str, int]:
+        with pytest.raises(BlockRobotError), refusals.noted(ROBOT):
+            raise BlockRobotError(code)
+        return refusals.lately(ROBOT)
+
+    assert refuse("VISIT_NOT_OPEN") == {}
+    assert refuse("EMPTY_FRAME_NOT_APPROVED") == {}
+    assert refuse("UPLOAD_QUOTA_EXCEEDED") == {"UPLOAD_QUOTA_EXCEEDED": 1}
+    has_followed = True
+    assert refuse("VISIT_NOT_OPEN") == {"UPLOAD_QUOTA_EXCEEDED": 1, "VISIT_NOT_OPEN": 1}
+
+
 async def test_an_operator_is_told_of_each_robot_the_trend_and_what_is_left(
     store: CustodyStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

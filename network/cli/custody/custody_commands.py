@@ -31,6 +31,8 @@ from network.provisioning.node_joining import newest_directory
 from node.config import NodeConfig, load_genesis
 from node.custody.coordination.custody_answers import CustodyStatus, Progress, RebuildAnswer, ScrubAnswer
 
+_DAYS_SHOWN_MAX = 3_650
+
 _PLACES = {
     "status": LazyCommand(
         "network.cli.custody.custody_commands:status",
@@ -172,7 +174,8 @@ def _print_uploads(configs: list[NodeConfig], answers: list[CustodyStatus | Bloc
             table.add_row(config.name, escape(row.organisation), robot, *sizes, str(row.refused))
         if answer.disk_free_bytes is not None:
             days = answer.days_until_reserve
-            lasts = "" if days is None else f", which last {days} days at {answer.bytes_a_day / 1e9:.2f} GB a day"
+            shown = "more than ten years" if days is not None and days > _DAYS_SHOWN_MAX else f"{days} days"
+            lasts = "" if days is None else f", which last {shown} at {answer.bytes_a_day / 1e9:.2f} GB a day"
             free, reserve = ((size or 0) / 1e9 for size in (answer.disk_free_bytes, answer.disk_reserve_bytes))
             lines.append(f"{config.name}: {free:.1f} GB are free, {reserve:.1f} GB of them are kept back{lasts}.")
     if table.row_count:

@@ -9,7 +9,9 @@ from consensus.api_documents import Document
 
 
 class RobotUploads(Document, frozen=True):
-    """A robot's uploads (empty `robot`: fetched from custodians); what is held is absent if it was not counted."""
+    """A robot's uploads (empty `robot`: fetched from custodians); what is held is absent if it was not counted,
+    what was refused in the last minutes by code.
+    """
 
     organisation: str
     robot: str
@@ -18,7 +20,7 @@ class RobotUploads(Document, frozen=True):
     today_bytes: int
     bytes_a_day: int
     refused: int
-    refused_lately: int
+    refused_lately: dict[str, int]
     held_clips: int | UnsetType = UNSET
     held_bytes: int | UnsetType = UNSET
 

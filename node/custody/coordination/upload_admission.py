@@ -46,7 +46,12 @@ class UploadAdmission:
     """Admits uploads; `in_flight` is each robot's use under way."""
 
     def __init__(
-        self, ledger: LedgerStore, feed: FinalityFeed, custodian: Custodian, hold_room: HoldRoom | None = None
+        self,
+        ledger: LedgerStore,
+        feed: FinalityFeed,
+        custodian: Custodian,
+        hold_room: HoldRoom | None = None,
+        has_followed: Callable[[], bool] = lambda: True,
     ) -> None:
         self._ledger = ledger
         self._feed = feed
@@ -54,7 +59,7 @@ class UploadAdmission:
         self._hold_room = hold_room or (lambda _robot, _size_bytes: nullcontext())
         self.in_flight: dict[bytes, Use] = {}
         self._open: Counter[tuple[str, bytes]] = Counter()
-        self.refused = RefusedUploads()
+        self.refused = RefusedUploads(has_followed=has_followed)
 
     def organisation_of(self, robot: bytes) -> str:
         with self._ledger.snapshot() as snapshot:

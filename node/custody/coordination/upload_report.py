@@ -31,6 +31,8 @@ LIMIT_CODES = frozenset(
     }
 )
 """What a robot is refused that brings too much, or what no visit asks for."""
+OF_THE_CHAIN_CODES = frozenset({"VISIT_NOT_OPEN", "EMPTY_FRAME_NOT_APPROVED"})
+"""A custodian that does not know all of the chain yet says so of what is well."""
 LATELY_S = 600
 TREND_DAYS = USAGE_KEPT_DAYS - 1
 """The trend is the mean of so many whole days before today, or of as many as there are; on the first day today's."""
@@ -44,18 +46,22 @@ OTHER_ROBOTS = "others"
 class RefusedUploads:
     """Counts each robot's refused uploads, in all and recently, without logging each."""
 
-    def __init__(self, clock_s: Callable[[], float] | None = None) -> None:
-        """`clock_s`: monotonic seconds; default is the event loop's."""
+    def __init__(
+        self, clock_s: Callable[[], float] | None = None, *, has_followed: Callable[[], bool] = lambda: True
+    ) -> None:
+        """`clock_s`: monotonic seconds; default is the event loop's. `has_followed`: the custodian knows the chain."""
         self._clock_s = clock_s or (lambda: asyncio.get_running_loop().time())
+        self._has_followed = has_followed
         self.counts: Counter[bytes] = Counter()
-        self._lately: Counter[bytes] = Counter()
-        self._before: Counter[bytes] = Counter()
+        self._lately: Counter[tuple[bytes, str]] = Counter()
+        self._before: Counter[tuple[bytes, str]] = Counter()
         self._since_s = 0.0
 
-    def lately(self, robot: bytes) -> int:
-        """In the last one to two `LATELY_S`."""
+    def lately(self, robot: bytes) -> dict[str, int]:
+        """By code, in the last one to two `LATELY_S`."""
         self._turn()
-        return self._lately[robot] + self._before[robot]
+        counts = ((code, self._lately[robot, code] + self._before[robot, code]) for code in sorted(LIMIT_CODES))
+        return {code: count for code, count in counts if count}
 
     def _turn(self) -> None:
         passed_s = self._clock_s() - self._since_s
@@ -69,9 +75,9 @@ class RefusedUploads:
         try:
             yield
         except BlockRobotError as error:
-            if error.code in LIMIT_CODES:
+            if error.code in LIMIT_CODES and (error.code not in OF_THE_CHAIN_CODES or self._has_followed()):
                 self._turn()
-                self._lately[robot] += 1
+                self._lately[robot, error.code] += 1
                 self.counts[robot] += 1
                 if self.counts[robot].bit_count() == 1:
                     log.warning("uploads_refused", robot=robot.hex(), code=error.code, count=self.counts[robot])

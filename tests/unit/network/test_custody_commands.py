@@ -73,7 +73,7 @@ def _uploads(**changes: Any) -> dict[str, Any]:
         "staged_clips": 1,
         "staged_bytes": 200_000,
         "refused": 0,
-        "refused_lately": 0,
+        "refused_lately": {},
     }
     return row | {"held_clips": 7, "held_bytes": 1_400_000, "today_bytes": 0, "bytes_a_day": 5_000_000_000} | changes
 
@@ -84,8 +84,8 @@ def _uploads(**changes: Any) -> dict[str, Any]:
         ({"uploads_paused": True, "disk_free_bytes": 1_000 << 20}, "takes no uploads: 1000 MiB are free, 1024 MiB are"),
         ({"days_until_reserve": 3.5}, "At 5.0 GB a day its disk reaches the reserve in 3.5 days."),
         (
-            {"uploads": [_uploads(refused=9, refused_lately=4)]},
-            "Robot 0202020202020202... of hospital was refused 4 uploads lately, 9 since",
+            {"uploads": [_uploads(refused=9, refused_lately={"UPLOAD_QUOTA_EXCEEDED": 3, "VISIT_NOT_OPEN": 1})]},
+            "hospital was refused uploads lately (UPLOAD_QUOTA_EXCEEDED 3, VISIT_NOT_OPEN 1), 9 since",
         ),
         ({"uploads": [_uploads(staged_clips=4_000)]}, "has used 98% of robot_staged_max_count"),
     ],
@@ -144,13 +144,20 @@ def test_what_is_behind_missing_and_overdue_is_said_with_a_next_step(folder: Pat
     assert "900 s ago. Next step" in result.stdout
 
 
+def test_a_disk_that_lasts_for_ages_is_not_told_in_days(folder: Path, says: dict[str, Any]) -> None:
+    says["node-2"] = _answer("node-2", days_until_reserve=250_594.8)
+    told = " ".join(_run(folder, "status").stdout.split())
+    assert "which last 99.8 days at 5.00 GB a day" in told
+    assert "which last more than ten years at" in told
+
+
 def test_a_store_that_does_not_answer_is_named_and_not_called_catching_up(folder: Path, says: dict[str, Any]) -> None:
     failing = {"work": "following", "code": "STORE_UNAVAILABLE", "detail": "No server.", "failing_s": 75}
     says["node-2"] = _answer("node-2", behind_blocks=120, failing=[failing])
     result = _run(folder, "status")
     assert result.exit_code == 1
-    assert "node-2: It has not been able to follow the chain for 75 s: No server. (STORE_UNAVAILABLE)" in result.stdout
-    assert "Next step: Check the store's server" in result.stdout
+    assert "node-2: It has not been able to follow the chain for 75 s: No server (STORE_UNAVAILABLE)." in result.stdout
+    assert "Next step: See that the server of the store" in result.stdout
     assert "look again soon" not in result.stdout
     assert "failing" in result.stdout
 

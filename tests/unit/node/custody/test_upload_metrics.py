@@ -14,7 +14,7 @@ QUOTAS = {"robot_staged_max_mib": 512, "robot_staged_max_count": 4096, "robot_da
 
 def row(number: int, **changes: Any) -> RobotUploads:
     told = {"staged_clips": 1, "staged_bytes": 10, "today_bytes": 100 + number, "refused": 0}
-    others = {"bytes_a_day": 0, "refused_lately": 0}
+    others = {"bytes_a_day": 0, "refused_lately": {}}
     return RobotUploads(**{"robot": f"{number:066x}", "organisation": "hospital", **told, **others, **changes})
 
 
