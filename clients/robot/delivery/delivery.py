@@ -28,6 +28,7 @@ CLIPS_LOADED_MAX_COUNT = 32
 
 RETRY_FIRST_MS = 200
 RETRY_MAX_MS = 5_000
+RETRY_TOLD_EVERY_MS = 10_000
 OVERDUE_AFTER_MS = 24 * 60 * 60 * 1000
 """The chain takes no record of a day ago (`BUCKET_AGE_MAX_MS` of the contract `records`)."""
 
@@ -122,6 +123,7 @@ class Delivery:
         self._finishing: set[asyncio.Task[None]] = set()
         self.failure: BaseException | None = None
         self.dropped_count = 0
+        self._retry_told_ms: dict[str, int] = {}
 
     def start(self, name: str) -> None:
         task = asyncio.create_task(self._deliver(name))
@@ -198,7 +200,7 @@ class Delivery:
             except BlockRobotError as error:
                 if not error.entry.retryable:
                     raise
-                _log.warning("retry", entry="visit", code=error.code)
+                self._note_retry("visit", error.code)
                 await asyncio.sleep(wait_ms / 1000)
                 wait_ms = min(2 * wait_ms, RETRY_MAX_MS)
 
@@ -256,7 +258,7 @@ class Delivery:
             except BlockRobotError as error:
                 if not error.entry.retryable and error.code != "TRANSACTION_EXPIRED":
                     raise
-                _log.warning("retry", entry=entry, code=error.code)
+                self._note_retry(entry, error.code)
                 await asyncio.sleep(wait_ms / 1000)
                 wait_ms = min(2 * wait_ms, RETRY_MAX_MS)
                 continue
@@ -264,6 +266,13 @@ class Delivery:
                 detail = f"The chain refused {contract}.{entry}: {confirmation.code}."
                 raise _refused(detail, confirmation.code)
             return transaction.txid, submitted
+
+    def _note_retry(self, entry: str, code: str) -> None:
+        """Once in a while for each code, however many clips wait for the same."""
+        now_ms = self._network.now_ms()
+        if now_ms - self._retry_told_ms.get(code, now_ms - RETRY_TOLD_EVERY_MS) >= RETRY_TOLD_EVERY_MS:
+            self._retry_told_ms[code] = now_ms
+            _log.warning("retry", entry=entry, code=code, clips_waiting=len(self._tasks))
 
     async def _upload(self, clip: SpooledClip, upload: ClipUpload) -> None:
         """What no upload can mend is believed once the chain proves it. Raises RecordedBefore, NOT_PERMITTED."""

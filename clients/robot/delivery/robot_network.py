@@ -26,6 +26,8 @@ from consensus.state.records import RECORD, VISIT, RecordRow, VisitRow
 
 COPIES_DEFAULT_COUNT = 2
 COPIES_MAX_COUNT = 16
+_AWAY_CODES = frozenset({"NODE_UNREACHABLE", "STORE_UNAVAILABLE", "DISK_RESERVE_REACHED", "ERASE_KEYS_DAMAGED"})
+"""Of a custodian that takes no uploads, whatever they are: told once."""
 
 _log = structlog.get_logger("robot")
 
@@ -39,6 +41,7 @@ class RobotNetwork:
         self._identity = identity
         self.refused_uploads: Counter[str] = Counter()
         """How often a custodian took no upload, by the code with which it refused or could not be reached."""
+        self._away: dict[str, str] = {}  # codes by custodian
 
     def now_ms(self) -> int:
         return self._client.clock.now_ms()
@@ -105,7 +108,6 @@ class RobotNetwork:
             refusals += refused
             lacking -= len(others) - len(refused)
         if lacking > 0:
-            _log.warning("upload_refused", count=len(refusals))
             raise _choose_refusal(refusals, is_taken=lacking < wanted)
 
     async def _send_to_each(
@@ -113,12 +115,17 @@ class RobotNetwork:
     ) -> list[BlockRobotError]:
         results = await asyncio.gather(*(send(node) for node in nodes), return_exceptions=True)
         refusals = []
-        for refusal in results:
+        for node, refusal in zip(nodes, results, strict=True):
             if isinstance(refusal, BlockRobotError):
                 self.refused_uploads[refusal.code] += 1
                 refusals.append(refusal)
+                if refusal.code in _AWAY_CODES and self._away.get(node.name) != refusal.code:
+                    self._away[node.name] = refusal.code
+                    _log.warning("custodian_takes_no_uploads", custodian=node.name, code=refusal.code)
             elif isinstance(refusal, BaseException):
                 raise refusal
+            elif self._away.pop(node.name, ""):
+                _log.info("custodian_takes_uploads_again", custodian=node.name)
         return refusals
 
 

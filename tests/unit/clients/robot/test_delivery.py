@@ -11,12 +11,14 @@ from typing import Any
 
 import msgspec
 import pytest
+from structlog.testing import capture_logs
 
 from clients.robot.delivery.delivery import (
     CLIPS_LOADED_MAX_COUNT,
     DELIVERIES_AT_ONCE_MAX_COUNT,
     OVERDUE_AFTER_MS,
     RETRY_MAX_MS,
+    RETRY_TOLD_EVERY_MS,
     SUBMIT_DELAY_MAX_MS,
     Delivery,
     Robot,
@@ -375,6 +377,20 @@ def test_a_robot_killed_at_any_moment_delivers_everything_once(tmp_path: Path) -
         run_virtual(run.deliver_all())
         assert len(run.network.records) == 3, killed_after_ms
         assert run.spool.names() == []
+
+
+@in_virtual_time
+async def test_what_waits_is_told_once_in_a_while_with_how_much_waits(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=5)
+    run.network.upload_refusals = ["STORE_UNAVAILABLE"] * 10_000
+    delivery = run.delivery()
+    with capture_logs() as told:
+        for name in run.names:
+            delivery.start(name)
+        await asyncio.sleep(3.5 * RETRY_TOLD_EVERY_MS / 1000)
+        await delivery.stop()
+    assert 3 <= len(told) <= 5
+    assert {(line["code"], line["clips_waiting"]) for line in told} == {("STORE_UNAVAILABLE", 5)}
 
 
 @in_virtual_time

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 
 from clients.robot.delivery.robot_network import COPIES_DEFAULT_COUNT, RobotNetwork
 from consensus.errors import BlockRobotError
@@ -15,12 +16,20 @@ UPLOAD: Any = SimpleNamespace(record_id=bytes(16))
 STORE_DOWN, UNREACHABLE = BlockRobotError("STORE_UNAVAILABLE"), BlockRobotError("NODE_UNREACHABLE")
 
 
+class Node(int):
+    """A custodian, by its number."""
+
+    @property
+    def name(self) -> str:
+        return f"node-{int(self)}"
+
+
 class Custodians:
     """Custodians that take an upload, or refuse it as the test says."""
 
     def __init__(self, *answers: Exception | None) -> None:
         self.answers = dict(enumerate(answers))
-        self.custodians = tuple(self.answers)
+        self.custodians = tuple(map(Node, self.answers))
         self.keepers_count = len(answers)
         self.taken: list[int] = []
 
@@ -59,6 +68,21 @@ async def test_fewer_are_not_and_what_was_refused_can_be_tried_again(answers: tu
     with pytest.raises(BlockRobotError) as refusal:
         await _robot(Custodians(*answers)).upload(UPLOAD)
     assert refusal.value.entry.retryable
+
+
+async def test_a_custodian_that_is_away_is_named_once_and_once_it_is_back() -> None:
+    custodians = Custodians(None, STORE_DOWN, None, BlockRobotError("VISIT_NOT_OPEN"))
+    robot = _robot(custodians)
+    with capture_logs() as told:
+        for answer in (STORE_DOWN, STORE_DOWN, UNREACHABLE, UNREACHABLE, None, None):
+            custodians.answers[1] = answer
+            await robot.upload(UPLOAD)
+    away = [(line["event"], line["custodian"], line.get("code")) for line in told]
+    assert away == [
+        ("custodian_takes_no_uploads", "node-1", "STORE_UNAVAILABLE"),
+        ("custodian_takes_no_uploads", "node-1", "NODE_UNREACHABLE"),
+        ("custodian_takes_uploads_again", "node-1", None),
+    ]
 
 
 async def test_refusals_are_counted_by_code_and_a_fault_of_the_robots_own_is_none() -> None:
