@@ -131,6 +131,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("JOURNAL_UNWRITABLE", 500, "The voting journal cannot be written, so the node signs nothing.", "Make room on the disk; the node goes on by itself within seconds.", retryable=True),
     ErrorEntry("JOURNAL_DAMAGED", 500, "The voting journal is damaged in its middle.", "Keep a copy for inspection and start the node once with `--restored`: it is then locked out until the chain has gone on without it (of two or three producers: for good, docs/how-to/restore-a-backup.md)."),
     ErrorEntry("CONFIGURATION_INVALID", 400, "The configuration is incomplete or contradicts itself.", "Change what the message names; what may stand in node.toml is in docs/reference/node-toml.md."),
+    ErrorEntry("MOVE_CUT_OFF", 409, "A move of the node's custodian was cut off.", "Type the same `blockrobot node move-custody` again to finish it, or give it up with `--give-up` where it has not copied all."),
+    ErrorEntry("NO_MOVE_CUT_OFF", 404, "No move of the node's custodian was cut off.", "There is nothing to give up; `blockrobot node move-custody --help` says how to move it."),
     ErrorEntry("FILE_HOLDS_PRIVATE_KEY", 400, "A file that everybody would read holds a private key.", "Name a file with the certificates or public keys alone; keep the key where only its owner reads it."),
     ErrorEntry("USAGE_INVALID", 400, "A command was not called as it takes it.", "See how it is called: the same command with --help."),
     ErrorEntry("FILE_UNUSABLE", 400, "A file or folder cannot be read or written.", "If it is not the one that is meant, name another; else check its path, its permissions and the space on the disk."),

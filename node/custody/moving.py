@@ -28,7 +28,7 @@ async def move_custody(
 
     What was before stays as `custody.moved` (and in its database, bucket or folder). Clips that lie apart and stay where
     they are are not touched. The caller holds the data directory's lock.
-    Raises CONFIGURATION_INVALID if nothing would change or another move is unfinished, FILE_EXISTS, STORE_UNAVAILABLE.
+    Raises CONFIGURATION_INVALID if nothing would change, MOVE_CUT_OFF if another move is, FILE_EXISTS, STORE_UNAVAILABLE.
     """
     moving, moved = config.data_dir / MOVING_NAME, config.data_dir / MOVED_NAME
     if (store, clips) == (config.custody_store, config.clips):
@@ -47,7 +47,7 @@ async def move_custody(
             f"A move was cut off (rows to {rows}, clips to {apart}). All is where it was: finish that move by the same "
             f"command, or give it up by `blockrobot node move-custody {config.name} --give-up`."
         )
-        raise BlockRobotError("CONFIGURATION_INVALID", detail)
+        raise BlockRobotError("MOVE_CUT_OFF", detail)
     moving.mkdir(mode=0o700, exist_ok=True)
     _forget_live_names(config)
     if planned is not None or store == "sqlite":
@@ -74,14 +74,14 @@ async def move_custody(
 async def give_up_move(config: NodeConfig) -> None:
     """Delete what a move that was cut off has copied, so that another can be begun. What it copied from is not touched.
 
-    Raises NOT_FOUND if there is none, CONFIGURATION_INVALID if it has copied all, CLIPS_NOT_THERE, STORE_UNAVAILABLE.
+    Raises NO_MOVE_CUT_OFF, MOVE_CUT_OFF if it has copied all, CLIPS_NOT_THERE, STORE_UNAVAILABLE.
     """
     if (config.data_dir / SETTINGS_NAME).exists():
         detail = "The move has copied all: finish it by the same command, and then move on from there, or back."
-        raise BlockRobotError("CONFIGURATION_INVALID", detail)
+        raise BlockRobotError("MOVE_CUT_OFF", detail)
     planned, moving = _read_planned(config.data_dir), config.data_dir / MOVING_NAME
     if planned is None:
-        raise BlockRobotError("NOT_FOUND", "There is no move of its custodian that was cut off.")
+        raise BlockRobotError("NO_MOVE_CUT_OFF")
     _forget_live_names(config)
     was_named_since = planned.custody_store == config.custody_store != "sqlite"
     if not was_named_since:
@@ -139,7 +139,7 @@ def finish_move(data_dir: Path) -> bool:
 
 
 def require_no_move(data_dir: Path) -> None:
-    """Raise CONFIGURATION_INVALID in the middle of a move."""
+    """Raise MOVE_CUT_OFF in the middle of a move."""
     if (data_dir / SETTINGS_NAME).exists():
         detail = "A move of its custodian was cut off: finish it by the same `blockrobot node move-custody`."
-        raise BlockRobotError("CONFIGURATION_INVALID", detail)
+        raise BlockRobotError("MOVE_CUT_OFF", detail)

@@ -168,7 +168,7 @@ async def test_a_database_of_another_custodian_is_refused_and_not_emptied(
     for _ in range(2):
         with pytest.raises(BlockRobotError, match=r"^FILE_EXISTS: .*name an empty one"):
             await move_custody(load_config(life.data_dir), mongo_database, None)
-        with pytest.raises(BlockRobotError, match=r"^NOT_FOUND"):
+        with pytest.raises(BlockRobotError, match=r"^NO_MOVE_CUT_OFF"):
             await give_up_move(load_config(life.data_dir))
     async with open_index(mongo_database, tmp_path) as index:
         assert await index.frames(clip.record_id) == frames
@@ -199,7 +199,7 @@ async def test_a_move_that_was_cut_off_is_given_up_for_another_place(life: Life)
     assert json.loads(result.stdout)["clips"] == 0
     assert files_in(first.folder) == []
     assert not (life.data_dir / MOVING_NAME).exists()
-    assert json.loads((await typed(life, "--give-up", "--json")).stdout)["error"]["code"] == "NOT_FOUND"
+    assert json.loads((await typed(life, "--give-up", "--json")).stdout)["error"]["code"] == "NO_MOVE_CUT_OFF"
     assert "takes no new place" in (await typed(life, "--give-up", "--clips", "store")).output
     await move_custody(load_config(life.data_dir), "sqlite", other)
     shutil.rmtree(life.data_dir / MOVED_NAME)

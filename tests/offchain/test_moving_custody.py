@@ -176,10 +176,16 @@ def test_the_same_command_finishes_a_move_that_was_cut_off_and_says_so(
     again = CliRunner().invoke(move, typed)
     assert again.exit_code == 0, again.output
     answer = json.loads(again.stdout)
-    assert (answer["clips"], answer["old"]) == (4, str(data_dir / MOVED_NAME))
+    assert (answer["clips"], answer["old"], answer["left"]) == (4, str(data_dir / MOVED_NAME), [])
     assert load_config(data_dir).tls_key_path == safe / "tls.key"
     refusal = json.loads(CliRunner().invoke(move, typed).stdout)["error"]
     assert refusal["code"] == "CONFIGURATION_INVALID"
+    asyncio.run(life.check())
+    shutil.rmtree(data_dir / MOVED_NAME)
+    was = load_config(data_dir).clips
+    onward = CliRunner().invoke(move, [str(data_dir), "--clips", "folder:elsewhere", "--json"])
+    assert was is not None
+    assert json.loads(onward.stdout)["left"] == [was.url], "the old place is left full, so it is named"
     asyncio.run(life.check())
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import click
 
@@ -13,8 +14,8 @@ from consensus.errors import BlockRobotError
 from network.cli.cluster.cluster_options import folder_option
 from network.cli.node.node_answers import NodeMoveCustodyAnswer
 from network.cli.node.node_commands import get_node_config
-from node.clips_place import REGION_DEFAULT, read_place
-from node.config import load_config
+from node.clips_place import REGION_DEFAULT, ClipsPlace, read_place
+from node.config import NodeConfig, load_config
 from node.custody.moving import MOVED_NAME, count_moved, finish_move, give_up_move, move_custody
 from node.storage.directory_lock import DirectoryLock
 
@@ -58,7 +59,7 @@ def move(
         raise click.UsageError("An S3 server's options need --clips s3://BUCKET/PREFIX.")
     if is_given_up and (clips is not None or store is not None):
         raise click.UsageError("--give-up takes no new place: name that afterwards.")
-    config = get_node_config(node, folder)
+    before = config = get_node_config(node, folder)
     lock = DirectoryLock(config.data_dir)
     try:
         if is_given_up:
@@ -91,20 +92,37 @@ def move(
                 counts = asyncio.run(move_custody(config, store, place, tell))
     finally:
         lock.release()
-    old = config.data_dir / MOVED_NAME
+    old, left = config.data_dir / MOVED_NAME, _find_left(before, store, place)
     if as_json:
         clips_count = counts.staged + counts.confirmed
-        print_answer(NodeMoveCustodyAnswer(node=config.name, clips=clips_count, frames=counts.frames, old=str(old)))
+        answer = NodeMoveCustodyAnswer(
+            node=config.name, clips=clips_count, frames=counts.frames, old=str(old), left=left
+        )
+        print_answer(answer)
         return
     console.print(f"{escape(config.name)} has {counts.staged + counts.confirmed} clips at the new place.")
     console.print(
         f"Start it, see that `blockrobot custody scrub` finds all well, and then delete {escape(str(old))}.",
         soft_wrap=True,
     )
+    for each in left:
+        console.print(
+            f"{escape(each)} is left as it was: delete what is of this custodian there then too.", soft_wrap=True
+        )
+
+
+def _find_left(config: NodeConfig, store: str, place: ClipsPlace | None) -> list[str]:
+    """Return what it was moved away from, beside its own folder."""
+    left = []
+    if config.custody_store not in {"sqlite", store}:
+        left.append(f"The MongoDB database {urlsplit(config.custody_store).path.lstrip('/')}")
+    if config.clips is not None and (place is None or place.url != config.clips.url):
+        left.append(config.clips.url)
+    return left
 
 
 def _tell_given_up(name: str, *, as_json: bool) -> None:
     if as_json:
-        print_answer(NodeMoveCustodyAnswer(node=name, clips=0, frames=0, old=""))
+        print_answer(NodeMoveCustodyAnswer(node=name, clips=0, frames=0, old="", left=[]))
     else:
         console.print(f"The move of {escape(name)} is given up. Its clips are where they were.")

@@ -102,6 +102,7 @@ class NodeMoveCustodyAnswer(Answer, frozen=True, kw_only=True):
     clips: Annotated[Count, doc("How many clips were copied; of a move that is given up 0")]
     frames: Annotated[Count, doc("How many pictures these have")]
     old: Annotated[str, doc("What it kept before, to be deleted; empty if the move is given up")]
+    left: Annotated[list[str], doc("Databases, buckets and folders that it was moved away from, left as they were")]
 
 
 class SnapshotManifest(Answer, frozen=True, kw_only=True):
