@@ -153,7 +153,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("FAULT_TARGET_ABSENT", 409, "The node is down, paused or starting, so that it cannot be told.", "See `blockrobot fault list`; resume or restart the node first.", retryable=True),
     ErrorEntry("FAULT_PLAN_INVALID", 400, "A line of the fault plan is wrong; nothing of it was done.", "Mend the line that is named; see docs/how-to/break-the-network.md."),
     ErrorEntry("FAULT_PLAN_RUNNING", 409, "A fault plan is being carried out already.", "Wait for its end or stop it on the console, then begin the next one.", retryable=True),
-    ErrorEntry("FAULTS_DISABLED", 403, "The node takes no faults: its node.toml does not allow them.", "Use a network made by `blockrobot up`; no other should allow it."),
+    ErrorEntry("FAULTS_DISABLED", 403, "The node takes no faults: its node.toml does not allow them.", "Only for experiments: a network made by `blockrobot up`, or nodes made by `blockrobot node init --faults`. One with people's data should not allow it."),
     ErrorEntry("OPERATOR_TOKEN_INVALID", 401, "The operator's token is missing or wrong.", "Send the token of a file in the node's data directory: operator-read.token for metrics and status, operator.token for all else that is asked on the node's machine."),
     ErrorEntry("PEER_MESSAGE_INVALID", 400, "A peer sent bytes that are no message of the protocol.", "Check that all nodes run the same version."),
     ErrorEntry("PEER_UNAVAILABLE", 503, "The peer is not connected or did not answer in time.", "Wait until it is back; see `blockrobot status`.", retryable=True),

@@ -13,7 +13,7 @@ from pathlib import Path
 from clients.sdk.new_files import replace_file
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
-from node.clips_place import FOLDER_DEFAULT_NAME, ClipsPlace, read_place
+from node.clips_place import FOLDER_DEFAULT_NAME, REGION_DEFAULT, ClipsPlace, read_place
 from node.config import CONFIG_FILE, config_to_toml
 from node.custody.stores.open_store import open_blobs
 
@@ -29,6 +29,7 @@ class ClipsApart:
 
     url: str
     endpoint: str = ""
+    region: str = REGION_DEFAULT
     ca_path: Path | None = None
     credentials_path: Path | None = None
     run: str = field(default_factory=lambda: f"bench-{secrets.token_hex(4)}")
@@ -46,7 +47,12 @@ class ClipsApart:
             raise BlockRobotError("CONFIGURATION_INVALID", "--clips is folder, or s3://BUCKET/PREFIX.")
         url = f"{self.url.rstrip('/')}/{self.run}/{custodian}"
         return read_place(
-            url, folder, endpoint=self.endpoint, ca_path=self.ca_path, credentials_path=self.credentials_path
+            url,
+            folder,
+            endpoint=self.endpoint,
+            region=self.region,
+            ca_path=self.ca_path,
+            credentials_path=self.credentials_path,
         )
 
     def configure(self, cluster: Cluster) -> None:

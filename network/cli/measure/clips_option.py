@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal.terminal import EXISTING_FILE
+from node.clips_place import REGION_DEFAULT
 
 
 def with_clips(command: Callable[..., None]) -> Callable[..., None]:
@@ -17,6 +18,7 @@ def with_clips(command: Callable[..., None]) -> Callable[..., None]:
 
     @click.option("--clips", help="Keep clips apart: folder, or s3://BUCKET/PREFIX (a bucket that is there).")
     @click.option("--clips-endpoint", default="", help="The S3 server's URL. Default: AWS.")
+    @click.option("--clips-region", default=REGION_DEFAULT, show_default=True, help="The S3 server's region.")
     @click.option("--clips-ca", type=EXISTING_FILE, help="Certificates that the S3 server's is checked by.")
     @click.option("--clips-credentials", type=EXISTING_FILE, help="A file of credentials, as the AWS tools read it.")
     @wraps(command)
@@ -24,6 +26,7 @@ def with_clips(command: Callable[..., None]) -> Callable[..., None]:
         *args: Any,
         clips: str | None,
         clips_endpoint: str,
+        clips_region: str,
         clips_ca: Path | None,
         clips_credentials: Path | None,
         **others: Any,
@@ -34,7 +37,7 @@ def with_clips(command: Callable[..., None]) -> Callable[..., None]:
             command(*args, apart=None, **others)
             return
         ca, credentials = (None if path is None else path.resolve() for path in (clips_ca, clips_credentials))
-        apart = ClipsApart(clips, clips_endpoint, ca, credentials)
+        apart = ClipsApart(clips, clips_endpoint, clips_region, ca, credentials)
         apart.place_of("custodian", Path.cwd())  # what is wrong with it is told before anything starts
         command(*args, apart=apart, **others)
 
