@@ -51,6 +51,8 @@ def describe_position(answer: CustodyStatus) -> str:
         return "failing"
     if behind > BEHIND_TOLERATED_BLOCKS:
         return f"{behind} blocks behind"
+    if not answer.custodian:
+        return "no custodian"
     return "up to date" if answer.serving else "starting"
 
 
@@ -80,6 +82,11 @@ def status_sentences(
             sentences.append(f"{name} is {answer.behind_blocks} blocks behind the chain and follows; look again soon.")
         elif not answer.serving:
             sentences.append(f"{name} hands out no clip before it has followed the network; look again soon.")
+        elif not answer.custodian:
+            sentences.append(
+                f"{name} is no custodian of the chain and takes no uploads. Next step: have it added; if it was removed, "
+                f"stop it (blockrobot down {name}) once the others lack nothing."
+            )
         sentences += [f"{name}: {sentence}" for _, sentence in find_upload_problems(answer)]
         if answer.clips_missing:
             sentences.append(f"{name} lacks {answer.clips_missing} clips and fetches them from other custodians.")

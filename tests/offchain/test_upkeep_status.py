@@ -37,6 +37,9 @@ class Snapshot:
     def __exit__(self, *_: object) -> None:
         pass
 
+    def get(self, _key: bytes) -> bytes | None:
+        return None
+
     def scan(self, prefix: bytes, limit: int) -> Any:
         self._note(prefix)
         return self._state.scan(prefix, limit)

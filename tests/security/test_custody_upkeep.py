@@ -54,6 +54,7 @@ STATUS = CustodyStatus(
     checkpoint_height=7,
     finalized_height=7,
     behind_blocks=0,
+    custodian=True,
     failing=[],
     serving=True,
     busy=False,

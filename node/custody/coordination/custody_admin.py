@@ -15,6 +15,7 @@ from prometheus_client import CollectorRegistry, Gauge, generate_latest
 from consensus.api_documents import describe
 from consensus.errors import BlockRobotError
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
+from consensus.state.identity import CUSTODIAN
 from node.custody.chain_facts import ChainFacts, ErasureFacts
 from node.custody.clip_fetching import PeerCustodian
 from node.custody.coordination.custody_answers import (
@@ -98,6 +99,7 @@ class CustodyAdmin:
             checkpoint_height=None if point is None else followed,
             finalized_height=height,
             behind_blocks=max(0, height - followed),
+            custodian=self._is_custodian(),
             failing=self._failing.describe(),
             serving=self._is_serving(),
             busy=self._one_at_a_time.locked(),
@@ -116,6 +118,10 @@ class CustodyAdmin:
             waiting_for=waiting,
             **msgspec.structs.asdict(uploads),
         )
+
+    def _is_custodian(self) -> bool:
+        with self._ledger.snapshot() as snapshot:
+            return CUSTODIAN.has(snapshot, self._member)
 
     async def metrics(self) -> bytes:
         try:

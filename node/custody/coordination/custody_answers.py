@@ -62,13 +62,14 @@ class FailingWork(Document, frozen=True):
 
 
 class CustodyStatus(UploadReport, frozen=True):
-    """Heights, holdings, what fails now, and missing receipts by custodian's key."""
+    """Heights, whether the chain names it a custodian, what fails, holdings, and missing receipts by custodian's key."""
 
     name: str
     member: str
     checkpoint_height: int | None
     finalized_height: int
     behind_blocks: int
+    custodian: bool
     failing: list[FailingWork]
     serving: bool
     busy: bool

@@ -144,7 +144,14 @@ class CustodyCoordinator:
         `final_height` includes final blocks not yet stored; `hold_room` reserves disk room; `room_gib` is declared on the
         chain.
         """
-        self.admission = UploadAdmission(ledger, feed, custodian, hold_room, lambda: self.is_serving)
+        self.admission = UploadAdmission(
+            ledger,
+            feed,
+            custodian,
+            hold_room,
+            lambda: self.is_serving,
+            lambda state: CUSTODIAN.has(state, key.public_key),
+        )
         self._genesis = genesis
         self.custodian = self._custodian = custodian
         self._key = key

@@ -52,10 +52,13 @@ class UploadAdmission:
         custodian: Custodian,
         hold_room: HoldRoom | None = None,
         has_followed: Callable[[], bool] = lambda: True,
+        is_custodian: Callable[[Reader], bool] = lambda _state: True,
     ) -> None:
+        """`has_followed`: the custodian knows the chain; `is_custodian`: the chain knows the custodian."""
         self._ledger = ledger
         self._feed = feed
         self._custodian = custodian
+        self._is_custodian = is_custodian
         self._hold_room = hold_room or (lambda _robot, _size_bytes: nullcontext())
         self.in_flight: dict[bytes, Use] = {}
         self._open: Counter[tuple[str, bytes]] = Counter()
@@ -145,7 +148,7 @@ class UploadAdmission:
                 self.in_flight[robot] = left
 
     async def wait_for_visit(self, record_id: bytes, owner: bytes, robot: bytes) -> None:
-        """Raises VISIT_NOT_OPEN."""
+        """Raises VISIT_NOT_OPEN, CUSTODY_ELSEWHERE."""
 
         def judge(state: LedgerSnapshot) -> bool | None:
             is_known = VISIT.has(state, owner)
@@ -166,14 +169,16 @@ class UploadAdmission:
                 raise BlockRobotError("EMPTY_FRAME_NOT_APPROVED")
 
     async def _wait_until(self, judge: Callable[[LedgerSnapshot], bool | None], refusal: str) -> None:
+        """Raises the refusal, and CUSTODY_ELSEWHERE for what the chain counts as no copy: this custodian was removed."""
         deadline_s = asyncio.get_running_loop().time() + CATCH_UP_MAX_MS / 1000
         while True:
             with self._ledger.snapshot() as snapshot:
-                verdict = judge(snapshot)
+                is_custodian = self._is_custodian(snapshot)
+                verdict = judge(snapshot) if is_custodian else None
                 height = -1 if snapshot.position is None else snapshot.position.height
             left_s = deadline_s - asyncio.get_running_loop().time()
             if verdict:
                 return
             if verdict is False or left_s <= 0:
-                raise BlockRobotError(refusal)
+                raise BlockRobotError(refusal if is_custodian else "CUSTODY_ELSEWHERE")
             await self._feed.wait_above(height, int(1000 * left_s) + 1)

@@ -39,6 +39,7 @@ def _answer(name: str, **changes: Any) -> CustodyStatus:
         "checkpoint_height": 9,
         "finalized_height": 9,
         "behind_blocks": 0,
+        "custodian": True,
         "failing": [],
         "serving": True,
         "busy": False,
@@ -142,6 +143,14 @@ def test_what_is_behind_missing_and_overdue_is_said_with_a_next_step(folder: Pat
     assert "node-1 lacks 4 clips" in result.stdout
     assert result.stdout.count("node-2 has not confirmed the erasure abababababababab") == 1
     assert "900 s ago. Next step" in result.stdout
+
+
+def test_one_that_was_removed_is_not_called_up_to_date(folder: Path, says: dict[str, Any]) -> None:
+    says["node-2"] = _answer("node-2", custodian=False)
+    result = _run(folder, "status")
+    assert result.exit_code == 1
+    assert "node-2 is no custodian of the chain and takes no uploads. Next step" in " ".join(result.stdout.split())
+    assert result.stdout.count("up to date") == 1
 
 
 def test_a_disk_that_lasts_for_ages_is_not_told_in_days(folder: Path, says: dict[str, Any]) -> None:

@@ -261,6 +261,19 @@ async def test_one_that_is_no_custodian_of_the_chain_signs_nothing_and_owes_it_s
     assert [decode_transaction(wire).body.entry for wire in rig.pool.wires] == ["declare_room", "receipt"]
 
 
+async def test_one_that_was_removed_takes_no_upload_that_a_robot_would_count_as_a_copy(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = "node.custody.coordination.upload_admission"
+    monkeypatch.setattr(f"{place}.CATCH_UP_MAX_MS", 0)
+    monkeypatch.setattr(f"{place}.may_upload", lambda *_: True)
+    await rig.finalize(0)
+    await rig.custody.admission.wait_for_visit(bytes(16), bytes(33), KEY.public_key)
+    await rig.finalize(1, writes=dict.fromkeys(IS_CUSTODIAN))
+    with pytest.raises(BlockRobotError, match="CUSTODY_ELSEWHERE"):
+        await rig.custody.admission.wait_for_visit(bytes(16), bytes(33), KEY.public_key)
+
+
 @pytest.mark.parametrize(
     "later",
     [
