@@ -66,8 +66,8 @@ KINDS: dict[str, FindingKind] = _table(
     FindingKind(
         "CUSTODY_FAILING",
         "problem",
-        "The custodian's store, or its place of clips, does not answer: it keeps, erases and hands out nothing.",
-        "Start that server, or mend what its answer names, then the custodian goes on; see blockrobot custody status NODE.",
+        "The custodian cannot do part of its work: its store, its place of clips or its erase keys fail.",
+        "Mend what was seen, or start that server: the custodian goes on by itself; see blockrobot custody status NODE.",
     ),
     FindingKind(
         "CUSTODY_SILENT",
