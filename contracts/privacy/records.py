@@ -428,7 +428,7 @@ def announcements(first: int, limit: int) -> list:
 
 @view
 def of_visit(owner: bytes) -> list:
-    """Return the ids of a visit's active records, sorted. (Up to 256 for each first byte; ids are random.)"""
+    """Return the ids of a visit's active records, sorted. (Up to 256 for each first byte; ids are hashes.)"""
     prefix = b"of-visit/" + owner
     entries = state.scan(prefix, SCAN_MAX_COUNT)
     if len(entries) == SCAN_MAX_COUNT:

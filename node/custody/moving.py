@@ -28,7 +28,7 @@ async def move_custody(
 
     What was before stays as `custody.moved` (and in its database, bucket or folder). Clips that lie apart and stay where
     they are are not touched. The caller holds the data directory's lock.
-    Raises CONFIGURATION_INVALID if nothing would change, MOVE_CUT_OFF if another move is, FILE_EXISTS, STORE_UNAVAILABLE.
+    Raises CONFIGURATION_INVALID if nothing would change, MOVE_CUT_OFF if another move was, FILE_EXISTS, STORE_UNAVAILABLE.
     """
     moving, moved = config.data_dir / MOVING_NAME, config.data_dir / MOVED_NAME
     if (store, clips) == (config.custody_store, config.clips):

@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from network.custody.custody_text import scrub_sentences
 from node.custody.coordination.custody_admin import ERASURES_READ_AGAIN_MS, CustodyAdmin, describe_scrub
 from node.custody.coordination.custody_answers import FrameName, PartName, UploadReport
-from node.custody.coordination.failing_work import FailingWorks
+from node.custody.coordination.work_failures import WorkFailures
 from node.custody.repair.scrub import ScrubReport
 from node.custody.stores.custody_store import Checkpoint
 from tests.offchain.house import ERASURE_ID, CustodianHarness, refused
@@ -53,7 +53,7 @@ def make_custody_admin(
     house: CustodianHarness,
     state: State,
     note: Callable[[bytes], None] = lambda _prefix: None,
-    failing: FailingWorks | None = None,
+    failing: WorkFailures | None = None,
 ) -> CustodyAdmin:
     class Ledger:
         def snapshot(self) -> Snapshot:
@@ -61,7 +61,7 @@ def make_custody_admin(
 
     ledger: Any = Ledger()
     parts = {"custodian": house.custodian, "store": house.store, "keys": house.keys, "ledger": ledger}
-    parts["failing"] = failing or FailingWorks(lambda: NOW_MS)
+    parts["failing"] = failing or WorkFailures(lambda: NOW_MS)
     serving = {"find_peers": list, "is_serving": lambda: True, "describe_uploads": no_uploads}
     return CustodyAdmin(name="node-1", member=CUSTODIAN, clock=lambda: NOW_MS, **parts, **serving)
 
@@ -130,7 +130,7 @@ def test_what_a_scrub_found_is_told_by_name_and_no_list_is_longer_than_a_thousan
 
 
 async def test_who_waits_for_a_custodian_that_cannot_follow_hears_why(opened: CustodianHarness) -> None:
-    failing = FailingWorks(lambda: NOW_MS)
+    failing = WorkFailures(lambda: NOW_MS)
     admin = make_custody_admin(opened, State(), failing=failing)
 
     async def wait_in_vain() -> None:

@@ -41,7 +41,7 @@ CUSTODIANS_WORD = frozenset({"CLIP_ERASED", "UPLOAD_CONFLICT"})
 """A custodian that lies can say so of any clip."""
 _OPEN_VISIT = "open_visit"
 
-Robot = Literal["none", "this", "another"]
+Whose = Literal["none", "this", "another"]
 """Whose the visit or record is that the chain proves."""
 
 _log = structlog.get_logger("delivery")
@@ -70,10 +70,10 @@ class DeliveryNetwork(Protocol):
     async def upload(self, upload: ClipUpload) -> None:
         """Raises when too few acknowledged."""
 
-    async def robot_of_visit(self, owner: bytes) -> Robot:
+    async def robot_of_visit(self, owner: bytes) -> Whose:
         """Raises network errors."""
 
-    async def robot_of_record(self, record_id: bytes) -> Robot:
+    async def robot_of_record(self, record_id: bytes) -> Whose:
         """Raises network errors."""
 
     def now_ms(self) -> int: ...

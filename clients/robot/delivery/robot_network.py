@@ -10,7 +10,7 @@ from typing import Any
 
 import structlog
 
-from clients.robot.delivery.delivery import CUSTODIANS_WORD, Robot
+from clients.robot.delivery.delivery import CUSTODIANS_WORD, Whose
 from clients.robot.hiding.background import EmptyFrame
 from clients.robot.identity.robot_keys import RobotIdentity
 from clients.sdk.chain.empty_frames import approve_frames, read_approved
@@ -52,16 +52,16 @@ class RobotNetwork:
     async def submit_and_wait(self, transaction: Transaction) -> FinalReceipt:
         return await self._client.submit_and_wait(transaction)
 
-    async def robot_of_visit(self, owner: bytes) -> Robot:
+    async def robot_of_visit(self, owner: bytes) -> Whose:
         """The node learns the owner key."""
         visit = await proved_row(in_session(self._client, self._identity.identity), VISIT, owner)
         return self._whose(visit)
 
-    async def robot_of_record(self, record_id: bytes) -> Robot:
+    async def robot_of_record(self, record_id: bytes) -> Whose:
         record = await proved_row(in_session(self._client, self._identity.identity), RECORD, record_id)
         return self._whose(record)
 
-    def _whose(self, row: VisitRow | RecordRow | None) -> Robot:
+    def _whose(self, row: VisitRow | RecordRow | None) -> Whose:
         if row is None:
             return "none"
         return "this" if row.robot == self._identity.identity.public_key else "another"

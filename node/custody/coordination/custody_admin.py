@@ -28,8 +28,8 @@ from node.custody.coordination.custody_answers import (
     ScrubAnswer,
     UploadReport,
 )
-from node.custody.coordination.failing_work import FailingWorks
 from node.custody.coordination.upload_report import render_uploads
+from node.custody.coordination.work_failures import WorkFailures
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
 from node.custody.repair.rebuild import Rebuild, RebuildReport
@@ -61,7 +61,7 @@ class CustodyAdmin:
         clock: Callable[[], int],
         find_peers: Callable[[], Sequence[PeerCustodian]],
         is_serving: Callable[[], bool],
-        failing: FailingWorks,
+        failing: WorkFailures,
         describe_uploads: Callable[..., Awaitable[UploadReport]],
     ) -> None:
         """`describe_uploads` reports uploads at a block's time (ms)."""

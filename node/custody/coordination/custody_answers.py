@@ -52,7 +52,7 @@ class MissingReceipts(Document, frozen=True):
     overdue: list[OverdueErasure]
 
 
-class FailingWork(Document, frozen=True):
+class WorkFailure(Document, frozen=True):
     """What fails for want of the store: `following` the chain, taking `uploads`, or `fetching` clips from others."""
 
     work: str
@@ -70,7 +70,7 @@ class CustodyStatus(UploadReport, frozen=True):
     finalized_height: int
     behind_blocks: int
     custodian: bool
-    failing: list[FailingWork]
+    failing: list[WorkFailure]
     serving: bool
     busy: bool
     clips_held: int

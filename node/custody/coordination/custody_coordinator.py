@@ -33,9 +33,9 @@ from node.custody.block_effects import only_records
 from node.custody.chain_facts import ChainFacts, read_placement, require_grantee, require_open_grant
 from node.custody.clip_fetching import FETCHES_IN_FLIGHT_COUNT
 from node.custody.coordination.custody_answers import UploadReport
-from node.custody.coordination.failing_work import FailingWorks
 from node.custody.coordination.upload_admission import CATCH_UP_MAX_MS, HoldRoom, UploadAdmission
 from node.custody.coordination.upload_report import describe_uploads
+from node.custody.coordination.work_failures import WorkFailures
 from node.custody.custodian import Custodian
 from node.custody.erase_keys import ErasableKeys
 from node.custody.finalized_events import CUSTODIANS_REMOVED, FinalizedEvents, collect_events
@@ -160,7 +160,7 @@ class CustodyCoordinator:
         self._pool = pool
         self._peers = peers
         self._clock = clock
-        self.failing = FailingWorks(clock)
+        self.failing = WorkFailures(clock)
         self._randomness = randomness
         self._name = name
         self._custodians = custodians or (lambda: {node.name: node.custodian_key for node in genesis.custodians})

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from consensus.errors import BlockRobotError
-from node.custody.coordination.custody_answers import FailingWork
+from node.custody.coordination.custody_answers import WorkFailure
 
 SHOWN_MAX_MS = 120_000
-"""For so long after it last failed; what goes on failing is tried again well before."""
+"""For so long after it last failed: nobody may try again."""
 STORE_CODES = frozenset({"STORE_UNAVAILABLE", "STORAGE_DAMAGED", "ERASE_KEYS_DAMAGED"})
-"""A custodian's own failures: others are of whoever asks."""
+"""Of a custodian's own store and keys; other refusals of an upload are of its robot."""
 
 Work = Literal["following", "uploads", "fetching"]
 
@@ -25,7 +25,7 @@ class _Failure:
     error: BlockRobotError
 
 
-class FailingWorks:
+class WorkFailures:
     """Failures of work that is tried again, until it succeeds."""
 
     def __init__(self, clock_ms: Callable[[], int]) -> None:
@@ -48,10 +48,10 @@ class FailingWorks:
         found = [self._failures[work] for work in works if work in self._failures]
         return [each for each in found if now_ms - each.last_ms <= SHOWN_MAX_MS]
 
-    def describe(self) -> list[FailingWork]:
+    def describe(self) -> list[WorkFailure]:
         now_ms = self._clock_ms()
         return [
-            FailingWork(
+            WorkFailure(
                 work=work, code=each.error.code, detail=each.error.detail, failing_s=(now_ms - each.since_ms) // 1000
             )
             for work in sorted(self._failures)

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any
 
 from clients.robot.consent.consent_view import compute_person_tag
-from clients.robot.delivery.delivery import Delivery, Robot
+from clients.robot.delivery.delivery import Delivery, Whose
 from clients.robot.pairing.rosters import RosterBook
 from clients.robot.recording.event_log import AliasBook
 from clients.robot.recording.sealing import ClipContent, seal_clip
@@ -52,13 +52,13 @@ class RobotLink:
         await self._travel(_TO_NODE_MS)
         return await self._chain.submit(transaction)
 
-    async def robot_of_visit(self, owner: bytes) -> Robot:
+    async def robot_of_visit(self, owner: bytes) -> Whose:
         return self._whose(VISIT.at(self._chain.state, owner))
 
-    async def robot_of_record(self, record_id: bytes) -> Robot:
+    async def robot_of_record(self, record_id: bytes) -> Whose:
         return self._whose(RECORD.at(self._chain.state, record_id))
 
-    def _whose(self, row: VisitRow | RecordRow | None) -> Robot:
+    def _whose(self, row: VisitRow | RecordRow | None) -> Whose:
         if row is None:
             return "none"
         return "this" if row.robot == self._unit.identity.identity.public_key else "another"

@@ -21,7 +21,7 @@ from clients.robot.delivery.delivery import (
     RETRY_TOLD_EVERY_MS,
     SUBMIT_DELAY_MAX_MS,
     Delivery,
-    Robot,
+    Whose,
 )
 from clients.robot.recording.spool import Delivered, Spool, SpooledClip
 from clients.robot.recording.unclosed_visit_store import UnclosedVisitStore
@@ -90,7 +90,7 @@ class FakeNetwork:
         self.uploads[upload.record_id] = upload
         self.on_upload(upload)
 
-    async def robot_of_visit(self, owner: bytes) -> Robot:
+    async def robot_of_visit(self, owner: bytes) -> Whose:
         if self.question_refusals:
             raise BlockRobotError(self.question_refusals.pop(0))
         self.asked_visits.append(owner)
@@ -98,7 +98,7 @@ class FakeNetwork:
             return "another"
         return "this" if owner in self.visits else "none"
 
-    async def robot_of_record(self, record_id: bytes) -> Robot:
+    async def robot_of_record(self, record_id: bytes) -> Whose:
         if self.question_refusals:
             raise BlockRobotError(self.question_refusals.pop(0))
         if record_id in self.others_records:
@@ -347,7 +347,7 @@ def test_a_record_that_no_node_proves_yet_is_asked_for_again(tmp_path: Path) -> 
     run.network.answers_lost_count = 1
     found, asked = run.network.robot_of_record, list[bytes]()
 
-    async def behind(record_id: bytes) -> Robot:
+    async def behind(record_id: bytes) -> Whose:
         asked.append(record_id)
         return "none" if len(asked) == 1 else await found(record_id)
 

@@ -20,7 +20,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, FrameDownload
 from consensus.records.sharing import SharedRequest
 from consensus.state.identity import CUSTODIAN, ROOM, CustodianRow, RoomRow
-from node.custody.coordination.custody_answers import FailingWork
+from node.custody.coordination.custody_answers import WorkFailure
 from node.custody.coordination.custody_coordinator import (
     CLIP_PART_BYTES,
     OUTBOX_BATCH_COUNT,
@@ -29,7 +29,7 @@ from node.custody.coordination.custody_coordinator import (
     CustodyCoordinator,
     PeerLink,
 )
-from node.custody.coordination.failing_work import SHOWN_MAX_MS, FailingWorks
+from node.custody.coordination.work_failures import SHOWN_MAX_MS, WorkFailures
 from node.custody.stores.custody_store import Checkpoint, OutboxRow
 from node.ledger.ledger_writer import FinalityFeed
 from node.mempool.transaction_pool import SubmitResult
@@ -198,7 +198,7 @@ async def test_what_fails_is_told_with_reason_and_time_until_it_goes_again(rig: 
         rig.now_ms += waited_ms
         for _ in range(10):
             await asyncio.sleep(0)
-    assert rig.custody.failing.describe() == [FailingWork("following", "STORE_UNAVAILABLE", "No server.", 300)]
+    assert rig.custody.failing.describe() == [WorkFailure("following", "STORE_UNAVAILABLE", "No server.", 300)]
     assert rig.custody.failing.code == "STORE_UNAVAILABLE"
     with pytest.raises(BlockRobotError, match="No server"):
         rig.custody.failing.require_following()
@@ -212,7 +212,7 @@ async def test_what_fails_is_told_with_reason_and_time_until_it_goes_again(rig: 
 
 def test_only_a_custodians_own_failures_count_and_only_while_they_are_new() -> None:
     now_ms = 0
-    failing = FailingWorks(lambda: now_ms)
+    failing = WorkFailures(lambda: now_ms)
     for code in ("UPLOAD_QUOTA_EXCEEDED", "STORE_UNAVAILABLE", "UPLOAD_INVALID"):
         with pytest.raises(BlockRobotError), failing.noted("uploads"):
             raise BlockRobotError(code)
